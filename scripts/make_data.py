@@ -1,0 +1,117 @@
+"""Cut the shipped planes in data/ out of the project's full simulation files.
+
+    python scripts/make_data.py FOLDER
+
+FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5 and les_channel_planes.h5. What is cut,
+rounded and superposed is stated in each file and in data/README.md; checksums go to
+data/SHA256SUMS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from torchliner.io.plane_file import write_plane
+from torchliner.io.resolved import read_channel, read_resolved
+from torchliner.records import VelocityPlane
+
+HERE = Path(__file__).resolve().parent.parent / "data"
+SLIT_CASES, SLIT_LINES = ("n115", "n130", "g01_145", "g03_145"), (0, 1, 2, 4)
+ORIFICE_CASES, ORIFICE_LINES = ("o115", "o145"), (0, 1, 4)
+CHANNEL_PLANES = (0, 1, 2)
+STREAMWISE_LINE = 1  # the streamwise velocity is kept at y = 1 mm alone
+LENGTH, VELOCITY = 0.02, 749.06  # half height 20 mm, bulk velocity 100 m/s
+BULK_VELOCITY = 100.0
+MANTISSA_BITS = 11  # relative rounding 2.4e-4, far below the scatter of any record
+TONE = (1400.0, 1.0)  # Hz, peak m/s into the liner
+
+
+def rounded(values: Tensor) -> Tensor:
+    """float32 with the mantissa rounded to ``MANTISSA_BITS``, so that gzip has less to store."""
+    drop = 23 - MANTISSA_BITS
+    bits = values.to(torch.float32).contiguous().view(torch.int32)
+    return ((bits + (1 << (drop - 1))) & -(1 << drop)).view(torch.float32)
+
+
+def prepared(plane: VelocityPlane, **extra: object) -> VelocityPlane:
+    """The plane with rounded velocities and the rounding on record."""
+    stream = None if plane.streamwise is None else rounded(plane.streamwise)
+    provenance = {**plane.provenance, **extra, "mantissa_bits": MANTISSA_BITS}
+    return dataclasses.replace(
+        plane, velocity=rounded(plane.velocity), streamwise=stream, provenance=provenance
+    )
+
+
+def with_tone(plane: VelocityPlane) -> VelocityPlane:
+    """The plane plus a tone of one phase everywhere: v_in = A cos(2 pi f t), v = -v_in."""
+    frequency, amplitude = TONE
+    time = torch.arange(plane.samples, dtype=torch.float64) / plane.sampling_rate
+    tone = -amplitude * torch.cos(2 * torch.pi * frequency * time)
+    return dataclasses.replace(
+        plane,
+        velocity=(plane.velocity + tone).to(torch.float32),
+        frequency=frequency,
+        title=f"{plane.title}, superposed tone {amplitude:g} m/s at {frequency:g} Hz",
+        provenance={**plane.provenance, "superposed_tone": f"{amplitude:g} m/s peak, phase 0"},
+    )
+
+
+def millimetres(plane: VelocityPlane) -> float:
+    """Height for a file name."""
+    assert plane.height is not None
+    return 1e3 * plane.height
+
+
+def write(plane: VelocityPlane, name: str) -> None:
+    """One compressed plane file in data/."""
+    path = HERE / name
+    write_plane(plane, path, compress=True)
+    print(f"{name:32s} {path.stat().st_size / 1e6:6.2f} MB  {plane.title}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path, help="folder with the three full simulation files")
+    folder = parser.parse_args().folder
+    HERE.mkdir(exist_ok=True)
+    for case in SLIT_CASES:
+        for line in SLIT_LINES:
+            plane = read_resolved(folder / "resolved_liner_lbm.h5", case, line, stride=2)
+            if line != STREAMWISE_LINE:
+                plane = dataclasses.replace(plane, streamwise=None)
+            write(prepared(plane), f"slit_{case}_y{millimetres(plane):.1f}mm.h5")
+    for case in ORIFICE_CASES:
+        for line in ORIFICE_LINES:
+            plane = read_resolved(folder / "resolved_orifice_3d.h5", case, line)
+            write(prepared(plane), f"orifice_{case}_y{millimetres(plane):.1f}mm.h5")
+    for index in CHANNEL_PLANES:
+        plane = read_channel(folder / "les_channel_planes.h5", index, LENGTH, VELOCITY)
+        stream = plane.streamwise
+        plane = dataclasses.replace(
+            plane,
+            velocity=plane.velocity[::2, :, ::2],
+            streamwise=None if stream is None else stream[::2, :, ::2],
+            z=plane.z[::2],
+            sampling_rate=plane.sampling_rate / 2,
+            mach=BULK_VELOCITY / plane.fluid.sound_speed,
+        )
+        name = f"channel_y{millimetres(plane):.2f}mm.h5"
+        write(prepared(plane, stride_time=2, stride_z=2), name)
+        if index == 1:
+            toned = with_tone(dataclasses.replace(plane, streamwise=None))
+            toned = prepared(toned, stride_time=2, stride_z=2)
+            write(toned, name.replace("channel_", "channel_tone_"))
+    files = sorted(HERE.glob("*.h5"))
+    sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files]
+    (HERE / "SHA256SUMS").write_text("\n".join(sums) + "\n")
+    print(f"{len(files)} files, {sum(p.stat().st_size for p in files) / 1e6:.1f} MB in all")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""torchliner: acoustic liner impedance from time-resolved velocity data (DIR-TDIBC)."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Fluid": "torchliner.fluid",
+    "displacement_thickness": "torchliner.flow_profiles",
+    "DataWarning": "torchliner.checks",
+    "SDoFLiner": "torchliner.liners.sdof",
+    "TabulatedLiner": "torchliner.liners.tabulated",
+    "load_liner": "torchliner.liners.catalogue",
+    "preset_names": "torchliner.liners.catalogue",
+    "goodrich_resistance": "torchliner.liners.grazing",
+    "VelocityPlane": "torchliner.records",
+    "ImpedanceMap": "torchliner.records",
+    "read_plane": "torchliner.io.plane_file",
+    "read_map": "torchliner.io.map_file",
+    "educe": "torchliner.eduction.velocity",
+    "VelocityGrid": "torchliner.replay.levels",
+    "build_kernels": "torchliner.replay.kernels",
+    "reflection_from_impedance": "torchliner.conversions",
+    "impedance_from_reflection": "torchliner.conversions",
+    "absorption_from_reflection": "torchliner.conversions",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    """Public names are imported when first used, so that ``import torchliner`` is quick."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'torchliner' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,79 @@
+"""Input checks whose messages name the value, the limit and the remedy."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+class DataWarning(UserWarning):
+    """The answer stands, but the data make it doubtful; the text says by how much."""
+
+
+def require_positive(name: str, value: Any) -> None:
+    """Refuse what is not a finite number above zero."""
+    number = float(value.detach() if isinstance(value, Tensor) else value)
+    if not (math.isfinite(number) and number > 0):
+        raise ValueError(f"{name} is {number:g}; it must be finite and above 0")
+
+
+def require_complex(name: str, value: Tensor) -> None:
+    """Refuse a real tensor where a complex one is meant."""
+    if not (isinstance(value, Tensor) and value.is_complex()):
+        kind = value.dtype if isinstance(value, Tensor) else type(value).__name__
+        raise TypeError(f"{name} is {kind}; a complex tensor is needed")
+
+
+def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
+    """Return ``value`` if it is one of ``choices``; else say which one is nearest."""
+    known = list(choices)
+    if value not in known:
+        raise ValueError(
+            f"unknown {name} {value!r}{did_you_mean(str(value), known)}; "
+            f"choose one of: {', '.join(known)}"
+        )
+    return value
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """' (did you mean ...?)' or nothing."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
+    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept."""
+    if isinstance(value, Tensor):
+        if value.is_complex():
+            raise TypeError("a real number is needed, not a complex tensor")
+        return value.to(dtype)
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"a real number is needed, not {array.dtype}")
+    return torch.as_tensor(array.astype(np.float64)).to(dtype)
+
+
+def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tensor:
+    """Frequencies in Hz as a float64 tensor of shape (F,), checked against Nyquist if given.
+
+    Raises:
+        ValueError: a frequency is not finite and positive, or is at or above half the
+            sampling rate.
+    """
+    wanted = real_tensor(frequency).reshape(-1)
+    if wanted.numel() == 0:
+        raise ValueError("no frequency is given; name at least one, in Hz")
+    for value in wanted.tolist():
+        require_positive("frequency (Hz)", value)
+        if sampling_rate is not None and value >= sampling_rate / 2:
+            raise ValueError(
+                f"frequency {value:g} Hz is at or above Nyquist, {sampling_rate / 2:g} Hz for a "
+                f"sampling rate of {sampling_rate:g} Hz; lower the frequency or use finer data"
+            )
+    return wanted

@@ -1,0 +1,57 @@
+"""Impedance, reflection, admittance, absorption: one definition each.
+
+Convention everywhere: time factor exp(+j omega t), z = p/(rho c v) with v into the liner.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_complex
+
+REFERENCE_PRESSURE = 20e-6  # Pa, rms
+
+
+def reflection_from_impedance(impedance: Tensor) -> Tensor:
+    r"""Plane-wave reflection coefficient of a locally reacting wall, :math:`R = 1 - 2/(z+1)`.
+
+    Args:
+        impedance: z = p/(rho c v), normalised, complex, any shape.
+    Returns:
+        R, dimensionless; shape, dtype and device of ``impedance``.
+    Raises:
+        TypeError: if ``impedance`` is real.
+    Source: Roncen et al. (2026), eq. (2.9), rearranged so that z = inf gives 1 and not nan.
+    """
+    require_complex("impedance", impedance)
+    return 1 - 2 / (impedance + 1)
+
+
+def impedance_from_reflection(reflection: Tensor) -> Tensor:
+    """Normalised impedance z = (1 + R)/(1 - R), the inverse of eq. (2.9).
+
+    Args:
+        reflection: R, complex, any shape; R = 1 (a rigid wall) gives inf.
+    Raises:
+        TypeError: if ``reflection`` is real.
+    """
+    require_complex("reflection", reflection)
+    return (1 + reflection) / (1 - reflection)
+
+
+def admittance_from_reflection(reflection: Tensor) -> Tensor:
+    """Normalised admittance y = (1 - R)/(1 + R): finite at a rigid wall, where z is not."""
+    require_complex("reflection", reflection)
+    return (1 - reflection) / (1 + reflection)
+
+
+def absorption_from_reflection(reflection: Tensor) -> Tensor:
+    """Share of the incident power absorbed at normal incidence, 1 - |R|^2."""
+    require_complex("reflection", reflection)
+    return 1 - reflection.abs() ** 2
+
+
+def spl_from_pressure_amplitude(amplitude: Tensor) -> Tensor:
+    """Sound pressure level in dB re 20 uPa rms of a tone of peak ``amplitude`` (Pa)."""
+    return 20 * torch.log10(amplitude.abs() / (2**0.5 * REFERENCE_PRESSURE))

@@ -1,0 +1,82 @@
+"""Cells of a liner: which probes belong to which, and averages over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import admittance_from_reflection
+from torchliner.records import VelocityPlane
+
+WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Probes sorted into whole cells.
+
+    Args:
+        labels: cell of each probe, int64, (P,); -1 for probes in a cell that is not whole.
+        x, z: centres, m, (C,); nan where the plane has no such coordinate.
+    """
+
+    labels: Tensor
+    x: Tensor
+    z: Tensor
+
+    @property
+    def count(self) -> int:
+        """C."""
+        return len(self.x)
+
+    def membership(self, used: Tensor) -> Tensor:
+        """Averaging matrix (P, C), float64: columns sum to 1 over the probes ``used``."""
+        matrix = torch.zeros(len(self.labels), self.count, dtype=torch.float64)
+        inside = (self.labels >= 0) & used
+        matrix[inside, self.labels[inside]] = 1.0
+        return matrix / matrix.sum(0).clamp(min=1)
+
+    def average_reflection(self, reflection: Tensor, used: Tensor) -> Tensor:
+        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F)."""
+        clean = torch.where(used[:, None], admittance_from_reflection(reflection), 0)
+        average = self.membership(used).to(clean.dtype).T.to(clean.device) @ clean
+        return (1 - average) / (1 + average)
+
+
+def sort_into_cells(plane: VelocityPlane, pitch: float | None) -> Cells:
+    """Cells of a plane: square tiles of side ``pitch`` (m) counted from the liner's edge.
+
+    The edge is x = 0 (z = 0) if the first probe lies within a pitch of it, else half a spacing
+    before the first probe. Tiles that probes span by less than 0.9 do not count, unless there is
+    no other. Without a pitch or without coordinates all probes are one cell.
+    """
+    x, z = plane.probe_coordinates()
+    column, x_centres = _tiles(x, pitch, plane.probes)
+    row, z_centres = _tiles(z, pitch, plane.probes)
+    both = (column >= 0) & (row >= 0)
+    tile = torch.where(both, row * len(x_centres) + column, torch.full_like(row, -1))
+    filled, compact = torch.unique(tile[both], return_inverse=True)
+    labels = torch.full((plane.probes,), -1, dtype=torch.int64)
+    labels[both] = compact
+    return Cells(labels, x_centres[filled % len(x_centres)], z_centres[filled // len(x_centres)])
+
+
+def _tiles(values: Tensor | None, pitch: float | None, probes: int) -> tuple[Tensor, Tensor]:
+    nothing = torch.zeros(probes, dtype=torch.int64)
+    if values is None:
+        return nothing, torch.tensor([torch.nan], dtype=torch.float64)
+    points = torch.unique(values)
+    spacing = float(points.diff().median()) if len(points) > 1 else 0.0
+    low, high = float(points[0]) - spacing / 2, float(points[-1]) + spacing / 2
+    if pitch is None or high - low < (1 + WHOLE) * pitch:
+        return nothing, torch.tensor([(low + high) / 2], dtype=torch.float64)
+    start = 0.0 if 0 <= float(points[0]) < pitch else low
+    index = torch.floor((values - start) / pitch + 1e-9).to(torch.int64)
+    last = int(index.max())
+    edges = start + pitch * torch.arange(last + 1, dtype=torch.float64)
+    spanned = (edges + pitch).clamp(max=high) - edges.clamp(min=low)
+    whole = spanned >= WHOLE * pitch
+    renumbered = torch.where(whole, whole.to(torch.int64).cumsum(0) - 1, -1)
+    return renumbered[index], (edges + pitch / 2)[whole]

@@ -1,0 +1,96 @@
+"""Doubts about the data, with numbers: refusals raise, the rest is returned as notes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchliner.eduction.choices import Choices
+from torchliner.eduction.survey import Survey
+from torchliner.records import VelocityPlane
+from torchliner.replay.edges import Record
+from torchliner.replay.kernels import AFTER, BEFORE, Liner
+
+FEWEST_PERIODS = 4.0
+WHOLE_PERIOD_TOLERANCE = 1e-6
+FEWEST_SAMPLES_PER_PERIOD = 8.0
+FLUID_TOLERANCE = 1e-3
+
+
+def review_record(
+    plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices
+) -> list[str]:
+    """Length and rate against the frequencies."""
+    notes = []
+    seconds = (record.samples - record.start) / record.sampling_rate
+    for f in frequency.tolist():
+        periods = f * seconds
+        if record.edge == "wrap" and (
+            round(periods) < 1 or abs(periods - round(periods)) > WHOLE_PERIOD_TOLERANCE
+        ):
+            raise ValueError(
+                f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods "
+                f"of {f:g} Hz; cut it to {int(periods) / f:.6g} s or use edge='finite'"
+            )
+        if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
+            raise ValueError(
+                f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
+                f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
+            )
+    per_period = record.sampling_rate / float(frequency.max())
+    if per_period < FEWEST_SAMPLES_PER_PERIOD:
+        notes.append(
+            f"{plane.name} has {per_period:.3g} samples per period of {float(frequency.max()):g} "
+            f"Hz; |v| has corners, and below {FEWEST_SAMPLES_PER_PERIOD:g} they are not resolved"
+        )
+    needs_kernel = chosen.engine == "direct" or any(
+        record.needs_table(f) for f in frequency.tolist()
+    )
+    duration = record.samples / record.sampling_rate
+    if needs_kernel and duration < BEFORE + AFTER:
+        notes.append(
+            f"{plane.name} lasts {1e3 * duration:.3g} ms, less than the kernel's "
+            f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"
+        )
+    return notes
+
+
+def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
+    """Whether liner and data speak of the same gas."""
+    gas = getattr(liner, "fluid", None)
+    if gas is None:
+        return []
+    pairs = (
+        ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
+        ("density", gas.density, plane.fluid.density, "kg/m3"),
+    )
+    return [
+        f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
+        f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
+        "takes the data's)"
+        for label, mine, theirs, unit in pairs
+        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
+    ]
+
+
+def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> list[str]:
+    """Probes that are dead or were left out."""
+    notes = []
+    excluded = int((~used).sum())
+    if excluded:
+        notes.append(f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
+    flat = (seen.largest == seen.smallest)[: plane.probes].cpu() & used
+    still = flat & (seen.largest[: plane.probes].cpu() == 0)
+    if bool(still.any()):
+        notes.append(
+            f"{plane.name}: {int(still.sum())} of {plane.probes} probes are exactly 0 throughout, "
+            f"the first at index {int(still.nonzero()[0])}; they educe the liner at rest"
+        )
+    elif bool(flat.any()) and not bool(flat[used].all()):
+        notes.append(
+            f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are constant, the first "
+            f"at index {int(flat.nonzero()[0])}; dead sensors look like this"
+        )
+    if not bool(torch.isfinite(seen.mean_square).all()):
+        raise ValueError(f"{plane.name}: velocities overflow when squared; check their unit")
+    return notes

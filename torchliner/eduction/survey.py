@@ -1,0 +1,157 @@
+"""The first pass over a plane: what must be known of the whole record before it is replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+SLAB_ROWS = 1024
+PERIODS_PER_SEGMENT = 2.0
+
+
+class VelocitySource(Protocol):
+    """Velocity read by slabs: (t, P)."""
+
+    samples: int
+    probes: int
+
+    def read(self, begin: int, end: int) -> Tensor: ...
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Sums over a whole record, float64 or complex128.
+
+    Args:
+        mean: m/s, (P,).
+        mean_square: of v, m2/s2, (P,).
+        smallest, largest: of v, m/s, (P,).
+        bad: number of samples that are nan or inf, (P,).
+        first_bad: time index of the first of them, -1 if none, (P,).
+        line: sum of w (v - mean) e^{-j omega t}, (P, F).
+        coherence: of v with a steady tone, 0 to 1, (P, F).
+        segments: number of segments behind ``coherence``.
+    """
+
+    mean: Tensor
+    mean_square: Tensor
+    smallest: Tensor
+    largest: Tensor
+    bad: Tensor
+    first_bad: Tensor
+    line: Tensor
+    coherence: Tensor
+    segments: int
+
+    @property
+    def rms(self) -> Tensor:
+        """rms of v with its mean removed, eq. (3.6), (P,)."""
+        return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+
+def survey(
+    source: VelocitySource,
+    frequency: Tensor,
+    sampling_rate: float,
+    weights: Tensor,
+    progress: Callable[[int], None] | None = None,
+) -> Survey:
+    """One pass over ``source``: extremes, moments, faults, tone and coherence.
+
+    Args:
+        source: n samples of P probes.
+        frequency: Hz, (F,).
+        sampling_rate: Hz.
+        weights: window over the n samples, float64, (n,), zero in the pre-roll.
+        progress: called with the number of samples done.
+
+    The coherence is that between v and a tone of constant phase, from S segments of two periods
+    with Hann windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
+    """
+    n, probes = source.samples, source.probes
+    analysis = _Analysis(n, frequency, sampling_rate, weights)
+    first = source.read(0, 1)
+    device = first.device
+    total = torch.zeros(probes, dtype=torch.float64, device=device)
+    square = torch.zeros_like(total)
+    smallest, largest = torch.full_like(total, torch.inf), torch.full_like(total, -torch.inf)
+    bad = torch.zeros(probes, dtype=torch.int64, device=device)
+    first_bad = torch.full_like(bad, -1)
+    lines = torch.zeros(len(frequency), probes, dtype=torch.complex128, device=device)
+    parts = torch.zeros(
+        analysis.segments * len(frequency), probes, dtype=torch.complex128, device=device
+    )
+    for begin in range(0, n, SLAB_ROWS):
+        end = min(begin + SLAB_ROWS, n)
+        slab = source.read(begin, end).to(torch.float64)
+        finite = torch.isfinite(slab)
+        if not bool(finite.all()):
+            wrong = ~finite
+            new = wrong.any(0) & (first_bad < 0)
+            first_bad[new] = begin + wrong.to(torch.int8).argmax(0)[new]
+            bad += wrong.sum(0)
+            slab = torch.where(finite, slab, 0.0)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+        smallest = torch.minimum(smallest, slab.amin(0))
+        largest = torch.maximum(largest, slab.amax(0))
+        lines += _project(analysis.lines(begin, end), slab)
+        for rows, matrix in analysis.segment_lines(begin, end):
+            parts[rows] += _project(matrix, slab)
+        if progress is not None:
+            progress(end - begin)
+    mean = total / n
+    lines = lines - analysis.window_lines().to(device)[:, None] * mean
+    parts = parts.reshape(analysis.segments, len(frequency), probes)
+    power = (parts.abs() ** 2).sum(0) * analysis.segments
+    # A constant probe leaves rounding behind, which would be perfectly coherent with itself.
+    floor = analysis.segments**2 * 1e-24 * (square / n) * analysis.segment_length**2
+    coherence = torch.where(power > floor, parts.sum(0).abs() ** 2 / power.clamp(min=1e-300), 0.0)
+    return Survey(
+        mean, square / n, smallest, largest, bad, first_bad, lines.T, coherence.T, analysis.segments
+    )
+
+
+def _project(matrix: Tensor, slab: Tensor) -> Tensor:
+    matrix = matrix.to(slab.device)
+    return torch.complex(matrix.real @ slab, matrix.imag @ slab)
+
+
+class _Analysis:
+    """Rows of e^{-j omega t} under the window and under the coherence segments."""
+
+    def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
+        self.turn = 2 * torch.pi * frequency.cpu() / sampling_rate
+        self.weights = weights
+        period = sampling_rate / float(frequency.min())
+        self.segment_length = max(1, min(n, round(PERIODS_PER_SEGMENT * period)))
+        self.segments = max(1, n // self.segment_length)
+        steps = torch.arange(self.segment_length, dtype=torch.float64)
+        self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / self.segment_length)
+
+    def _waves(self, begin: int, end: int) -> Tensor:
+        steps = torch.arange(begin, end, dtype=torch.float64)
+        return torch.exp(-1j * torch.outer(self.turn, steps))
+
+    def lines(self, begin: int, end: int) -> Tensor:
+        return self._waves(begin, end) * self.weights[begin:end]
+
+    def window_lines(self) -> Tensor:
+        return self.lines(0, len(self.weights)).sum(1)
+
+    def segment_lines(self, begin: int, end: int) -> list[tuple[slice, Tensor]]:
+        count, found = len(self.turn), []
+        waves = self._waves(begin, end)
+        steps = torch.arange(begin, end)
+        for s in range(begin // self.segment_length, self.segments):
+            if s * self.segment_length >= end:
+                break
+            inside = steps - s * self.segment_length
+            member = (inside >= 0) & (inside < self.segment_length)
+            weight = torch.where(member, self.hann[inside.clamp(0, self.segment_length - 1)], 0.0)
+            found.append((slice(s * count, (s + 1) * count), waves * weight))
+        return found

@@ -1,0 +1,116 @@
+"""What our HDF5 files share: opening, units, dimension scales, atomic writing."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from torchliner.io.units import si_factor
+
+CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
+
+
+def open_file(path: str | Path) -> h5py.File:
+    """An HDF5 file for reading; a solver may still hold it, so it is not locked.
+
+    Raises:
+        FileNotFoundError: no such file.
+        OSError: a directory, not HDF5, or truncated.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.is_dir():
+        raise OSError(f"{path} is a folder, not a file")
+    try:
+        return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
+    except OSError as error:
+        kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
+        raise OSError(f"{path} {kind}: {error}") from error
+
+
+def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
+    """A dataset by name.
+
+    Raises:
+        ValueError: it is missing; what is there is listed.
+    """
+    if key not in group or not isinstance(group[key], h5py.Dataset):
+        there = ", ".join(sorted(group)) or "nothing"
+        raise ValueError(f"{path}:/{key} is missing; the file holds: {there}")
+    return group[key]
+
+
+def text_attribute(dataset: Any, key: str) -> str | None:
+    """A string attribute or None."""
+    value = dataset.attrs.get(key)
+    if value is None:
+        return None
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def read_si(group: h5py.Group, key: str, quantity: str, path: str | Path) -> np.ndarray:
+    """A small dataset in SI units, float64."""
+    dataset = get_dataset(group, key, path)
+    name = f"{path}:/{key}"
+    factor = si_factor(quantity, text_attribute(dataset, "units"), name)
+    if dataset.dtype.kind not in "fiu":
+        raise ValueError(f"{name} is {dataset.dtype}; numbers are needed")
+    return np.asarray(dataset[()], dtype=np.float64) * factor
+
+
+@contextmanager
+def written_whole(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside ``path``, renamed onto it when the block ends well.
+
+    A crash or an interrupt leaves the old file as it was.
+
+    Raises:
+        OSError: the folder is missing or cannot be written to.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise OSError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise OSError(f"{path} is a folder; name a file")
+    try:
+        handle, temporary = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.name}.", suffix=".part"
+        )
+    except OSError as error:
+        raise OSError(f"{path} cannot be written: {error.strerror}") from error
+    os.close(handle)
+    try:
+        yield Path(temporary)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def write_variable(
+    file: h5py.File, name: str, values: Any, units: str, dims: tuple[str, ...] = (), **extra: Any
+) -> h5py.Dataset:
+    """A netCDF-4 variable: data, units, and its dimension scales, which must exist."""
+    dataset = file.create_dataset(name, data=values, **extra)
+    dataset.attrs["units"] = units
+    for axis, dim in enumerate(dims):
+        if dim != name:
+            dataset.dims[axis].attach_scale(file[dim])
+    return dataset
+
+
+def write_dimension(file: h5py.File, name: str, values: Any, units: str) -> None:
+    """A coordinate variable that is its own dimension scale."""
+    file.create_dataset(name, data=values).make_scale(name)
+    file[name].attrs["units"] = units

@@ -1,0 +1,214 @@
+"""Impedance maps as netCDF-4 and as CSV. Complex values are stored as two real variables."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.fluid import Fluid
+from torchliner.io.hdf5 import (
+    get_dataset,
+    open_file,
+    text_attribute,
+    write_dimension,
+    write_variable,
+    written_whole,
+)
+from torchliner.records import ImpedanceMap
+
+SCHEMA = "torchliner map 1"
+SCALARS = {"height": "m", "mach": "1", "incident_level": "dB"}
+
+
+def write_map(result: ImpedanceMap, path: str | Path) -> None:
+    """Write a map to ``path``: netCDF-4, or CSV (one row a probe and frequency) for .csv.
+
+    The old file, if any, is replaced only when the new one is whole.
+    """
+    if Path(path).suffix.lower() == ".csv":
+        _write_csv(result, path)
+        return
+    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["Conventions"] = "CF-1.8"
+        file.attrs["schema"] = SCHEMA
+        file.attrs["title"] = result.title
+        file.attrs["source_side"] = result.source_side
+        file.attrs["choices"] = json.dumps(dict(result.choices))
+        file.attrs["notes"] = json.dumps(list(result.notes))
+        file.attrs["fluid"] = json.dumps(dataclasses.asdict(result.fluid))
+        write_dimension(file, "frequency", _plain(result.frequency), "Hz")
+        dims = _write_axes(file, result)
+        _write_fields(file, result, dims)
+        for key, unit in SCALARS.items():
+            if getattr(result, key) is not None:
+                write_variable(file, key, float(getattr(result, key)), unit)
+        for label, value in result.reference.items():
+            stem = f"reference_{label.replace(' ', '_')}"
+            write_variable(file, f"{stem}_resistance", complex(value).real, "1")
+            write_variable(file, f"{stem}_reactance", complex(value).imag, "1")
+            file[f"{stem}_resistance"].attrs["label"] = label
+
+
+def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
+    shape = tuple(result.mean_velocity.shape)
+    names = {0: (), 1: ("probe",), 2: ("z", "x")}[len(shape)]
+    for axis, name in enumerate(names):
+        values = getattr(result, name, None) if len(shape) == 2 else None
+        if values is None:
+            write_dimension(file, name, np.arange(shape[axis]), "1")
+        else:
+            write_dimension(file, name, _plain(values), "m")
+    if len(shape) < 2:
+        for name in ("x", "z"):
+            if getattr(result, name) is not None:
+                write_variable(file, name, _plain(getattr(result, name)), "m", names)
+    write_dimension(file, "cell", np.arange(len(result.cell_x)), "1")
+    for name in ("cell_x", "cell_z"):
+        write_variable(file, name, _plain(getattr(result, name)), "m", ("cell",))
+    return names
+
+
+def _write_fields(file: h5py.File, result: ImpedanceMap, dims: tuple[str, ...]) -> None:
+    full = (*dims, "frequency")
+
+    def pair(
+        stem: str, value: Tensor, where: tuple[str, ...], unit: str, parts: tuple[str, str]
+    ) -> None:
+        write_variable(file, stem + parts[0], _plain(value.real), unit, where)
+        write_variable(file, stem + parts[1], _plain(value.imag), unit, where)
+
+    impedance = ("resistance", "reactance")
+    cartesian = ("_real", "_imaginary")
+    pair("", result.impedance, full, "1", impedance)
+    pair("reflection", result.reflection, full, "1", cartesian)
+    pair("admittance", result.admittance, full, "1", cartesian)
+    pair("velocity_amplitude", result.velocity_amplitude, full, "m/s", cartesian)
+    pair("cell_", result.cell_impedance, ("cell", "frequency"), "1", impedance)
+    pair("cell_reflection", result.cell_reflection, ("cell", "frequency"), "1", cartesian)
+    first = "cell_velocity_first_"
+    pair(first, result.cell_impedance_velocity_first, ("cell", "frequency"), "1", impedance)
+    reflected = result.cell_reflection_velocity_first
+    pair(first + "reflection", reflected, ("cell", "frequency"), "1", cartesian)
+    pair("liner_", result.liner_impedance, ("frequency",), "1", impedance)
+    alternative = result.liner_impedance_velocity_first
+    pair("liner_velocity_first_", alternative, ("frequency",), "1", impedance)
+    if result.goodrich is not None:
+        pair("goodrich_", result.goodrich, ("frequency",), "1", impedance)
+    write_variable(file, "absorption", _plain(result.absorption), "1", full)
+    write_variable(file, "coherence", _plain(result.coherence), "1", full)
+    level = _plain(result.inferred_incident_level)
+    write_variable(file, "inferred_incident_level", level, "dB", full)
+    used = _plain(result.phase_rule.to(torch.int8))
+    write_variable(file, "phase_rule_used", used, "1", full)
+    write_variable(file, "mean_velocity", _plain(result.mean_velocity), "m/s", dims)
+    write_variable(file, "velocity_rms", _plain(result.velocity_rms), "m/s", dims)
+
+
+def _plain(value: Tensor) -> np.ndarray:
+    return value.detach().cpu().numpy()
+
+
+def read_map(path: str | Path) -> ImpedanceMap:
+    """Read a map written by ``ImpedanceMap.write`` as netCDF-4.
+
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, not HDF5.
+        ValueError: not a map of this schema.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        if text_attribute(file, "schema") != SCHEMA:
+            raise ValueError(
+                f"{path} is not an impedance map: its schema is {text_attribute(file, 'schema')!r}, "
+                f"{SCHEMA!r} is needed"
+            )
+
+        def real(key: str) -> Tensor:
+            return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
+
+        def both(stem: str, parts: tuple[str, str] = ("_real", "_imaginary")) -> Tensor:
+            return torch.complex(real(stem + parts[0]), real(stem + parts[1]))
+
+        impedance = ("resistance", "reactance")
+
+        def coordinate(key: str) -> Tensor | None:
+            known = key in file and text_attribute(file[key], "units") == "m"
+            return real(key) if known else None
+
+        references = {
+            str(file[key].attrs["label"]): complex(
+                float(file[key][()]), float(file[key[:-10] + "reactance"][()])
+            )
+            for key in file
+            if key.startswith("reference_") and key.endswith("_resistance")
+        }
+        return ImpedanceMap(
+            frequency=real("frequency"),
+            reflection=both("reflection"),
+            mean_velocity=real("mean_velocity"),
+            velocity_rms=real("velocity_rms"),
+            velocity_amplitude=both("velocity_amplitude"),
+            coherence=real("coherence"),
+            phase_rule=real("phase_rule_used").to(torch.bool),
+            cell_x=real("cell_x"),
+            cell_z=real("cell_z"),
+            cell_reflection=both("cell_reflection"),
+            cell_reflection_velocity_first=both("cell_velocity_first_reflection"),
+            x=coordinate("x"),
+            z=coordinate("z"),
+            **{key: float(file[key][()]) if key in file else None for key in SCALARS},
+            fluid=Fluid(**json.loads(text_attribute(file, "fluid") or "{}")),
+            reference=references,
+            source_side=text_attribute(file, "source_side") or "unknown",
+            goodrich=both("goodrich_", impedance) if "goodrich_resistance" in file else None,
+            title=text_attribute(file, "title") or "",
+            choices=json.loads(text_attribute(file, "choices") or "{}"),
+            notes=tuple(json.loads(text_attribute(file, "notes") or "[]")),
+        )
+
+
+CSV_COLUMNS = (
+    "x (m)", "z (m)", "frequency (Hz)", "resistance (rho c)", "reactance (rho c)",
+    "conductance (1/rho c)", "susceptance (1/rho c)", "absorption", "coherence",
+    "inferred incident level (dB)", "mean velocity (m/s)", "velocity rms (m/s)",
+)  # fmt: skip
+
+
+def _write_csv(result: ImpedanceMap, path: str | Path) -> None:
+    probes = result.mean_velocity.numel()
+    x, z = _flat_coordinates(result)
+    columns: list[Any] = [
+        value.detach().cpu().reshape(probes, -1)
+        for value in (
+            result.resistance, result.reactance, result.admittance.real, result.admittance.imag,
+            result.absorption, result.coherence, result.inferred_incident_level,
+        )
+    ]  # fmt: skip
+    mean, rms = result.mean_velocity.reshape(-1), result.velocity_rms.reshape(-1)
+    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_COLUMNS)
+        for p in range(probes):
+            for f, frequency in enumerate(result.frequency.tolist()):
+                values = [float(column[p, f]) for column in columns]
+                row = [x[p], z[p], frequency, *values, float(mean[p]), float(rms[p])]
+                writer.writerow([f"{number:.9g}" for number in row])
+
+
+def _flat_coordinates(result: ImpedanceMap) -> tuple[list[float], list[float]]:
+    shape = tuple(result.mean_velocity.shape)
+    unknown = torch.full((result.mean_velocity.numel(),), torch.nan)
+    x = unknown if result.x is None else result.x
+    z = unknown if result.z is None else result.z
+    if len(shape) == 2:
+        x = x.repeat(shape[0]) if result.x is not None else x
+        z = z.repeat_interleave(shape[1]) if result.z is not None else z
+    return x.tolist(), z.tolist()

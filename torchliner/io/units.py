@@ -1,0 +1,43 @@
+"""Units as they stand in files, to SI."""
+
+from __future__ import annotations
+
+from torchliner.checks import did_you_mean
+
+FACTORS: dict[str, dict[str, float]] = {
+    "velocity": {"m/s": 1.0, "m s-1": 1.0, "m s^-1": 1.0, "m.s-1": 1.0, "mm/s": 1e-3, "cm/s": 1e-2,
+                 "km/s": 1e3, "ft/s": 0.3048},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
+    "level": {"dB": 1.0},
+    "number": {"1": 1.0, "": 1.0},
+    "density": {"kg/m3": 1.0, "kg m-3": 1.0},
+    "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0},
+}  # fmt: skip
+
+
+def si_factor(quantity: str, unit: str | None, name: str) -> float:
+    """Factor from ``unit`` to SI.
+
+    Args:
+        quantity: a key of ``FACTORS``.
+        unit: as found; None if there is none.
+        name: FILE:/dataset, for the message.
+    Raises:
+        ValueError: no unit, or one that is not of this quantity.
+    """
+    known = FACTORS[quantity]
+    if unit is None:
+        raise ValueError(
+            f"{name} has no units attribute; set it to one of {', '.join(k for k in known if k)}"
+        )
+    text = unit.strip()
+    # Data sets often say more after a comma: "m/s, wall-normal, positive away from the wall".
+    for candidate in (text, text.split(",")[0].strip()):
+        if candidate in known:
+            return known[candidate]
+    raise ValueError(
+        f"{name} has units {unit!r}{did_you_mean(text, list(known))}; a {quantity} is needed in "
+        f"one of {', '.join(k for k in known if k)}"
+    )

@@ -1,0 +1,166 @@
+"""A liner known from a table: Z over frequency, or over frequency and |v|."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import real_tensor
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedLiner:
+    """Impedance by linear interpolation in a table; nothing is extrapolated.
+
+    Args:
+        frequency: Hz, increasing, (N,).
+        values: Z normalised, complex, (N,) if Z does not depend on |v|, else (N, M).
+        speed: |v| m/s, increasing from 0, (M,); None for a table over frequency alone.
+        cell_pitch: m, for averages over cells.
+        name: for labels.
+    Raises:
+        ValueError: shapes disagree, an axis does not increase, values are not finite.
+    """
+
+    frequency: Any
+    values: Any
+    speed: Any = None
+    cell_pitch: float | None = None
+    name: str = "table"
+
+    def __post_init__(self) -> None:
+        frequency = real_tensor(self.frequency).reshape(-1)
+        values = torch.as_tensor(self.values).to(torch.complex128)
+        speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
+        wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
+        if tuple(values.shape) != wanted:
+            raise ValueError(
+                f"table {self.name!r}: values have shape {tuple(values.shape)}, the axes {wanted}"
+            )
+        if not bool(torch.isfinite(values.real).all() and torch.isfinite(values.imag).all()):
+            raise ValueError(f"table {self.name!r} holds values that are not finite")
+        for label, axis in (("frequency", frequency), ("speed", speed)):
+            if axis is not None and (len(axis) < 2 or not bool((axis.diff() > 0).all())):
+                raise ValueError(
+                    f"table {self.name!r}: {label} must increase and have at least two values"
+                )
+        if speed is not None and float(speed[0]) != 0:
+            raise ValueError(f"table {self.name!r}: speed starts at {float(speed[0]):g}, not at 0")
+        object.__setattr__(self, "frequency", frequency)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "speed", speed)
+
+    @property
+    def frequency_range(self) -> tuple[float, float]:
+        """First and last frequency, Hz."""
+        return float(self.frequency[0]), float(self.frequency[-1])
+
+    @property
+    def speed_max(self) -> float | None:
+        """Last speed, m/s; None if Z does not depend on it."""
+        return None if self.speed is None else float(self.speed[-1])
+
+    @classmethod
+    def read_csv(cls, path: str | Path, **options: Any) -> TabulatedLiner:
+        """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.
+
+        One header row with these names; units Hz, m/s and rho c. Rows over frequency and speed
+        form a full grid in any order.
+
+        Raises:
+            ValueError: a missing column, a value that is no number (with its line), a gap in the
+                grid.
+        """
+        rows = _read_rows(Path(path))
+        options.setdefault("name", Path(path).stem)
+        if "speed" not in rows[0]:
+            rows.sort(key=lambda row: row["frequency"])
+            return cls(
+                [row["frequency"] for row in rows],
+                [complex(row["resistance"], row["reactance"]) for row in rows],
+                **options,
+            )
+        frequency = sorted({row["frequency"] for row in rows})
+        speed = sorted({row["speed"] for row in rows})
+        found = {
+            (r["frequency"], r["speed"]): complex(r["resistance"], r["reactance"]) for r in rows
+        }
+        for f in frequency:
+            for v in speed:
+                if (f, v) not in found:
+                    raise ValueError(f"{path}: no row for {f:g} Hz and {v:g} m/s; the grid is full")
+        return cls(frequency, [[found[f, v] for v in speed] for f in frequency], speed, **options)
+
+    def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
+        """Normalised impedance, complex128, of the broadcast shape.
+
+        Args:
+            frequency: Hz, within the table.
+            speed: |v| m/s, within the table.
+        Raises:
+            ValueError: outside the table.
+        """
+        f, v = real_tensor(frequency), real_tensor(speed)
+        low, high = self.frequency_range
+        _require_inside(f, low, high, f"table {self.name!r}: frequency", "Hz")
+        row, across = _bracket(self.frequency, f)
+        if self.speed is None:
+            flat = self.values[row] * (1 - across) + self.values[row + 1] * across
+            return flat.broadcast_to(torch.broadcast_shapes(f.shape, v.shape))
+        _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
+        column, along = _bracket(self.speed, v)
+        lower = self.values[row, column] * (1 - along) + self.values[row, column + 1] * along
+        upper = (
+            self.values[row + 1, column] * (1 - along) + self.values[row + 1, column + 1] * along
+        )
+        return lower * (1 - across) + upper * across
+
+    def describe(self) -> dict[str, Any]:
+        """What a result should record."""
+        low, high = self.frequency_range
+        return {"model": "table", "name": self.name, "low": low, "high": high}
+
+
+def _read_rows(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        dialect = ";" if ";" in (first := file.readline()) else ","
+        file.seek(0)
+        reader = csv.DictReader(file, delimiter=dialect, skipinitialspace=True)
+        names = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = names
+        for needed in ("frequency", "resistance", "reactance"):
+            if needed not in names:
+                raise ValueError(
+                    f"{path}: no column {needed!r}; the header is {first.strip()!r}, it needs "
+                    "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
+                )
+        rows: list[dict[str, float]] = []
+        for number, row in enumerate(reader, start=2):
+            wanted = [n for n in ("frequency", "speed", "resistance", "reactance") if n in names]
+            try:
+                rows.append({str(name): float(row[name]) for name in wanted})
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{path}, line {number}: {error}") from error
+    if not rows:
+        raise ValueError(f"{path} has a header and no rows")
+    return rows
+
+
+def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:
+    small, large = float(value.min()), float(value.max())
+    slack = 1e-9 * high
+    if not (low - slack <= small and large <= high + slack):
+        worst = small if small < low else large
+        raise ValueError(f"{name} is {worst:g} {unit}, outside the table's {low:g}-{high:g} {unit}")
+
+
+def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
+    """Lower neighbour and share of the step, clamped to the axis."""
+    index = (torch.searchsorted(axis, value.contiguous(), right=True) - 1).clamp(0, len(axis) - 2)
+    share = (value - axis[index]) / (axis[index + 1] - axis[index])
+    return index, share.clamp(0, 1)

@@ -1,0 +1,335 @@
+"""The two records everything passes through: a velocity plane in, an impedance map out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_positive
+from torchliner.conversions import (
+    absorption_from_reflection,
+    admittance_from_reflection,
+    spl_from_pressure_amplitude,
+)
+from torchliner.fluid import Fluid
+
+SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
+
+
+@runtime_checkable
+class StoredVelocity(Protocol):
+    """Velocity that stays in its file and is read by slabs."""
+
+    shape: tuple[int, ...]  # (..., T)
+    dtype: torch.dtype
+
+    def read(self, begin: int, end: int) -> Tensor:
+        """Samples begin .. end - 1 of every probe, (t, P)."""
+        ...
+
+    def load(self) -> Tensor:
+        """All of it, (..., T)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityPlane:
+    """Wall-normal velocity at many probes, uniformly sampled in time.
+
+    Args:
+        velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
+            with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
+        sampling_rate: Hz.
+        height: distance of the plane from the liner, m.
+        x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
+        streamwise: streamwise velocity, m/s, on the same probes and times.
+        fluid: gas of the data.
+        frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk Mach number.
+        source_side: where the sound comes from, one of ``SOURCE_SIDES``.
+        displacement_thickness: delta*, m, for the Goodrich comparison.
+        liner: name of the liner below, if one is known; "hard wall" is a liner too.
+        reference: independent impedances of the same case, normalised, by name ("true", "in situ").
+        title, provenance: where the data come from.
+        name: how messages call it (for files: FILE:/dataset).
+    Raises:
+        TypeError: velocity is not real floating point.
+        ValueError: shapes disagree, the plane is empty, a scalar is out of range.
+    """
+
+    velocity: Any
+    sampling_rate: float = field(kw_only=True)
+    height: float | None = field(default=None, kw_only=True)
+    x: Any = field(default=None, kw_only=True)
+    z: Any = field(default=None, kw_only=True)
+    streamwise: Any = field(default=None, kw_only=True)
+    fluid: Fluid = field(default_factory=Fluid, kw_only=True)
+    frequency: float | None = field(default=None, kw_only=True)
+    incident_level: float | None = field(default=None, kw_only=True)
+    mach: float | None = field(default=None, kw_only=True)
+    source_side: str = field(default="unknown", kw_only=True)
+    displacement_thickness: float | None = field(default=None, kw_only=True)
+    liner: str = field(default="", kw_only=True)
+    reference: Mapping[str, complex] = field(default_factory=dict, kw_only=True)
+    title: str = field(default="", kw_only=True)
+    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
+    name: str = field(default="velocity", kw_only=True)
+
+    def __post_init__(self) -> None:
+        for label in ("velocity", "streamwise"):
+            value = getattr(self, label)
+            if value is not None:
+                object.__setattr__(self, label, _velocity_tensor(value, label, self.name))
+        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if 0 in self.velocity.shape or len(self.velocity.shape) == 0:
+            raise ValueError(
+                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least "
+                "one probe and one sample, time last"
+            )
+        if self.streamwise is not None and self.streamwise.shape != self.velocity.shape:
+            raise ValueError(
+                f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
+                f"{tuple(self.velocity.shape)}; they share probes and times"
+            )
+        for label in ("x", "z"):
+            self._check_coordinate(label)
+        for label in ("height", "frequency"):
+            if getattr(self, label) is not None:
+                require_positive(f"{self.name}: {label}", getattr(self, label))
+        if self.source_side not in SOURCE_SIDES:
+            raise ValueError(
+                f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"
+            )
+
+    def _check_coordinate(self, label: str) -> None:
+        value = getattr(self, label)
+        if value is None:
+            return
+        values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
+        shape = self.probe_shape
+        wanted = shape[-1] if label == "x" else shape[0]
+        if len(shape) < 2:
+            wanted = self.probes
+        if len(values) != wanted:
+            raise ValueError(
+                f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need "
+                f"{wanted}"
+            )
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{self.name}: {label} holds values that are not finite")
+        object.__setattr__(self, label, values)
+
+    @property
+    def samples(self) -> int:
+        """T."""
+        return int(self.velocity.shape[-1])
+
+    @property
+    def probe_shape(self) -> tuple[int, ...]:
+        """Shape of the probe axes: (z, x), (probe,) or ()."""
+        return tuple(self.velocity.shape[:-1])
+
+    @property
+    def probes(self) -> int:
+        """Number of probes."""
+        return int(np.prod(self.probe_shape, dtype=np.int64))
+
+    @property
+    def duration(self) -> float:
+        """T / sampling_rate, s."""
+        return self.samples / self.sampling_rate
+
+    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
+        """x and z of every probe, m, each (P,) or None."""
+        x, z = self.x, self.z
+        if len(self.probe_shape) == 2:
+            rows, columns = self.probe_shape
+            x = None if x is None else x.repeat(rows)
+            z = None if z is None else z.repeat_interleave(columns)
+        return x, z
+
+    def read(self, begin: int, end: int) -> Tensor:
+        """Samples begin .. end - 1 of every probe, (t, P); a view where the layout allows."""
+        if isinstance(self.velocity, Tensor):
+            slab = self.velocity.movedim(-1, 0)[begin:end]
+            return slab.reshape(slab.shape[0], -1)
+        return self.velocity.read(begin, end)
+
+    def scaled(self, length: float, velocity: float) -> VelocityPlane:
+        """The same flow in other units of length and velocity; time scales by length/velocity.
+
+        Args:
+            length: factor on x, z, height and displacement thickness.
+            velocity: factor on the velocities.
+        """
+        require_positive("length scale", length)
+        require_positive("velocity scale", velocity)
+        lengths: dict[str, Any] = {
+            name: None if getattr(self, name) is None else getattr(self, name) * length
+            for name in ("x", "z", "height", "displacement_thickness")
+        }
+        loaded = self.load()
+        streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
+        return replace(
+            loaded,
+            velocity=loaded.velocity * velocity,
+            streamwise=streamwise,
+            sampling_rate=self.sampling_rate * velocity / length,
+            **lengths,
+        )
+
+    def load(self) -> VelocityPlane:
+        """The same plane with its velocity in memory."""
+        if isinstance(self.velocity, Tensor):
+            return self
+        return replace(self, velocity=self.velocity.load())
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file; see docs/formats.md."""
+        from torchliner.io.plane_file import write_plane
+
+        write_plane(self, path)
+
+
+def _velocity_tensor(value: Any, label: str, name: str) -> Any:
+    if isinstance(value, Tensor):
+        tensor = value
+    elif isinstance(value, StoredVelocity):
+        return value
+    else:
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiuc":
+            raise TypeError(f"{name}: {label} is {array.dtype}; floating-point m/s are needed")
+        tensor = torch.as_tensor(array.astype(array.dtype.newbyteorder("="), copy=False))
+    if tensor.dtype not in (torch.float32, torch.float64):
+        raise TypeError(
+            f"{name}: {label} is {tensor.dtype}; float32 or float64 in m/s is needed "
+            "(convert and scale it first, so that no unit is guessed)"
+        )
+    return tensor
+
+
+@dataclass(frozen=True, eq=False)
+class ImpedanceMap:
+    """Educed impedance of every probe, with its averages and all choices that led to it.
+
+    All impedances are normalised by rho c, exp(+j omega t), v into the liner.
+
+    Args:
+        frequency: Hz, (F,).
+        reflection: R, complex128, (..., F) on the probe axes of the plane; nan where excluded.
+        mean_velocity, velocity_rms: m/s, (...): time mean, and rms of the rest, of v as stored
+            (positive away from the liner).
+        velocity_amplitude: complex peak amplitude of v into the liner at f, m/s, (..., F).
+        coherence: squared coherence of v with a steady tone at f, (..., F).
+        phase_rule: per probe and frequency, the rule that was used: False where
+            ``self-consistent`` fell back to ``averaged``.
+        cell_x, cell_z: centres of whole cells, m, (C,).
+        cell_reflection: from the admittance averaged over each cell's probes, (C, F).
+        cell_reflection_velocity_first: from the velocity averaged over the cell, then replayed.
+        x, z, height, fluid, reference, ...: as in the plane.
+        choices: every option and what followed from it (kernel error, levels, versions).
+        notes: doubts, with numbers.
+    """
+
+    frequency: Tensor
+    reflection: Tensor
+    mean_velocity: Tensor
+    velocity_rms: Tensor
+    velocity_amplitude: Tensor
+    coherence: Tensor
+    phase_rule: Tensor
+    cell_x: Tensor
+    cell_z: Tensor
+    cell_reflection: Tensor
+    cell_reflection_velocity_first: Tensor
+    x: Tensor | None = None
+    z: Tensor | None = None
+    height: float | None = None
+    fluid: Fluid = field(default_factory=Fluid)
+    reference: Mapping[str, complex] = field(default_factory=dict)
+    mach: float | None = None
+    incident_level: float | None = None
+    source_side: str = "unknown"
+    goodrich: Tensor | None = None
+    title: str = ""
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z, (..., F)."""
+        return (1 + self.reflection) / (1 - self.reflection)
+
+    @property
+    def resistance(self) -> Tensor:
+        """Re Z, (..., F)."""
+        return self.impedance.real
+
+    @property
+    def reactance(self) -> Tensor:
+        """Im Z, (..., F)."""
+        return self.impedance.imag
+
+    @property
+    def admittance(self) -> Tensor:
+        """1/Z, (..., F)."""
+        return admittance_from_reflection(self.reflection)
+
+    @property
+    def absorption(self) -> Tensor:
+        """1 - |R|^2, (..., F)."""
+        return absorption_from_reflection(self.reflection)
+
+    @property
+    def incident_pressure(self) -> Tensor:
+        """Complex peak amplitude, Pa, (..., F), of the wave that gives the measured v at f.
+
+        X = V/(1 - R): it means something only where v is coherent with the tone.
+        """
+        scale = self.fluid.characteristic_impedance
+        return scale * self.velocity_amplitude / (1 - self.reflection)
+
+    @property
+    def inferred_incident_level(self) -> Tensor:
+        """Level of ``incident_pressure``, dB re 20 uPa rms, (..., F)."""
+        return spl_from_pressure_amplitude(self.incident_pressure)
+
+    @property
+    def liner_impedance(self) -> Tensor:
+        """1 / mean of the admittance over all probes, (F,)."""
+        flat = self.admittance.reshape(-1, len(self.frequency))
+        return 1 / flat[torch.isfinite(flat.real).all(1)].mean(0)
+
+    @property
+    def liner_impedance_velocity_first(self) -> Tensor:
+        """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
+        return 1 / admittance_from_reflection(self.cell_reflection_velocity_first).mean(0)
+
+    @property
+    def cell_impedance(self) -> Tensor:
+        """Of each cell, admittance averaged over its probes, (C, F)."""
+        return (1 + self.cell_reflection) / (1 - self.cell_reflection)
+
+    @property
+    def cell_impedance_velocity_first(self) -> Tensor:
+        """Of each cell, velocity averaged over its probes, then replayed, (C, F)."""
+        first = self.cell_reflection_velocity_first
+        return (1 + first) / (1 - first)
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/formats.md."""
+        from torchliner.io.map_file import write_map
+
+        write_map(self, path)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw the map, (x, z) or along x; returns the matplotlib figure, saved if ``path``."""
+        from torchliner.report.figures import draw_map
+
+        return draw_map(self, path)

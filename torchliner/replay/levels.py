@@ -1,0 +1,82 @@
+"""The velocity grid of the kernel tables and the interpolation between its levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_choice, require_positive
+
+# Nodes of the local Lagrange polynomial, in grid steps from the lower neighbour.
+STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
+
+
+@dataclass(frozen=True)
+class VelocityGrid:
+    """Levels of |v| from 0 to ``maximum``, uniform in |v| or in sqrt|v|.
+
+    Args:
+        maximum: largest |v|, m/s. It is that of a whole data set, or stated; never of a batch, or
+            a probe's result would depend on its neighbours in memory.
+        levels: number of levels, at least 4.
+        spacing: ``sqrt`` (default) or ``uniform`` (the paper).
+        interpolation: ``cubic`` (default, local Lagrange) or ``linear`` (the paper).
+    Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. With the levels uniform
+        in sqrt|v| and cubic interpolation the error in R falls from 2e-2 to 1e-6 at 20 m/s,
+        because G_NL starts like |v|^2 and turns linear within a small share of the range.
+    """
+
+    maximum: float
+    levels: int = 200
+    spacing: str = "sqrt"
+    interpolation: str = "cubic"
+
+    def __post_init__(self) -> None:
+        require_positive("velocity_max (m/s)", self.maximum)
+        require_choice("level spacing", self.spacing, ("sqrt", "uniform"))
+        require_choice("interpolation", self.interpolation, STENCILS)
+        if self.levels < 4:
+            raise ValueError(f"levels is {self.levels}; at least 4 are needed")
+
+    @property
+    def speeds(self) -> Tensor:
+        """|v| of each level, m/s, float64, shape (V,)."""
+        steps = torch.arange(self.levels, dtype=torch.float64) / (self.levels - 1)
+        return self.maximum * (steps**2 if self.spacing == "sqrt" else steps)
+
+    def locate(self, speed: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """First level of the stencil and the weights of its levels.
+
+        Args:
+            speed: |v|, m/s, 0 to ``maximum``, any shape.
+        Returns:
+            index (int64, shape of ``speed``) and one weight tensor per stencil node.
+        """
+        share = speed / self.maximum
+        position = (share.sqrt() if self.spacing == "sqrt" else share) * (self.levels - 1)
+        nodes = STENCILS[self.interpolation]
+        low, high = -nodes[0], self.levels - 1 - nodes[-1]
+        base = position.floor().clamp(low, high)
+        t = position - base
+        index = base.to(torch.int64) + nodes[0]
+        weights = []
+        for node in nodes:
+            weight = torch.ones_like(t)
+            for other in nodes:
+                if other != node:
+                    weight = weight * ((t - other) / (node - other))
+            weights.append(weight)
+        return index, weights
+
+
+def interpolate(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
+    """Rows of ``table`` (V, ...) gathered and combined at ``index`` (...)."""
+    extra = (1,) * (table.ndim - 1)
+    total: Tensor | None = None
+    for offset, weight in enumerate(weights):
+        term = table[index + offset] * weight.reshape(*weight.shape, *extra)
+        total = term if total is None else total + term
+    assert total is not None
+    return total

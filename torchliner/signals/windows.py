@@ -1,0 +1,71 @@
+"""Analysis windows and their expansion in cosines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.signal import get_window
+from torch import Tensor
+
+from torchliner.checks import did_you_mean
+
+NAMES = [
+    *("boxcar", "triang", "blackman", "hamming", "hann", "bartlett", "flattop", "parzen", "bohman"),
+    *("blackmanharris", "nuttall", "barthann", "cosine", "tukey", "lanczos", "kaiser", "gaussian"),
+    *("general_hamming", "chebwin", "dpss", "taylor"),
+]
+MOST_LINES = 11  # a sum of more cosines is cheaper through the kernel tables
+
+
+@dataclass(frozen=True)
+class Window:
+    """A periodic window of N samples.
+
+    Args:
+        weights: float64, shape (N,).
+        lines: orders q and complex coefficients c_q with w[k] = sum_q c_q exp(2 pi j q k/N), if
+            they are few (Hann: 3); else empty.
+        name: as given.
+    """
+
+    weights: Tensor
+    lines: tuple[tuple[int, complex], ...]
+    name: str
+
+
+def make_window(name: Any, samples: int) -> Window:
+    """A window of scipy by name, in its periodic form.
+
+    Args:
+        name: ``hann`` and so on; windows with a parameter as a tuple or as text,
+            ``("kaiser", 8.0)`` or ``"kaiser,8"``.
+        samples: N.
+    Raises:
+        ValueError: scipy knows no such window, or it needs a parameter.
+    """
+    label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
+    kind, *parameters = label.split(",")
+    arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
+    try:
+        weights = np.asarray(get_window(arguments, samples, fftbins=True), dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"unknown window {label!r}{did_you_mean(kind, NAMES)}: {error}; "
+            "any window of scipy.signal.get_window will do"
+        ) from error
+    return Window(torch.from_numpy(weights.copy()), _cosine_lines(weights), label)
+
+
+def _cosine_lines(weights: np.ndarray) -> tuple[tuple[int, complex], ...]:
+    count = len(weights)
+    spectrum = np.fft.fft(weights) / count
+    kept = np.flatnonzero(np.abs(spectrum) > 1e-13 * np.abs(spectrum).max())
+    if len(kept) > min(MOST_LINES, max(1, count // 2)):
+        return ()
+    # Orders above N/2 stand for negative ones.
+    return tuple(
+        (int(q) if q <= count // 2 else int(q) - count, complex(spectrum[q])) for q in kept
+    )
