@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from torchliner.words import did_you_mean
 
 
 class DataWarning(UserWarning):
@@ -18,7 +19,13 @@ class DataWarning(UserWarning):
 
 def require_positive(name: str, value: Any) -> None:
     """Refuse what is not a finite number above zero."""
-    number = float(value.detach() if isinstance(value, Tensor) else value)
+    value = value.detach() if isinstance(value, Tensor) else value
+    try:
+        number = float(value)
+    except (TypeError, ValueError, RuntimeError):  # None, text, several numbers
+        raise TypeError(f"{name} is {value!r}; one number is needed") from None
+    if isinstance(value, str):
+        raise TypeError(f"{name} is the text {value!r}; a number is needed")
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"{name} is {number:g}; it must be finite and above 0")
 
@@ -39,12 +46,6 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
             f"choose one of: {', '.join(known)}"
         )
     return value
-
-
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """' (did you mean ...?)' or nothing."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:

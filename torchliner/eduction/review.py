@@ -73,7 +73,7 @@ def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
     ]
 
 
-def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> list[str]:
+def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]:
     """Probes that are dead or were left out."""
     notes = []
     excluded = int((~used).sum())

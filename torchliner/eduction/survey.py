@@ -19,7 +19,9 @@ class VelocitySource(Protocol):
     samples: int
     probes: int
 
-    def read(self, begin: int, end: int) -> Tensor: ...
+    def read(self, begin: int, end: int) -> Tensor:
+        """Samples begin .. end - 1, m/s, (t, P)."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from typing import Any
 import h5py
 import numpy as np
 from scipy.io import loadmat, whosmat
+from scipy.io.matlab import MatReadError
 
-from torchliner.checks import did_you_mean
 from torchliner.io.hdf5 import open_file
 from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
+from torchliner.words import did_you_mean
 
 AXES = ("time", "z", "x", "probe")
 
@@ -33,11 +34,14 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
     kind = path.suffix.lower()
     if kind == ".npy":
         try:
-            values = np.load(path, mmap_mode="r", allow_pickle=False)
+            values = np.load(path, mmap_mode="c", allow_pickle=False)
         except (ValueError, EOFError) as error:
             raise ValueError(f"{path} is not a whole .npy file: {error}") from error
     elif kind == ".mat" and not h5py.is_hdf5(path):
-        names = [name for name, _, _ in whosmat(path)]
+        try:
+            names = [name for name, _, _ in whosmat(path)]
+        except (ValueError, MatReadError) as error:
+            raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
         values = loadmat(path, variable_names=[_pick(names, variable, path)])[
             _pick(names, variable, path)
         ]
@@ -84,20 +88,24 @@ def plane_from_array(
 
     Args:
         values: real array.
-        axes: one name per axis of ``values``: ``time`` and any of ``z``, ``x``, ``probe``.
+        axes: one name per axis of ``values``: ``time`` and ``probe``, or any of ``z``, ``x``.
         velocity_units: "m/s", "mm/s", ...
         sampling_rate: Hz.
         towards_liner: the data are positive INTO the liner; they are turned.
         x, z: coordinates in ``length_units``.
         about: further arguments of ``VelocityPlane``, in SI.
     Raises:
+        TypeError: complex or not numeric.
         ValueError: axes do not fit the array, unknown unit.
     """
+    if values.dtype.kind not in "fiu":
+        raise TypeError(f"{name} is {values.dtype}; real numbers are needed")
     values = np.squeeze(values) if values.ndim > len(axes) else np.asarray(values)
     unknown = [axis for axis in axes if axis not in AXES]
-    if unknown or len(set(axes)) != len(axes) or "time" not in axes:
+    mixed = "probe" in axes and len(axes) > 2
+    if unknown or mixed or len(set(axes)) != len(axes) or "time" not in axes:
         raise ValueError(
-            f"axes are {','.join(axes)}; 'time' and any of z, x, probe, each once, are needed"
+            f"axes are {','.join(axes)}; 'time' and probe, or any of z and x, each once, are needed"
         )
     if len(axes) != values.ndim:
         raise ValueError(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,8 @@ def open_file(path: str | Path) -> h5py.File:
         return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
     except OSError as error:
         kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
+        if isinstance(error, PermissionError):
+            kind = "cannot be read"
         raise OSError(f"{path} {kind}: {error}") from error
 
 
@@ -44,8 +48,14 @@ def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
     """
     if key not in group or not isinstance(group[key], h5py.Dataset):
         there = ", ".join(sorted(group)) or "nothing"
-        raise ValueError(f"{path}:/{key} is missing; the file holds: {there}")
+        where = "the file" if group.name == "/" else "the group"
+        raise ValueError(f"{place(group, key, path)} is missing; {where} holds: {there}")
     return group[key]
+
+
+def place(group: h5py.Group, key: str, path: str | Path) -> str:
+    """FILE:/group/dataset, for messages."""
+    return f"{path}:{group.name.rstrip('/')}/{key}"
 
 
 def text_attribute(dataset: Any, key: str) -> str | None:
@@ -59,11 +69,66 @@ def text_attribute(dataset: Any, key: str) -> str | None:
 def read_si(group: h5py.Group, key: str, quantity: str, path: str | Path) -> np.ndarray:
     """A small dataset in SI units, float64."""
     dataset = get_dataset(group, key, path)
-    name = f"{path}:/{key}"
+    name = place(group, key, path)
     factor = si_factor(quantity, text_attribute(dataset, "units"), name)
     if dataset.dtype.kind not in "fiu":
         raise ValueError(f"{name} is {dataset.dtype}; numbers are needed")
     return np.asarray(dataset[()], dtype=np.float64) * factor
+
+
+def read_number(group: h5py.Group, key: str, quantity: str, path: str | Path) -> float:
+    """One number in SI units; an array of one counts."""
+    values = read_si(group, key, quantity, path)
+    if values.size != 1:
+        raise ValueError(
+            f"{place(group, key, path)} has shape {values.shape}; one number is needed"
+        )
+    return float(values.reshape(()))
+
+
+def to_json(value: Any) -> str:
+    """JSON text; arrays and tensors become lists, what JSON does not know becomes text."""
+    return json.dumps(
+        value, default=lambda item: item.tolist() if hasattr(item, "tolist") else str(item)
+    )
+
+
+def read_json(file: h5py.File, key: str, path: str | Path, default: Any) -> Any:
+    """A JSON attribute, or ``default`` if there is none."""
+    text = text_attribute(file, key)
+    try:
+        return json.loads(text) if text else default
+    except json.JSONDecodeError as error:
+        raise ValueError(
+            f"{path}: attribute {key!r} is not JSON ({error}); repair or remove it"
+        ) from error
+
+
+def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
+    """Impedances by name, each as two scalars whose attribute ``label`` holds the name."""
+    for number, (label, value) in enumerate(reference.items()):
+        stem = "reference_" + re.sub(r"\W+", "_", label)
+        if f"{stem}_resistance" in file:
+            stem = f"{stem}_{number}"
+        for part, amount in (
+            ("resistance", complex(value).real),
+            ("reactance", complex(value).imag),
+        ):
+            write_variable(file, f"{stem}_{part}", amount, "1").attrs["label"] = label
+
+
+def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
+    """What ``write_references`` wrote."""
+    found = {}
+    for key in file:
+        if key.startswith("reference_") and key.endswith("_resistance"):
+            stem = key.removesuffix("resistance")
+            label = text_attribute(file[key], "label") or stem[10:-1].replace("_", " ")
+            found[label] = complex(
+                read_number(file, key, "number", path),
+                read_number(file, stem + "reactance", "number", path),
+            )
+    return found
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,12 @@ from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
+    read_json,
+    read_references,
     text_attribute,
+    to_json,
     write_dimension,
+    write_references,
     write_variable,
     written_whole,
 )
@@ -41,20 +44,16 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         file.attrs["schema"] = SCHEMA
         file.attrs["title"] = result.title
         file.attrs["source_side"] = result.source_side
-        file.attrs["choices"] = json.dumps(dict(result.choices))
-        file.attrs["notes"] = json.dumps(list(result.notes))
-        file.attrs["fluid"] = json.dumps(dataclasses.asdict(result.fluid))
+        file.attrs["choices"] = to_json(dict(result.choices))
+        file.attrs["notes"] = to_json(list(result.notes))
+        file.attrs["fluid"] = to_json(dataclasses.asdict(result.fluid))
         write_dimension(file, "frequency", _plain(result.frequency), "Hz")
         dims = _write_axes(file, result)
         _write_fields(file, result, dims)
         for key, unit in SCALARS.items():
             if getattr(result, key) is not None:
                 write_variable(file, key, float(getattr(result, key)), unit)
-        for label, value in result.reference.items():
-            stem = f"reference_{label.replace(' ', '_')}"
-            write_variable(file, f"{stem}_resistance", complex(value).real, "1")
-            write_variable(file, f"{stem}_reactance", complex(value).imag, "1")
-            file[f"{stem}_resistance"].attrs["label"] = label
+        write_references(file, result.reference)
 
 
 def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
@@ -126,10 +125,8 @@ def read_map(path: str | Path) -> ImpedanceMap:
     path = Path(path)
     with open_file(path) as file:
         if text_attribute(file, "schema") != SCHEMA:
-            raise ValueError(
-                f"{path} is not an impedance map: its schema is {text_attribute(file, 'schema')!r}, "
-                f"{SCHEMA!r} is needed"
-            )
+            found = text_attribute(file, "schema")
+            raise ValueError(f"{path} is no impedance map: its schema is {found!r}, not {SCHEMA!r}")
 
         def real(key: str) -> Tensor:
             return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
@@ -143,13 +140,6 @@ def read_map(path: str | Path) -> ImpedanceMap:
             known = key in file and text_attribute(file[key], "units") == "m"
             return real(key) if known else None
 
-        references = {
-            str(file[key].attrs["label"]): complex(
-                float(file[key][()]), float(file[key[:-10] + "reactance"][()])
-            )
-            for key in file
-            if key.startswith("reference_") and key.endswith("_resistance")
-        }
         return ImpedanceMap(
             frequency=real("frequency"),
             reflection=both("reflection"),
@@ -165,13 +155,13 @@ def read_map(path: str | Path) -> ImpedanceMap:
             x=coordinate("x"),
             z=coordinate("z"),
             **{key: float(file[key][()]) if key in file else None for key in SCALARS},
-            fluid=Fluid(**json.loads(text_attribute(file, "fluid") or "{}")),
-            reference=references,
+            fluid=Fluid(**read_json(file, "fluid", path, {})),
+            reference=read_references(file, path),
             source_side=text_attribute(file, "source_side") or "unknown",
             goodrich=both("goodrich_", impedance) if "goodrich_resistance" in file else None,
             title=text_attribute(file, "title") or "",
-            choices=json.loads(text_attribute(file, "choices") or "{}"),
-            notes=tuple(json.loads(text_attribute(file, "notes") or "[]")),
+            choices=read_json(file, "choices", path, {}),
+            notes=tuple(read_json(file, "notes", path, [])),
         )
 
 

@@ -6,7 +6,7 @@ as they are. Numbers beside the velocity are scalar variables with CF units.
 
 from __future__ import annotations
 
-import json
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,14 @@ from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
+    read_json,
+    read_number,
+    read_references,
     read_si,
     text_attribute,
+    to_json,
     write_dimension,
+    write_references,
     write_variable,
     written_whole,
 )
@@ -93,7 +98,8 @@ class H5Velocity:
             ) from error
         dtype = np.float32 if self.dtype == torch.float32 else np.float64
         values = torch.from_numpy(np.ascontiguousarray(part, dtype=dtype))
-        values = values.movedim(self.time_axis, 0).reshape(end - begin, -1)
+        values = values.movedim(self.time_axis, 0)
+        values = values.reshape(values.shape[0], math.prod(self.shape[:-1]))
         return values if self.factor == 1 else values * self.factor
 
     def load(self) -> Tensor:
@@ -112,13 +118,17 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
         plane: record.
         path: .h5 or .nc.
         compress: gzip in tiles (smaller, slower); default contiguous, as fast as the disk.
+    Raises:
+        ValueError: a single sample: a file's sampling rate is that of its times.
     """
+    if plane.samples < 2:
+        raise ValueError(f"{plane.name} has 1 sample; at least two times are needed in a file")
     with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["Conventions"] = "CF-1.8"
         file.attrs["schema"] = SCHEMA
         for key in ("title", "source_side", "liner"):
             file.attrs[key] = getattr(plane, key)
-        file.attrs["provenance"] = json.dumps(dict(plane.provenance))
+        file.attrs["provenance"] = to_json(dict(plane.provenance))
         write_dimension(file, "time", np.arange(plane.samples) / plane.sampling_rate, "s")
         dims = _write_coordinates(file, plane)
         _write_velocity(file, VELOCITY, plane, dims, compress)
@@ -131,11 +141,7 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
                 write_variable(file, key, float(getattr(plane, key)), unit)
         for key, (_, unit) in FLUID.items():
             write_variable(file, key, float(getattr(plane.fluid, key)), unit)
-        for label, value in plane.reference.items():
-            stem = f"reference_{label.replace(' ', '_')}"
-            for part in ("resistance", "reactance"):
-                number = complex(value).real if part == "resistance" else complex(value).imag
-                write_variable(file, f"{stem}_{part}", number, "1").attrs["label"] = label
+        write_references(file, plane.reference)
 
 
 def _write_coordinates(file: h5py.File, plane: VelocityPlane) -> tuple[str, ...]:
@@ -149,7 +155,10 @@ def _write_coordinates(file: h5py.File, plane: VelocityPlane) -> tuple[str, ...]
             )
         return ("z", "x")
     if len(shape) == 0:
-        shape = (1,)
+        for name in ("x", "z"):
+            if getattr(plane, name) is not None:
+                write_variable(file, name, float(getattr(plane, name)), "m")
+        return ()
     if plane.z is None and plane.x is not None and bool((plane.x.diff() > 0).all()):
         write_dimension(file, "x", plane.x, "m")
         return ("x",)
@@ -176,7 +185,9 @@ def _write_velocity(
     rows = 256 if compress else SLAB_ROWS
     for begin in range(0, plane.samples, rows):
         end = min(begin + rows, plane.samples)
-        dataset[begin:end] = plane.read(begin, end).cpu().numpy().reshape(end - begin, *shape[1:])
+        dataset[begin:end] = (
+            plane.read(begin, end).detach().cpu().numpy().reshape(end - begin, *shape[1:])
+        )
 
 
 def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
@@ -205,20 +216,19 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
                     f"{velocity.shape}; they share probes and times"
                 )
             stream = _stored(file, STREAMWISE, axis, path)
-        fluid = {k: float(read_si(file, k, q, path)) for k, (q, _) in FLUID.items() if k in file}
         coordinates: dict[str, Any] = {k: _coordinate(file, k, shape, path) for k in ("x", "z")}
         plane = VelocityPlane(
             stored,
             sampling_rate=rate,
-            streamwise=stream,
-            fluid=Fluid(**fluid),
+            streamwise=stream if lazy or stream is None else stream.load(),
+            fluid=_fluid(file, path),
             **coordinates,
-            **{k: float(read_si(file, k, q, path)) for k, (q, _) in SCALARS.items() if k in file},
+            **{k: read_number(file, k, q, path) for k, (q, _) in SCALARS.items() if k in file},
             source_side=text_attribute(file, "source_side") or "unknown",
             liner=text_attribute(file, "liner") or "",
             title=text_attribute(file, "title") or path.stem,
-            reference=_references(file, path),
-            provenance=json.loads(text_attribute(file, "provenance") or "{}"),
+            reference=read_references(file, path),
+            provenance=read_json(file, "provenance", path, {}),
             name=f"{path}:/{VELOCITY}",
         )
     return plane if lazy else plane.load()
@@ -231,6 +241,14 @@ def _stored(file: h5py.File, key: str, axis: int, path: Path) -> H5Velocity:
     return H5Velocity(
         path, key, axis, si_factor("velocity", text_attribute(dataset, "units"), name)
     )
+
+
+def _fluid(file: h5py.File, path: Path) -> Fluid:
+    values = {k: read_number(file, k, q, path) for k, (q, _) in FLUID.items() if k in file}
+    try:
+        return Fluid(**values)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _sampling_rate(file: h5py.File, path: Path) -> tuple[float, int]:
@@ -249,7 +267,7 @@ def _sampling_rate(file: h5py.File, path: Path) -> tuple[float, int]:
         worst = int(np.abs(steps - step).argmax())
         raise ValueError(
             f"{name} is not uniform: stamps are off by up to {error.max():.3g} sampling intervals "
-            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s against "
+            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
             f"{step:.6g} s on average. Resample the data to uniform times first"
         )
     return float(1 / step), len(time)
@@ -266,14 +284,22 @@ def _time_axis(velocity: h5py.Dataset, samples: int, path: Path) -> int:
     elif shape[-1] == samples:
         axis = -1
     else:
-        raise ValueError(f"{name} has shape {shape}, but /time has {samples} values")
+        raise ValueError(
+            f"{name} has shape {shape}, but /time has {samples} values; time is its first or last "
+            "axis"
+        )
     if labels.count("time") == 0 and shape[0] == shape[-1] and len(shape) > 1:
         raise ValueError(
             f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach "
             "the dimension scale 'time' to the right one"
         )
-    if shape[axis] != samples:
-        raise ValueError(f"{name} has {shape[axis]} samples, /time has {samples}")
+    if shape[axis] != samples or "time" in labels[1:-1]:
+        raise ValueError(
+            f"{name} has shape {shape} with time on axis {labels.index('time')}, /time has "
+            f"{samples} values; time is its first or last axis"
+        )
+    if [label for label in labels if label in ("z", "x")] == ["x", "z"]:
+        raise ValueError(f"{name} has dimensions {tuple(labels)}; z comes before x: transpose it")
     return axis
 
 
@@ -287,14 +313,3 @@ def _coordinate(file: h5py.File, key: str, shape: tuple[int, ...], path: Path) -
             f"{path}:/{key} has {len(values)} values; the velocity's probes, {shape}, need {wanted}"
         )
     return values
-
-
-def _references(file: h5py.File, path: Path) -> dict[str, complex]:
-    found = {}
-    for key in file:
-        if key.startswith("reference_") and key.endswith("_resistance"):
-            twin = key.removesuffix("resistance") + "reactance"
-            label = text_attribute(file[key], "label") or key[10:-11].replace("_", " ")
-            real = float(get_dataset(file, key, path)[()])
-            found[label] = complex(real, float(get_dataset(file, twin, path)[()]))
-    return found

@@ -8,17 +8,18 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.checks import did_you_mean
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import get_dataset, open_file, read_si
+from torchliner.io.hdf5 import get_dataset, open_file, place, read_si, text_attribute
+from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
+from torchliner.words import did_you_mean
 
 
 def resolved_cases(path: str | Path) -> dict[str, list[float]]:
     """Cases of a resolved-liner file and the heights (m) of their lines or planes."""
     with open_file(path) as file:
         return {
-            name: [round(float(y), 9) for y in group["y_lines"][()]]
+            name: [round(float(y), 9) for y in read_si(group, "y_lines", "length", path)]
             for name, group in file.items()
             if isinstance(group, h5py.Group) and "y_lines" in group
         }
@@ -46,47 +47,46 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")
     with open_file(path) as file:
         group = file[case]
-        known = dict(group.attrs)
         three = "z" in group
-        velocity = np.moveaxis(get_dataset(group, "v_n", path)[:, line, ..., ::stride], 0, -1)
+        whole = slice(None)
+        velocity = _time_last(group, "v_n", (whole, line, ..., slice(None, None, stride)), path)
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
-            stream = np.moveaxis(group["u_x"][:, line], 0, -1)
-        time = group["time"][()]
-        density = float(known["density_kg_m3"])
+            stream = _time_last(group, "u_x", (whole, line), path)
+        time = read_si(group, "time", "time", path)
+        density = _attribute(group, "density_kg_m3", path)
         truth = "insitu" if three else "wave"
         other = ("top row", "top") if three else ("in situ", "insitu")
-        mach = float(known["mach"])
         provenance = {
             "source": str(file.attrs.get("source", "")),
             "solver": str(file.attrs.get("solver", "")),
             "case": case,
             "stride_x": stride,
-            "periods_behind_truth": int(known["n_periods_analysed"]),
+            "periods_behind_truth": int(_attribute(group, "n_periods_analysed", path)),
         }
         return VelocityPlane(
-            np.ascontiguousarray(velocity),
+            velocity,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
             height=cases[case][line],
             x=read_si(group, "x", "length", path)[::stride],
             z=read_si(group, "z", "length", path) if three else None,
-            streamwise=None if stream is None else np.ascontiguousarray(stream),
+            streamwise=stream,
             # An isothermal lattice gas: gamma = 1, no thermal losses.
             fluid=Fluid(
-                float(known["sound_speed_m_s"]),
+                _attribute(group, "sound_speed_m_s", path),
                 density,
-                float(known["kinematic_viscosity_m2_s"]) * density,
+                _attribute(group, "kinematic_viscosity_m2_s", path) * density,
                 1.0,
                 1.0,
             ),
-            frequency=float(known["frequency_Hz"]),
-            incident_level=float(known["incident_SPL_dB_nominal"]),
-            mach=mach,
+            frequency=_attribute(group, "frequency_Hz", path),
+            incident_level=_attribute(group, "incident_SPL_dB_nominal", path),
+            mach=_attribute(group, "mach", path),
             source_side="normal",
             liner="lbm_orifice" if three else "lbm_slit",
             reference={
-                "true": _complex(known, truth),
-                other[0]: _complex(known, other[1]),
+                "true": _complex(group, truth, path),
+                other[0]: _complex(group, other[1], path),
             },
             title=f"resolved {'orifice (3-D)' if three else 'slit (2-D)'}, case {case}, "
             f"y = {1e3 * cases[case][line]:g} mm",
@@ -95,8 +95,22 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         )
 
 
-def _complex(known: dict[str, Any], key: str) -> complex:
-    return complex(float(known[f"Z_{key}_re"]), float(known[f"Z_{key}_im"]))
+def _attribute(group: h5py.Group, key: str, path: str | Path) -> float:
+    if key not in group.attrs:
+        raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
+    return float(group.attrs[key])
+
+
+def _complex(group: h5py.Group, key: str, path: str | Path) -> complex:
+    return complex(*(_attribute(group, f"Z_{key}_{part}", path) for part in ("re", "im")))
+
+
+def _time_last(group: h5py.Group, key: str, part: Any, path: str | Path) -> np.ndarray:
+    """A part of a velocity dataset, m/s, its first remaining axis, time, moved to the end."""
+    dataset = get_dataset(group, key, path)
+    factor = si_factor("velocity", text_attribute(dataset, "units"), place(group, key, path))
+    values = np.ascontiguousarray(np.moveaxis(dataset[part], 0, -1))
+    return values if factor == 1 else values * values.dtype.type(factor)
 
 
 def read_channel(
@@ -116,12 +130,12 @@ def read_channel(
         if not 0 <= plane < len(heights):
             raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {plane}")
         time = read_si(file, "t", "time", path)
-        values = np.moveaxis(get_dataset(file, "v", path)[plane], 0, -1)
+        values = _time_last(file, "v", plane, path)
         stream = None
         if "u_plane1" in file and plane == 1:
-            stream = np.ascontiguousarray(np.moveaxis(file["u_plane1"][()], 0, -1))
+            stream = _time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
-            np.ascontiguousarray(values),
+            values,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
             height=float(heights[plane]),
             x=read_si(file, "x", "length", path),
@@ -131,7 +145,7 @@ def read_channel(
             liner="hard wall",
             provenance={
                 "solver": str(file.attrs.get("solver", "")),
-                "Re_tau": float(file.attrs["Re_tau"]),
+                "Re_tau": _attribute(file, "Re_tau", path),
                 "scale_length": length,
                 "scale_velocity": velocity,
             },

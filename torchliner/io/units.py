@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from torchliner.checks import did_you_mean
+from torchliner.words import did_you_mean
 
 FACTORS: dict[str, dict[str, float]] = {
     "velocity": {"m/s": 1.0, "m s-1": 1.0, "m s^-1": 1.0, "m.s-1": 1.0, "mm/s": 1e-3, "cm/s": 1e-2,

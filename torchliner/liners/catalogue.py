@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from torchliner.checks import did_you_mean
 from torchliner.fluid import Fluid
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
+from torchliner.words import did_you_mean
 
 
 class _Strict(BaseModel):
@@ -92,7 +92,17 @@ def preset_names() -> list[str]:
 
 
 def preset_text(name: str) -> str:
-    """The TOML text of a preset, to copy and edit."""
+    """The TOML text of a preset, to copy and edit.
+
+    Raises:
+        ValueError: no such preset; the nearest is named.
+    """
+    known = preset_names()
+    if name not in known:
+        raise ValueError(
+            f"unknown liner {name!r}{did_you_mean(name, known)}; presets are {', '.join(known)}; "
+            "a file of your own ends in .toml or .csv"
+        )
     folder = resources.files("torchliner.liners") / "presets"
     return (folder / f"{name}.toml").read_text(encoding="utf-8")
 
@@ -111,14 +121,15 @@ def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
     if path.suffix.lower() == ".csv":
         return TabulatedLiner.read_csv(path)
     if path.suffix.lower() == ".toml":
-        return _build(path.read_text(encoding="utf-8"), path, path.stem)
-    known = preset_names()
-    if text not in known:
-        raise ValueError(
-            f"unknown liner {text!r}{did_you_mean(text, known)}; presets are {', '.join(known)}; "
-            "a file of your own ends in .toml or .csv"
-        )
+        return _build(_read_text(path), path, path.stem)
     return _build(preset_text(text), Path(f"{text}.toml"), text)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
 
 
 def _build(text: str, path: Path, name: str) -> SDoFLiner | TabulatedLiner:
@@ -127,7 +138,7 @@ def _build(text: str, path: Path, name: str) -> SDoFLiner | TabulatedLiner:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
     kind = content.get("model")
-    if kind not in MODELS:
+    if not isinstance(kind, str) or kind not in MODELS:
         raise ValueError(
             f"{path}: model is {kind!r}{did_you_mean(str(kind), list(MODELS))}; "
             f"it is one of {', '.join(MODELS)}"

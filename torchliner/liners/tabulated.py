@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -35,7 +37,10 @@ class TabulatedLiner:
 
     def __post_init__(self) -> None:
         frequency = real_tensor(self.frequency).reshape(-1)
-        values = torch.as_tensor(self.values).to(torch.complex128)
+        values = self.values
+        if not isinstance(values, Tensor):  # a list of complex would become complex64
+            values = torch.from_numpy(np.array(values, dtype=np.complex128))
+        values = values.to(torch.complex128)
         speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
         wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
         if tuple(values.shape) != wanted:
@@ -73,8 +78,8 @@ class TabulatedLiner:
         form a full grid in any order.
 
         Raises:
-            ValueError: a missing column, a value that is no number (with its line), a gap in the
-                grid.
+            ValueError: a missing column, a value that is no number (with its line), a gap or a
+                repetition in the grid.
         """
         rows = _read_rows(Path(path))
         options.setdefault("name", Path(path).stem)
@@ -90,6 +95,10 @@ class TabulatedLiner:
         found = {
             (r["frequency"], r["speed"]): complex(r["resistance"], r["reactance"]) for r in rows
         }
+        if len(found) < len(rows):
+            raise ValueError(
+                f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed"
+            )
         for f in frequency:
             for v in speed:
                 if (f, v) not in found:
@@ -140,15 +149,23 @@ def _read_rows(path: Path) -> list[dict[str, float]]:
                     "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
                 )
         rows: list[dict[str, float]] = []
-        for number, row in enumerate(reader, start=2):
-            wanted = [n for n in ("frequency", "speed", "resistance", "reactance") if n in names]
-            try:
-                rows.append({str(name): float(row[name]) for name in wanted})
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"{path}, line {number}: {error}") from error
+        wanted = [n for n in ("frequency", "speed", "resistance", "reactance") if n in names]
+        for row in reader:
+            where = f"{path}, line {reader.line_num}"
+            rows.append({name: _number(row[name], f"{where}: {name}") for name in wanted})
     if not rows:
         raise ValueError(f"{path} has a header and no rows")
     return rows
+
+
+def _number(text: str | None, name: str) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{name} is {text!r}, not a finite number")
+    return value
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:

@@ -140,16 +140,32 @@ def build_kernels(
         high = 0.49 * sampling_rate
     builder = _two_sided if kind == "two-sided" else _causal
     taps, first = builder(liner, grid, sampling_rate, (low, high), before, after, regularisation)
-    lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
-    # Checked between the frequencies of the fit, and as far as the band's very edges.
-    check = torch.linspace(low, high, 997, dtype=torch.float64)
-    wanted = reflection_at_levels(liner, check, grid)
-    error = (_response(taps, lags, check, sampling_rate) - wanted).abs().max()
+    error, gain = _quality(taps, first, sampling_rate, (low, high), liner, grid)
+    return KernelTable(taps, first, sampling_rate, grid, (low, high), kind, error, gain)
+
+
+def _quality(
+    taps: Tensor,
+    first: int,
+    sampling_rate: float,
+    band: tuple[float, float],
+    liner: Liner,
+    grid: VelocityGrid,
+) -> tuple[float, float]:
+    """Largest |H - R| in the band, between the frequencies of the fit too, and largest |H|."""
     size = 1 << (4 * taps.shape[1] - 1).bit_length()
-    gain = torch.fft.rfft(taps, n=size).abs().max()
-    return KernelTable(
-        taps, first, sampling_rate, grid, (low, high), kind, float(error), float(gain)
+    spectrum = torch.fft.rfft(taps.detach(), n=size)
+    frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    edges = torch.tensor(band, dtype=torch.float64)
+    lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
+    shift = torch.exp(-2j * torch.pi * frequency[inside] / sampling_rate * first)
+    found = torch.cat(
+        [spectrum[:, inside] * shift, _response(taps.detach(), lags, edges, sampling_rate)], dim=1
     )
+    with torch.no_grad():
+        wanted = reflection_at_levels(liner, torch.cat([frequency[inside], edges]), grid)
+    return float((found - wanted).abs().max()), float(spectrum.abs().max())
 
 
 def _response(taps: Tensor, lags: Tensor, frequency: Tensor, sampling_rate: float) -> Tensor:

@@ -10,7 +10,7 @@ import torch
 from scipy.signal import get_window
 from torch import Tensor
 
-from torchliner.checks import did_you_mean
+from torchliner.words import did_you_mean
 
 NAMES = [
     *("boxcar", "triang", "blackman", "hamming", "hann", "bartlett", "flattop", "parzen", "bohman"),

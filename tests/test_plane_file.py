@@ -1,0 +1,262 @@
+"""The plane file: what is written is read back, and what cannot be read says why.
+
+Missing, damaged and interrupted files: see test_map_file.py, for both kinds at once.
+"""
+
+import pickle
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import torch
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import torchliner as tl
+from torchliner.io.plane_file import SLAB_ROWS, write_plane
+
+RATE = 50e3
+# name -> probe shape, coordinates, dimensions in the file
+LAYOUTS = {
+    "plane": ((3, 4), {"x": [0.0, 0.001, 0.002, 0.003], "z": [0.0, 0.01, 0.02]}, "time z x"),
+    "bare plane": ((3, 4), {}, "time z x"),
+    "line": ((4,), {"x": [0.0, 0.1, 0.2, 0.4]}, "time x"),
+    "line upstream": ((3,), {"x": [0.2, 0.1, 0.0]}, "time probe"),
+    "scattered": ((3,), {"x": [0.2, 0.1, 0.3], "z": [0.0, 0.5, 0.0]}, "time probe"),
+    "bare probes": ((3,), {}, "time probe"),
+    "one probe": ((1,), {"x": [0.7]}, "time x"),
+    "one probe in a plane": ((1, 1), {"x": [0.7], "z": [0.1]}, "time z x"),
+    "no probe axis": ((), {}, "time"),
+}
+
+
+def make_plane(shape=(3, 4), samples=20, dtype=torch.float64, rate=RATE, **about):
+    noise = torch.Generator().manual_seed(samples)
+    velocity = torch.randn(*shape, samples, generator=noise, dtype=dtype)
+    return tl.VelocityPlane(velocity, sampling_rate=rate, **about)
+
+
+TIMES = np.arange(20) / RATE
+
+
+def raw_file(path, velocity, time=TIMES, dims=(), units="m/s", time_units="s", **more):
+    """A file as others might write it; ``more``: dataset = (values, units)."""
+    with h5py.File(path, "w") as file:
+        datasets = {"wall_normal_velocity": (velocity, units), "time": (time, time_units), **more}
+        for name, (values, unit) in datasets.items():
+            if values is not None:
+                file[name] = values
+                file[name].attrs.update({} if unit is None else {"units": unit})
+        for axis, name in enumerate(dims):
+            if name not in file:
+                file[name] = np.arange(velocity.shape[axis]) + 0.5
+                file[name].attrs["units"] = "1"
+            file[name].make_scale(name)
+            file["wall_normal_velocity"].dims[axis].attach_scale(file[name])
+    return path
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_round_trip(tmp_path, layout, dtype):
+    shape, coordinates, dims = LAYOUTS[layout]
+    streamwise = make_plane(shape, dtype=dtype).velocity + 10
+    plane = make_plane(shape, dtype=dtype, streamwise=streamwise, **coordinates)
+    plane.write(tmp_path / "a.h5")
+    found = tl.read_plane(tmp_path / "a.h5")
+    for name in ("velocity", "streamwise"):
+        assert torch.equal(getattr(found, name), getattr(plane, name))
+        assert getattr(found, name).dtype == dtype
+    for name in ("x", "z"):
+        wanted = coordinates.get(name)
+        assert wanted == (None if found.__dict__[name] is None else found.__dict__[name].tolist())
+    assert found.sampling_rate == pytest.approx(RATE, rel=1e-14)
+    with xarray.open_dataset(tmp_path / "a.h5", engine="h5netcdf") as data:
+        assert data.wall_normal_velocity.dims == tuple(dims.split())
+        units = {key: data[key].units for key in ("wall_normal_velocity", "time", "density")}
+        assert units == {"wall_normal_velocity": "m/s", "time": "s", "density": "kg/m3"}
+        assert all(data[key].units == "m" for key in coordinates)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    shape=st.lists(st.integers(1, 4), max_size=2).map(tuple),
+    samples=st.sampled_from([2, 3, 255, 256, 257, SLAB_ROWS, SLAB_ROWS + 1]),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+    rate=st.floats(1.0, 1e7),
+    compress=st.booleans(),
+)
+def test_round_trip_of_any_shape(tmp_path_factory, shape, samples, dtype, rate, compress):
+    path = tmp_path_factory.getbasetemp() / "any.h5"
+    plane = make_plane(shape, samples, dtype, rate)
+    write_plane(plane, path, compress)
+    found = tl.read_plane(path)
+    assert torch.equal(found.velocity, plane.velocity)
+    assert found.sampling_rate == pytest.approx(rate, rel=1e-12)
+    assert torch.equal(tl.read_plane(path, lazy=True).read(1, samples), plane.read(1, samples))
+
+
+def test_what_stands_beside_the_velocity_comes_back(tmp_path):
+    plane = make_plane(
+        height=1e-3, frequency=1400.0, incident_level=130.0, mach=0.3, source_side="upstream",
+        displacement_thickness=1.73e-3, liner="onera", title="a case", provenance={"run": [1, "b"]},
+        fluid=tl.Fluid(340.0, 1.2, 1.8e-5, 1.3, 0.7),
+        reference={"true": 1.5 - 0.25j, "in situ": 2, "in_situ": 3j, "p/v, wall": 1 + 1j},
+    )  # fmt: skip
+    plane.write(tmp_path / "a.h5")
+    found = tl.read_plane(tmp_path / "a.h5")
+    same = ("height", "frequency", "incident_level", "mach", "source_side", "liner", "title",
+            "displacement_thickness", "provenance", "fluid", "reference")  # fmt: skip
+    assert {key: getattr(found, key) for key in same} == {key: getattr(plane, key) for key in same}
+    assert found.name.endswith("a.h5:/wall_normal_velocity")
+
+
+def test_time_is_first_in_the_file(tmp_path):
+    make_plane().write(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["wall_normal_velocity"][7, 2, 1] == make_plane().velocity[2, 1, 7]
+        assert file["time"][7] == 7 / RATE
+        assert file["wall_normal_velocity"].attrs["positive"] == "away from the liner"
+
+
+def test_lazy_plane_reads_the_same_slabs(tmp_path):
+    plane = make_plane(samples=30, streamwise=make_plane(samples=30).velocity)
+    plane.write(tmp_path / "a.h5")
+    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
+    assert not isinstance(lazy.velocity, torch.Tensor)
+    assert (lazy.samples, lazy.probe_shape) == (30, (3, 4))
+    for begin, end in ((0, 30), (3, 7), (29, 30), (25, 99)):
+        assert torch.equal(lazy.read(begin, end), plane.read(begin, end))
+    again = pickle.loads(pickle.dumps(lazy.velocity))
+    assert torch.equal(again.load(), plane.velocity)
+    assert torch.equal(lazy.load().velocity, plane.velocity)
+    assert torch.equal(lazy.streamwise.load(), plane.velocity)
+
+
+def test_lazy_plane_may_be_written_over_its_own_file(tmp_path):
+    make_plane().write(tmp_path / "a.h5")
+    replace(tl.read_plane(tmp_path / "a.h5", lazy=True), title="new").write(tmp_path / "a.h5")
+    found = tl.read_plane(tmp_path / "a.h5")
+    assert found.title == "new"
+    assert torch.equal(found.velocity, make_plane().velocity)
+
+
+WAVE = np.random.default_rng(0).normal(size=(20, 6))
+SQUARE = np.random.default_rng(0).normal(size=(20, 20))
+
+
+@pytest.mark.parametrize(
+    ("velocity", "wanted", "dims"),
+    [
+        (WAVE, WAVE.T, ()),
+        (WAVE.T, WAVE.T, ()),
+        (WAVE.T, WAVE.T, ("probe", "time")),
+        (SQUARE, SQUARE, ("probe", "time")),
+        (SQUARE, SQUARE.T, ("time", "probe")),
+        (WAVE.T.reshape(2, 3, 20), WAVE.T.reshape(2, 3, 20), ()),
+        (WAVE.astype(">f4"), WAVE.T.astype("f4"), ()),
+    ],
+)
+def test_layouts_of_others_are_read_as_they_are(tmp_path, velocity, wanted, dims):
+    path = raw_file(tmp_path / "a.h5", velocity, dims=dims)
+    found, lazy = tl.read_plane(path), tl.read_plane(path, lazy=True)
+    assert np.array_equal(found.velocity.numpy(), wanted)
+    assert torch.equal(lazy.read(4, 9), found.read(4, 9))
+
+
+def test_units_are_converted(tmp_path):
+    path = raw_file(
+        tmp_path / "a.h5", 1e3 * WAVE, 1e3 * TIMES, (), "mm/s", "ms",
+        x=(np.arange(6.0), "mm"), frequency=([1.4], "kHz"),
+    )  # fmt: skip
+    found = tl.read_plane(path)
+    assert np.allclose(found.velocity, WAVE.T, rtol=1e-14)
+    assert found.sampling_rate == pytest.approx(RATE)
+    assert found.x.tolist() == pytest.approx([0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
+    assert found.frequency == pytest.approx(1400.0)
+
+
+def shifted(intervals):
+    time = TIMES.copy()
+    time[10] += intervals / RATE
+    return time
+
+
+def test_small_jitter_of_time_is_accepted(tmp_path):
+    found = tl.read_plane(raw_file(tmp_path / "a.h5", WAVE, shifted(0.009)))
+    assert found.sampling_rate == pytest.approx(RATE)
+
+
+V, T = "a.h5:/wall_normal_velocity", "a.h5:/time"
+BAD = {
+    "no velocity": ({"velocity": None}, f"{V} is missing; the file holds: time"),
+    "no time": ({"time": None}, f"{T} is missing; the file holds: wall_normal_velocity"),
+    "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\); \(time, z, x\) or"),
+    "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but /time has 20 values; time is its"),
+    "short": ({"velocity": WAVE[:19], "dims": ("t", "p")}, r"\(19, 6\), but /time has 20"),
+    "time inside": ({"velocity": np.ones((20, 20, 2)), "dims": ("z", "time", "x")}, "on axis 1"),
+    "x before z": ({"velocity": np.ones((20, 2, 2)), "dims": ("time", "x", "z")}, "transpose it"),
+    "square": ({"velocity": SQUARE}, r"\(20, 20\): first and last axis both fit the 20 .* Attach"),
+    "integers": ({"velocity": WAVE.astype(np.int16)}, f"{V} is int16; floating-point m/s"),
+    "complex": ({"velocity": WAVE + 0j}, f"{V} is complex128; floating-point m/s"),
+    "no units": ({"units": None}, f"{V} has no units attribute; set it to one of m/s, "),
+    "mistyped units": ({"units": "M/s"}, rf"{V} has units 'M/s' \(did you mean 'm/s'\?\)"),
+    "wrong units": ({"units": "Pa"}, f"{V} has units 'Pa'.*a velocity is needed in one of m/s"),
+    "no time units": ({"time_units": None}, f"{T} has no units attribute; set it to one of s, ms"),
+    "time units": ({"time_units": "m"}, f"{T} has units 'm'.*a time is needed in one of s, ms"),
+    "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*Resample"),
+    "backward": ({"time": TIMES[::-1]}, f"{T} does not increase: it runs from 0.00038 to 0 s"),
+    "one time": ({"time": np.zeros(1)}, rf"{T} has shape \(1,\); a list of at least two times"),
+    "text time": ({"time": [b"0"] * 20}, f"{T} is |S1; numbers are needed"),
+    "nan time": ({"time": shifted(np.nan)}, f"{T} holds 1 values not finite"),
+    "x": ({"x": (np.zeros(5), "m")}, r"a.h5:/x has 5 values; .*\(6,\), need 6"),
+    "x units": ({"x": (np.zeros(6), None)}, "a.h5:/x has no units attribute"),
+    "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"e_velocity has shape \(20, 5\), /"),
+    "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
+    "height": ({"height": (0.0, "m")}, f"{V}: height is 0; it must be finite and above 0"),
+    "density": ({"density": (-1.0, "kg/m3")}, r"a.h5: fluid density is -1; it must be .* above 0"),
+    "reference": ({"reference_a_resistance": (1.0, "1")}, "a.h5:/reference_a_reactance is missing"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_file_is_refused_with_its_place(tmp_path, kind):
+    changes, message = BAD[kind]
+    path = raw_file(tmp_path / "a.h5", **{"velocity": WAVE, **changes})
+    with pytest.raises(ValueError, match=message):
+        tl.read_plane(path)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "message"),
+    [
+        ("provenance", "by hand", "a.h5: attribute 'provenance' is not JSON.*repair or remove it"),
+        ("source_side", "left", f"{V}: source_side is 'left'; one of .'upstream', 'downstream'"),
+    ],
+)
+def test_bad_attribute_is_refused(tmp_path, attribute, value, message):
+    path = raw_file(tmp_path / "a.h5", WAVE)
+    with h5py.File(path, "a") as file:
+        file.attrs[attribute] = value
+    with pytest.raises(ValueError, match=message):
+        tl.read_plane(path)
+
+
+def test_damaged_tile_is_named(tmp_path):
+    path = tmp_path / "a.h5"
+    write_plane(make_plane((40,), 300), path, compress=True)
+    with h5py.File(path) as file:
+        tile = file["wall_normal_velocity"].id.get_chunk_info(1)
+    content = bytearray(path.read_bytes())
+    content[tile.byte_offset : tile.byte_offset + tile.size] = bytes(tile.size)
+    path.write_bytes(content)
+    with pytest.raises(OSError, match=f"{V} cannot be read from sample 0 to 300"):
+        tl.read_plane(path)
+
+
+def test_single_sample_cannot_be_written(tmp_path):
+    with pytest.raises(ValueError, match="velocity has 1 sample; at least two times are needed"):
+        make_plane(samples=1).write(tmp_path / "a.h5")
+    assert list(tmp_path.iterdir()) == []

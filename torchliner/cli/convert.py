@@ -1,0 +1,102 @@
+"""torchliner convert."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torchliner.records import VelocityPlane
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("source", type=Path, help=".npy, .mat, .h5, or a simulation file")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="plane file to write")
+    parser.add_argument("--layout", choices=["array", "resolved", "channel"], default="array",
+                        help="array: one variable, all stated here; resolved, channel: the "
+                        "project's simulation files")  # fmt: skip
+    parser.add_argument("--case", help="resolved: group")
+    parser.add_argument(
+        "--line", type=int, default=0, help="resolved, channel: index of the height"
+    )
+    parser.add_argument("--stride", type=int, default=1, help="resolved: keep every n-th x")
+    array = parser.add_argument_group("array")
+    array.add_argument("--variable", help="name in the file, if it holds several")
+    array.add_argument("--axes", help="its axes in order, e.g. time,z,x or probe,time")
+    array.add_argument("--velocity-units", help="m/s, mm/s, ...")
+    array.add_argument("--sampling-rate", type=float, metavar="HZ")
+    array.add_argument("--towards-liner", action="store_true", help="data are positive INTO it")
+    array.add_argument("--x", help="coordinates: FILE or FILE:VARIABLE")
+    array.add_argument("--z", help="likewise")
+    array.add_argument("--length-units", default="m", help="of --x and --z")
+    about = parser.add_argument_group("about the case (SI)")
+    about.add_argument("--height", type=float, metavar="M")
+    about.add_argument("--frequency", type=float, metavar="HZ")
+    about.add_argument("--incident-level", type=float, metavar="DB")
+    about.add_argument("--mach", type=float)
+    about.add_argument("--displacement-thickness", type=float, metavar="M")
+    about.add_argument("--source-side", choices=["upstream", "downstream", "normal", "none"])
+    about.add_argument("--liner", help="name of the liner below")
+    about.add_argument("--title")
+    scale = parser.add_argument_group("scaling (time scales by length/velocity)")
+    scale.add_argument("--scale-length", type=float, default=1.0)
+    scale.add_argument("--scale-velocity", type=float, default=1.0)
+    parser.add_argument("--compress", action="store_true", help="gzip: smaller, slower to read")
+
+
+ABOUT = (
+    "height frequency incident_level mach displacement_thickness source_side liner title"
+).split()
+
+
+def run(options: argparse.Namespace) -> int:
+    """Read, scale, write, and say what was written."""
+    from torchliner.io.plane_file import write_plane
+    from torchliner.io.resolved import read_channel, read_resolved
+
+    if options.layout == "resolved":
+        if options.case is None:
+            raise ValueError("--layout resolved needs --case")
+        plane = read_resolved(options.source, options.case, options.line, options.stride)
+    elif options.layout == "channel":
+        plane = read_channel(options.source, options.line)
+    else:
+        plane = _from_array(options)
+    if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
+        plane = plane.scaled(options.scale_length, options.scale_velocity)
+    said = {key: getattr(options, key) for key in ABOUT if getattr(options, key) is not None}
+    plane = replace(plane, **said, provenance={**plane.provenance, "file": options.source.name})
+    write_plane(plane, options.output, compress=options.compress)
+    shape = "x".join(str(n) for n in plane.probe_shape) or "1"
+    print(f"{options.output}: {shape} probes, {plane.samples} samples at "
+          f"{plane.sampling_rate:g} Hz")  # fmt: skip
+    return 0
+
+
+def _from_array(options: argparse.Namespace) -> VelocityPlane:
+    from torchliner.io.arrays import plane_from_array, read_array
+
+    for name in ("axes", "velocity_units", "sampling_rate"):
+        if getattr(options, name) is None:
+            raise ValueError(
+                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
+            )
+    coordinates = {}
+    for name in ("x", "z"):
+        where = getattr(options, name)
+        if where is not None:
+            file, _, variable = where.partition(":")
+            coordinates[name] = read_array(file, variable or None)
+    return plane_from_array(
+        read_array(options.source, options.variable),
+        options.axes.split(","),
+        options.velocity_units,
+        options.sampling_rate,
+        towards_liner=options.towards_liner,
+        length_units=options.length_units,
+        name=str(options.source),
+        **coordinates,
+    )

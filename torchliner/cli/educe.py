@@ -1,0 +1,174 @@
+"""torchliner educe."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchliner.cli.options import add_output_options, print_json, progress_bar, warnings_on_stderr
+
+if TYPE_CHECKING:
+    from torchliner.records import ImpedanceMap, VelocityPlane
+
+CHOICES = [
+    "engine",
+    "phase",
+    "edge",
+    "window",
+    "drive",
+    "mean",
+    "kernel",
+    "response",
+    "levels",
+    "spacing",
+    "interpolation",
+    "velocity_max",
+    "pre_roll",
+    "running_window",
+    "minimum_coherence",
+    "missing",
+    "allow_short",
+    "device",
+    "dtype",
+    "band",
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options; their defaults are those of ``torchliner.educe``."""
+    parser.add_argument("planes", nargs="+", type=Path, help="plane files (several: heights)")
+    parser.add_argument("--liner", help="preset name, .toml or .csv; default: named in the file")
+    parser.add_argument(
+        "--frequency", nargs="+", type=float, metavar="HZ", help="default: the tone"
+    )
+    parser.add_argument("-o", "--output", type=Path, help="map file, .h5/.nc or .csv; several "
+                        "planes: their names are appended")  # fmt: skip
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
+    parser.add_argument("--engine", choices=["spectral", "direct"])
+    parser.add_argument("--phase", choices=["averaged", "self-consistent", "given"])
+    parser.add_argument("--reference-phase", type=float, metavar="RAD", help="for --phase given: "
+                        "x(t) = cos(2 pi f t + RAD)")  # fmt: skip
+    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
+    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
+    parser.add_argument("--kernel", choices=["two-sided", "causal"])
+    parser.add_argument("--response", choices=["model", "kernel"])
+    parser.add_argument("--edge", choices=["finite", "wrap", "silent"])
+    parser.add_argument("--window", help="window of scipy, e.g. hann, boxcar, kaiser,8")
+    parser.add_argument("--band", nargs=2, type=float, metavar="HZ", help="band of the kernel")
+    parser.add_argument("--levels", type=int, help="velocity levels of the tables")
+    parser.add_argument("--spacing", choices=["sqrt", "uniform"])
+    parser.add_argument("--interpolation", choices=["cubic", "linear"])
+    parser.add_argument("--velocity-max", type=float, metavar="M/S", help="top of the levels")
+    parser.add_argument("--pre-roll", type=float, metavar="S", help="start that only emits")
+    parser.add_argument("--running-window", type=float, metavar="S", help="of --drive running-rms")
+    parser.add_argument("--minimum-coherence", type=float, help="for --phase self-consistent")
+    parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
+    parser.add_argument("--allow-short", action="store_true", default=None,
+                        help="accept fewer than four periods")  # fmt: skip
+    parser.add_argument("--device", help="cpu, cuda, cuda:1")
+    parser.add_argument("--dtype", choices=["float32", "float64"])
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Educe every plane, print one row each, write what was asked for."""
+    from torchliner.eduction.velocity import educe
+    from torchliner.io.plane_file import read_plane
+    from torchliner.liners.catalogue import load_liner
+
+    chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
+    if "band" in chosen:
+        chosen["band"] = tuple(chosen["band"])
+    liner = load_liner(options.liner) if options.liner else None
+    found, planes = [], []
+    with warnings_on_stderr(options.quiet):
+        for path in options.planes:
+            plane = read_plane(path, lazy=True)
+            model = liner or load_liner(_liner_of(plane, path))
+            with progress_bar(2 * plane.samples, path.name, options.quiet) as step:
+                result = educe(
+                    plane, model, options.frequency, progress=step,
+                    reference_phase=options.reference_phase, **chosen,
+                )  # fmt: skip
+            if options.output is not None:
+                result.write(_output(options.output, path, len(options.planes)))
+            found.append(result)
+            planes.append(plane)
+        if options.figures is not None:
+            _draw(found, planes, options.figures)
+    _print(found, options)
+    return 0
+
+
+def _liner_of(plane: VelocityPlane, path: Path) -> str:
+    from torchliner.liners.catalogue import preset_names
+
+    if plane.liner not in preset_names():
+        said = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
+        raise ValueError(
+            f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
+        )
+    return plane.liner
+
+
+def _output(output: Path, plane: Path, count: int) -> Path:
+    return output if count == 1 else output.with_stem(f"{output.stem}_{plane.stem}")
+
+
+def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
+    from torchliner.report import figures
+    from torchliner.report.numbers import impedance_along_x, velocity_along_x
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for result, plane in zip(results, planes, strict=True):
+        stem = Path(plane.name.split(":/")[0]).stem
+        if result.mean_velocity.ndim == 2:
+            figures.draw_map(result, folder / f"map_{stem}.png")
+        impedance_along_x(result).write_csv(folder / f"along_x_{stem}.csv")
+        velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
+    figures.draw_along_x(results, folder / "along_x.png")
+    figures.draw_velocity(planes, folder / "velocity.png")
+    if len(results) > 1:
+        figures.draw_against_height(results, folder / "height.png")
+
+
+def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
+    from torchliner.report.numbers import against_height
+    from torchliner.report.truth import format_complex
+
+    if options.json:
+        print_json([_summary(result) for result in results])
+        return
+    print(f"{'y mm':>6s} {'f Hz':>7s} {'Z, admittance over probes':>26s} {'spread R, X':>14s} "
+          f"{'Z, velocity first':>18s} {'coherence':>9s} {'incident dB':>11s}")  # fmt: skip
+    for row in against_height(results):
+        height = "-" if row.height is None else f"{1e3 * row.height:.2f}"
+        spread = f"{row.spread.real:.3f} {row.spread.imag:.3f}"
+        print(f"{height:>6s} {row.frequency:7.1f} {format_complex(row.probes_first):>26s} "
+              f"{spread:>14s} {format_complex(row.velocity_first):>18s} {row.coherence:9.2f} "
+              f"{row.level:11.1f}")  # fmt: skip
+    for name, value in results[0].reference.items():
+        print(f"{name}: {format_complex(value)}")
+    choices = results[0].choices
+    if choices.get("surface") == "hard wall":
+        print("NULL TEST: there is a hard wall below these data and no liner; the values only show "
+              "what this model makes of such a velocity")  # fmt: skip
+    made = ", ".join(
+        f"{key} {choices[key]}" for key in ("engine", "phase", "edge", "drive", "kernel")
+    )
+    error = choices.get("kernel_error")
+    print(f"Z is p/(rho c v), exp(+jwt); {made}"
+          + (f"; kernel error in R {error:.1e}" if error is not None else ""))  # fmt: skip
+
+
+def _summary(result: ImpedanceMap) -> dict[str, Any]:
+    from torchliner.report.numbers import against_height
+
+    return {
+        "title": result.title,
+        "rows": [vars(row) for row in against_height([result])],
+        "reference": dict(result.reference),
+        "choices": dict(result.choices),
+        "notes": list(result.notes),
+    }

@@ -1,0 +1,45 @@
+"""torchliner info."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from torchliner.cli.options import add_output_options, print_json
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("plane", type=Path, help="plane file")
+    parser.add_argument("--figure", type=Path, help="draw v0, v', u' along x there")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the description; 1 if a check fails."""
+    from torchliner.io.plane_file import read_plane
+    from torchliner.report.inspection import inspect_plane
+
+    plane = read_plane(options.plane, lazy=True)
+    found = inspect_plane(plane)
+    if options.json:
+        print_json({"facts": found.facts, "failures": found.failures, "missing": found.missing})
+    else:
+        _print(found)
+    if options.figure is not None:
+        from torchliner.report.figures import draw_velocity
+
+        draw_velocity([plane], options.figure)
+    return 1 if found.failures else 0
+
+
+def _print(found: Any) -> None:
+    for key, value in found.facts.items():
+        print(f"{key:34s} {value:.6g}" if isinstance(value, float) else f"{key:34s} {value}")
+    if found.missing:
+        print(f"{'not stated':34s} {', '.join(found.missing)}")
+    for failure in found.failures:
+        print(f"check failed: {failure}")
+    if not found.failures:
+        print("all checks passed")

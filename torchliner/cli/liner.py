@@ -1,0 +1,109 @@
+"""torchliner liner."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from torchliner.cli.options import add_output_options, print_json
+
+FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
+SPEEDS = (0.0, 1.0, 3.0, 5.0)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("liner", nargs="?", help="preset, .toml or .csv; without: list the presets")
+    parser.add_argument(
+        "--frequency", nargs="+", type=float, default=list(FREQUENCIES), metavar="HZ"
+    )
+    parser.add_argument("--speed", nargs="+", type=float, default=list(SPEEDS), metavar="M/S")
+    parser.add_argument("--figure", type=Path, help="draw Z over frequency there (figure 3)")
+    parser.add_argument(
+        "--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit"
+    )
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print geometry, resonance, table; draw."""
+    from torchliner.liners import catalogue
+
+    if options.liner is None:
+        print("presets: " + ", ".join(catalogue.preset_names()))
+        return 0
+    liner = catalogue.load_liner(options.liner)
+    if options.copy is not None:
+        _copy(options.liner, options.copy)
+    frequency = [f for f in options.frequency if _inside(liner, f)]
+    table = [
+        {"frequency": f, "speed": v, "impedance": complex(liner.impedance(f, v))}
+        for f in frequency
+        for v in options.speed
+    ]
+    facts = _facts(liner)
+    if options.json:
+        print_json({"liner": facts, "table": table})
+    else:
+        _print(facts, table, options.speed)
+    if options.figure is not None:
+        _draw(liner, options.liner, options.speed, options.figure)
+    return 0
+
+
+def _inside(liner: Any, frequency: float) -> bool:
+    known = getattr(liner, "frequency_range", None)
+    return known is None or known[0] <= frequency <= known[1]
+
+
+def _facts(liner: Any) -> dict[str, Any]:
+    facts = dict(liner.describe())
+    if hasattr(liner, "resonance"):
+        try:
+            facts["resonance_hz"] = liner.resonance()
+        except ValueError:
+            facts["resonance_hz"] = None
+    return facts
+
+
+def _print(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> None:
+    from torchliner.report.truth import format_complex
+
+    for key, value in facts.items():
+        unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""
+        if key == "fluid":
+            value = ", ".join(f"{name} {number:g}" for name, number in value.items())
+        print(f"{key:26s} {value:.6g}{unit}" if isinstance(value, float) else f"{key:26s} {value}")
+    print("\nZ, normalised by rho c, at |v| in m/s")
+    print(f"{'f Hz':>8s}" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds))
+    for first in range(0, len(table), len(speeds)):
+        row = table[first : first + len(speeds)]
+        cells = "".join(f"{format_complex(cell['impedance']):>18s}" for cell in row)
+        print(f"{row[0]['frequency']:8.1f}{cells}")
+
+
+def _copy(name: str, path: Path) -> None:
+    from torchliner.io.hdf5 import written_whole
+    from torchliner.liners.catalogue import preset_text
+
+    if path.exists():
+        raise ValueError(f"{path} exists; it is not overwritten")
+    with written_whole(path) as temporary:
+        temporary.write_text(preset_text(name), encoding="utf-8")
+
+
+def _draw(liner: Any, name: str, speeds: list[float], path: Path) -> None:
+    import numpy as np
+
+    from torchliner.report.figures import draw_liner
+    from torchliner.report.numbers import Profile
+
+    low, high = getattr(liner, "frequency_range", (300.0, 3500.0))
+    frequency = np.linspace(low, high, 641)
+    profiles = []
+    for speed in speeds:
+        values = liner.impedance(frequency, speed).numpy()
+        parts = {"resistance": values.real, "reactance": values.imag}
+        profiles.append(Profile(frequency, parts, f"$|v|$ = {speed:g} m s$^{{-1}}$"))
+    draw_liner(profiles, f"liner model: {Path(name).stem}", path)

@@ -1,0 +1,44 @@
+"""torchliner truth."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+from torchliner.cli.options import add_output_options, print_json, progress_bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("planes", nargs="+", type=Path, help="plane files with a true impedance")
+    parser.add_argument("--liner", help="model; default: the one the file names")
+    parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the table of all rules."""
+    from torchliner.cli.educe import _liner_of
+    from torchliner.io.hdf5 import written_whole
+    from torchliner.io.plane_file import read_plane
+    from torchliner.liners.catalogue import load_liner
+    from torchliner.report.truth import format_truth, truth_table
+
+    planes = [read_plane(path) for path in options.planes]
+    names = {
+        id(plane): options.liner or _liner_of(plane, path)
+        for plane, path in zip(planes, options.planes, strict=True)
+    }
+    with progress_bar(len(planes), "truth table", options.quiet) as step:
+        rows = truth_table(planes, lambda plane: load_liner(names[id(plane)]), step)
+    if options.output is not None:
+        with written_whole(options.output) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0].plain().keys())
+            writer.writeheader()
+            writer.writerows(row.plain() for row in rows)
+    if options.json:
+        print_json([row.plain() for row in rows])
+    else:
+        print(format_truth(rows))
+    return 0

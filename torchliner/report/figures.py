@@ -1,0 +1,269 @@
+"""Drawings. No physics here: what is drawn comes from ``numbers`` and from the records."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.report.numbers import (
+    Profile,
+    against_height,
+    height_label,
+    impedance_along_x,
+    velocity_along_x,
+)
+from torchliner.report.style import COLOURS, MARKERS, RC, WIDTH
+
+PARTS = (
+    ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
+    ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
+)
+REFERENCE_STYLES = ("-", "--", ":", "-.")
+
+
+Figure = Any  # matplotlib.figure.Figure; imported when drawn
+
+
+def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Draw and save under the style sheet without touching the caller's settings."""
+
+    @functools.wraps(draw)
+    def inner(*arguments: Any, **options: Any) -> Figure:
+        try:
+            import matplotlib
+        except ImportError as error:
+            raise ImportError("figures need matplotlib: pip install torchliner[report]") from error
+        with matplotlib.rc_context(RC):
+            return draw(*arguments, **options)
+
+    return inner
+
+
+def _subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    if columns > 1:
+        for letter, axis in zip("abcdef", axes.flat, strict=False):
+            axis.set_title(f"({letter})", loc="left")
+    return figure, axes
+
+
+def _finish(figure: Figure, path: str | Path | None) -> Figure:
+    if path is not None:
+        figure.savefig(path)
+    return figure
+
+
+def draw_map(
+    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int = 0
+) -> Figure:
+    """Resistance and reactance over (x, z), or along x for a line; returns the figure."""
+    if result.mean_velocity.ndim == 2 and min(result.mean_velocity.shape) > 1:
+        return _draw_plane(result, path, frequency_index)
+    return draw_along_x([result], path, frequency_index)
+
+
+@_styled
+def _draw_plane(result: ImpedanceMap, path: str | Path | None, frequency_index: int) -> Any:
+    x = _millimetres(result.x, result.mean_velocity.shape[1])
+    z = _millimetres(result.z, result.mean_velocity.shape[0])
+    unit = "mm" if result.x is not None else "index"
+    span = (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)
+    figure, axes = _subplots(1, 2, min(5.0, 1.5 + 0.45 * WIDTH * span))
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        values = getattr(result, part)[..., frequency_index].detach().cpu().numpy()
+        # Single points over a hard spot reach extremes that would hide the rest.
+        low, high = np.nanpercentile(values, [1, 99])
+        drawn = axis.pcolormesh(
+            x, z, values, cmap="cividis", shading="nearest", rasterized=True, vmin=low, vmax=high
+        )
+        figure.colorbar(
+            drawn, ax=axis, extend="both", label=label, location="bottom", aspect=30, pad=0.03
+        )
+        axis.set_aspect("equal")
+        axis.set_xlabel(f"$x$ ({unit})")
+        axis.set_ylabel(f"$z$ ({unit})")
+    figure.suptitle(_caption(result, frequency_index), fontsize=9)
+    return _finish(figure, path)
+
+
+@_styled
+def draw_along_x(
+    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
+) -> Any:
+    """R and X along x at several heights, with cell averages and references (figures 10, 17)."""
+    figure, axes = _subplots(1, 2, 3.0)
+    ordered = sorted(results, key=lambda r: r.height or 0.0)
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        for i, result in enumerate(ordered):
+            profile = impedance_along_x(result, frequency_index)
+            colour = COLOURS[i % len(COLOURS)]
+            x = 1e3 * profile.x if result.x is not None else profile.x
+            axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
+            _draw_cells(axis, result, part, frequency_index, MARKERS[i % len(MARKERS)], colour)
+        _draw_references(axis, ordered, part, frequency_index)
+        axis.set_xlabel("$x$ (mm)" if ordered[0].x is not None else "probe")
+        axis.set_ylabel(label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    figure.suptitle(
+        f"{_family(ordered)}; cells: filled, admittance over probes; open, velocity first",
+        fontsize=9,
+    )
+    return _finish(figure, path)
+
+
+def _draw_cells(
+    axis: Any, result: ImpedanceMap, part: str, frequency_index: int, marker: str, colour: str
+) -> None:
+    """Both orders of averaging, filled and open, at the cells' centres."""
+    for values, face in (
+        (result.cell_impedance, colour),
+        (result.cell_impedance_velocity_first, "white"),
+    ):
+        numbers = getattr(values[:, frequency_index], _PART[part]).detach().cpu().numpy()
+        axis.plot(
+            1e3 * result.cell_x.numpy(), numbers, marker, markerfacecolor=face,
+            markeredgecolor="k" if face == colour else colour, markeredgewidth=0.6, zorder=3,
+        )  # fmt: skip
+
+
+_PART = {"resistance": "real", "reactance": "imag"}
+
+
+def _draw_references(
+    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
+) -> None:
+    seen: dict[str, complex] = {}
+    for result in results:
+        seen.update(result.reference)
+        if result.goodrich is not None:
+            seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
+    # One value per case; "true" first, so that it has the solid line.
+    for i, name in enumerate(sorted(seen, key=lambda n: n != "true")):
+        axis.axhline(
+            getattr(seen[name], _PART[part]), color="k", linewidth=0.9,
+            linestyle=REFERENCE_STYLES[i % len(REFERENCE_STYLES)], label=name,
+        )  # fmt: skip
+
+
+@_styled
+def draw_against_height(results: Sequence[ImpedanceMap], path: str | Path | None = None) -> Any:
+    """Z in the complex plane at several heights, both orders of averaging (figure 19a's trend)."""
+    figure, axes = _subplots(1, 1, 3.6)
+    axis = axes[0, 0]
+    rows = against_height(results)
+    frequencies = sorted({row.frequency for row in rows})
+    rows = [row for row in rows if row.frequency == frequencies[0]]
+    orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
+    for i, (order, label) in enumerate(orders):
+        values = np.array([getattr(row, order) for row in rows])
+        axis.plot(
+            values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
+        )
+        _label_heights(axis, rows, values, COLOURS[i], above=i == 0)
+    references: dict[str, complex] = {}
+    for result in results:
+        references.update(result.reference)
+    for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
+        axis.plot(
+            value.real, value.imag, "*" if i == 0 else "x", color="k", markersize=9 - 2 * i,
+            label=name, linestyle="none",
+        )  # fmt: skip
+    axis.margins(0.15)
+    axis.set_xlabel(PARTS[0][1])
+    axis.set_ylabel(PARTS[1][1])
+    axis.legend(loc="best")
+    axis.set_title(f"{_family(results)}; numbers: height $y$ (mm)")
+    return _finish(figure, path)
+
+
+def _label_heights(axis: Any, rows: Any, values: Any, colour: str, above: bool) -> None:
+    """Heights in mm beside the points; points on top of each other share one label."""
+    span = max(np.ptp(values.real), np.ptp(values.imag), 0.02)
+    last = 0
+    for i in range(1, len(rows) + 1):
+        if i < len(rows) and abs(values[i] - values[last]) < 0.05 * span:
+            continue
+        heights = [row.height for row in rows[last:i] if row.height is not None]
+        text = " to ".join(f"{1e3 * h:.2g}" for h in sorted({min(heights), max(heights)}))
+        axis.annotate(
+            text, (values[last].real, values[last].imag), textcoords="offset points",
+            xytext=(5, 5 if above else -10), fontsize=7, color=colour,
+        )  # fmt: skip
+        last = i
+
+
+@_styled
+def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = None) -> Any:
+    """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
+    profiles = [velocity_along_x(plane) for plane in sorted(planes, key=lambda p: p.height or 0.0)]
+    names = ["v0 (m/s)", "v' rms (m/s)", "u' rms (m/s)"]
+    labels = ["$v_0$ (m s$^{-1}$)", "$v'_{rms}$ (m s$^{-1}$)", "$u'_{rms}$ (m s$^{-1}$)"]
+    kept = [i for i, n in enumerate(names) if any(n in p.values for p in profiles)]
+    figure, axes = _subplots(1, len(kept), 2.7)
+    for axis, i in zip(axes[0], kept, strict=True):
+        for j, profile in enumerate(profiles):
+            if names[i] in profile.values:
+                axis.plot(
+                    1e3 * profile.x, profile.values[names[i]], color=COLOURS[j % len(COLOURS)],
+                    label=profile.label,
+                )  # fmt: skip
+        axis.set_xlabel("$x$ (mm)")
+        axis.set_ylabel(labels[i])
+        if i != 0:
+            axis.set_ylim(bottom=0)
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    if any(names):
+        figure.legend(handles, names, loc="outside lower center", ncols=len(names))
+    figure.suptitle(planes[0].title.split(", y =")[0], fontsize=9)
+    return _finish(figure, path)
+
+
+@_styled
+def draw_liner(profiles: Sequence[Profile], title: str, path: str | Path | None = None) -> Figure:
+    """Resistance and reactance over frequency, one curve a speed (figure 3)."""
+    figure, axes = _subplots(1, 2, 2.9)
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        for i, profile in enumerate(profiles):
+            axis.plot(
+                profile.x, profile.values[part], color=COLOURS[i % len(COLOURS)],
+                linestyle=REFERENCE_STYLES[i % 4], label=profile.label,
+            )  # fmt: skip
+        axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
+        axis.set_xlabel("frequency $f$ (Hz)")
+        axis.set_ylabel(label)
+        axis.set_xlim(profiles[0].x[0], profiles[0].x[-1])
+    axes[0, 1].set_ylim(-6, 6)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    figure.suptitle(title, fontsize=9)
+    return _finish(figure, path)
+
+
+def _millimetres(values: Any, count: int) -> Any:
+    return np.arange(count) if values is None else 1e3 * values.numpy()
+
+
+def _family(results: Sequence[ImpedanceMap]) -> str:
+    """What several results share: the title up to the height."""
+    return results[0].title.split(", y =")[0] or "educed impedance"
+
+
+def _caption(result: ImpedanceMap, frequency_index: int) -> str:
+    parts = [result.title or height_label(result.height)]
+    parts.append(f"{float(result.frequency[frequency_index]):g} Hz")
+    liner = result.choices.get("liner", {})
+    if isinstance(liner, dict) and liner.get("name"):
+        hard = result.choices.get("surface") == "hard wall"
+        parts.append(
+            f"null test, model {liner['name']}" if hard else f"liner model {liner['name']}"
+        )
+    return "; ".join(part for part in parts if part)

@@ -1,0 +1,143 @@
+"""What a plane holds and whether it can be used: the facts behind ``torchliner info``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.eduction.drive import ProbeVelocity
+from torchliner.eduction.survey import Survey, survey
+from torchliner.records import VelocityPlane
+
+ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
+SPECTRUM_PROBES = 64
+OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner")
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Facts by name, failed checks in words, and what the file does not state."""
+
+    facts: dict[str, Any]
+    failures: list[str]
+    missing: list[str]
+
+
+def inspect_plane(plane: VelocityPlane) -> Inspection:
+    """One pass over the data: sizes, faults, moments, spectrum peak, alignment.
+
+    The alignment check compares the mean of v0 over the plane with 1 % of the bulk velocity: over
+    a rigid wall, or over whole cells, the mean wall-normal velocity is near 0 (section 5.5.1).
+    """
+    frequency = torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
+    nothing = torch.zeros(plane.probes, 0, dtype=torch.float64)
+    velocity = ProbeVelocity(plane, nothing, torch.float64, torch.device("cpu"))
+    hann = torch.hann_window(plane.samples, dtype=torch.float64)
+    seen = survey(velocity, frequency, plane.sampling_rate, hann)
+    facts: dict[str, Any] = {
+        "title": plane.title,
+        "probes": "x".join(str(n) for n in plane.probe_shape) or "1",
+        "samples": plane.samples,
+        "sampling rate (Hz)": float(plane.sampling_rate),
+        "duration (ms)": 1e3 * plane.duration,
+        "precision": str(plane.velocity.dtype).removeprefix("torch."),
+    }
+    facts.update(_stated(plane))
+    failures: list[str] = []
+    _velocity_facts(plane, seen, facts, failures)
+    if plane.frequency is not None:
+        facts["periods of the tone"] = plane.frequency * plane.duration
+        facts["samples per period"] = plane.sampling_rate / plane.frequency
+        facts["coherence with the tone (median)"] = float(seen.coherence.median())
+    if not int(seen.bad.sum()):
+        facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
+    missing = [name for name in OPTIONAL if not getattr(plane, name)]
+    missing += [name for name in ("x", "z") if getattr(plane, name) is None]
+    return Inspection(facts, failures, missing)
+
+
+def _stated(plane: VelocityPlane) -> dict[str, Any]:
+    facts: dict[str, Any] = {}
+    if plane.height is not None:
+        facts["height (mm)"] = 1e3 * plane.height
+    for name in ("x", "z"):
+        values = getattr(plane, name)
+        if values is not None:
+            facts[f"{name} (mm)"] = (
+                f"{1e3 * float(values.min()):.4g} to {1e3 * float(values.max()):.4g}"
+            )
+    units = {"frequency": "Hz", "incident_level": "dB", "mach": "", "source_side": "", "liner": ""}
+    for name, unit in units.items():
+        value = getattr(plane, name)
+        if value not in (None, ""):
+            facts[f"{name}{f' ({unit})' if unit else ''}"] = value
+    for name, value in plane.reference.items():
+        facts[f"reference, {name}"] = f"{value.real:.4f}{value.imag:+.4f}j"
+    facts["sound speed (m/s)"] = float(plane.fluid.sound_speed)
+    facts["density (kg/m3)"] = float(plane.fluid.density)
+    return facts
+
+
+def _velocity_facts(
+    plane: VelocityPlane, seen: Survey, facts: dict[str, Any], failures: list[str]
+) -> None:
+    bad = seen.bad > 0
+    good = ~bad
+    if bool(bad.any()):
+        first = int(bad.nonzero()[0])
+        failures.append(
+            f"{int(seen.bad.sum())} nan or inf at {int(bad.sum())} of {plane.probes} probes, the "
+            f"first at probe {first}, sample {int(seen.first_bad[first])} (missing='exclude' "
+            "leaves such probes out)"
+        )
+    if not bool(good.any()):
+        return
+    flat = (seen.largest == seen.smallest) & good
+    if bool(flat.any()):
+        failures.append(f"{int(flat.sum())} of {plane.probes} probes are constant in time")
+    facts["v0 mean (m/s)"] = float(seen.mean[good].mean())
+    facts["v0 smallest, largest (m/s)"] = _range(seen.mean[good])
+    facts["v' rms (m/s)"] = float((seen.rms[good] ** 2).mean().sqrt())
+    facts["v' rms smallest, largest (m/s)"] = _range(seen.rms[good])
+    largest = torch.maximum(seen.largest.abs(), seen.smallest.abs())[good].max()
+    facts["largest |v| (m/s)"] = float(largest)
+    if plane.streamwise is not None:
+        stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
+        facts["u' rms (m/s)"] = _rms(stream)
+    if plane.mach:
+        bulk = plane.mach * plane.fluid.sound_speed
+        share = abs(float(seen.mean[good].mean())) / bulk
+        facts["|v0| over bulk velocity"] = share
+        if share > ALIGNMENT:
+            failures.append(
+                f"mean |v0| is {100 * share:.2g} % of the bulk velocity, {bulk:.4g} m/s, above "
+                "1 %: the velocity components may be misaligned"
+            )
+
+
+def _range(values: Tensor) -> str:
+    return f"{float(values.min()):.4g}, {float(values.max()):.4g}"
+
+
+def _rms(plane: VelocityPlane) -> float:
+    from torchliner.report.numbers import velocity_along_x
+
+    profile = velocity_along_x(plane).values["v' rms (m/s)"]
+    return float((profile**2).mean() ** 0.5)
+
+
+def _spectrum_peak(plane: VelocityPlane) -> float:
+    """Frequency of the largest line of the mean spectrum over up to 64 evenly spread probes."""
+    step = max(1, plane.probes // SPECTRUM_PROBES)
+    rows = [
+        plane.read(i, min(i + 1024, plane.samples))[:, ::step].to(torch.float64)
+        for i in range(0, plane.samples, 1024)
+    ]
+    signal = torch.cat(rows)
+    window = torch.hann_window(plane.samples, dtype=torch.float64)[:, None]
+    power = torch.fft.rfft((signal - signal.mean(0)) * window, dim=0).abs() ** 2
+    line = int(power.mean(1)[1:].argmax()) + 1 if plane.samples > 2 else 0
+    return line * plane.sampling_rate / plane.samples

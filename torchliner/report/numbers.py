@@ -1,0 +1,152 @@
+"""The numbers behind the figures, as plain arrays; every figure can be redrawn from its CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchliner.io.hdf5 import written_whole
+from torchliner.records import ImpedanceMap, VelocityPlane
+
+Array = NDArray[np.float64]
+SLAB_ROWS = 1024
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A quantity along x.
+
+    Args:
+        x: m, increasing, (N,).
+        values: columns by name, each (N,).
+        label: for legends.
+    """
+
+    x: Array
+    values: dict[str, Array]
+    label: str
+
+    def write_csv(self, path: str | Path) -> None:
+        """Columns x (m) and the values."""
+        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["x (m)", *self.values])
+            for row in zip(self.x, *self.values.values(), strict=True):
+                writer.writerow([f"{number:.9g}" for number in row])
+
+
+def height_label(height: float | None) -> str:
+    """'y = 1 mm' or nothing."""
+    return "" if height is None else f"y = {1e3 * height:.3g} mm"
+
+
+def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile:
+    """Resistance and reactance along x: admittance averaged over z where there is a z."""
+    admittance = result.admittance[..., frequency_index]
+    x, average = _over_z(result.x, admittance)
+    impedance = 1 / average
+    values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
+    return Profile(x, values, height_label(result.height))
+
+
+def velocity_along_x(plane: VelocityPlane) -> Profile:
+    """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
+    values: dict[str, Array] = {}
+    x: Array | None = None
+    for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
+        if part is None:
+            continue
+        mean, square = _moments(
+            VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
+        )
+        mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
+        x, mean_x = _over_z(plane.x, mean)
+        _, variance = _over_z(plane.x, square - mean**2)
+        if name == "v":
+            values["v0 (m/s)"] = _array(mean_x)
+        values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
+    assert x is not None
+    return Profile(x, values, height_label(plane.height))
+
+
+def _moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    total = torch.zeros(plane.probes, dtype=torch.float64)
+    square = torch.zeros_like(total)
+    for begin in range(0, plane.samples, SLAB_ROWS):
+        slab = plane.read(begin, min(begin + SLAB_ROWS, plane.samples)).cpu().to(torch.float64)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+    return total / plane.samples, square / plane.samples
+
+
+def _over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
+    """Mean over z of (z, x) or over probes of equal x; x itself, or the index without one."""
+    values = values.detach().cpu()
+    if values.ndim == 2:
+        where = np.arange(values.shape[1], dtype=float) if x is None else _array(x)
+        return where, values.nanmean(0) if not values.is_complex() else _nanmean(values)
+    values = values.reshape(-1)
+    if x is None:
+        return np.arange(len(values), dtype=float), values
+    points, member = torch.unique(x, return_inverse=True)
+    rows = [_nanmean(values[member == i][:, None])[0] for i in range(len(points))]
+    return _array(points), torch.stack(rows)
+
+
+def _nanmean(values: Tensor) -> Tensor:
+    if not values.is_complex():
+        return values.nanmean(0)
+    return torch.complex(values.real.nanmean(0), values.imag.nanmean(0))
+
+
+def _array(value: Tensor) -> Array:
+    return value.detach().cpu().numpy().astype(np.float64)
+
+
+@dataclass(frozen=True)
+class HeightRow:
+    """One plane's averages: both orders of averaging, and the spread over its probes."""
+
+    height: float | None
+    frequency: float
+    probes_first: complex
+    velocity_first: complex
+    spread: complex
+    coherence: float
+    level: float
+
+
+def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
+    """Whole-liner impedance of several planes, lowest first, one row per frequency."""
+    rows = []
+    for result in sorted(results, key=lambda r: r.height or 0.0):
+        for i, frequency in enumerate(result.frequency.tolist()):
+            flat = result.impedance[..., i].detach().cpu().reshape(-1)
+            flat = flat[torch.isfinite(flat.real)]
+            spread = complex(0, 0)
+            if len(flat) > 1:
+                spread = complex(float(flat.real.std()), float(flat.imag.std()))
+            pressure = result.incident_pressure[..., i].detach().cpu().reshape(-1)
+            pressure = pressure[torch.isfinite(pressure.real)]
+            # The level of the mean wave: single probes near the wall see jets, not the wave.
+            amplitude = float(pressure.mean().abs())
+            level = float(20 * np.log10(max(amplitude, 1e-300) / (2**0.5 * 20e-6)))
+            rows.append(
+                HeightRow(
+                    result.height,
+                    frequency,
+                    complex(result.liner_impedance[i]),
+                    complex(result.liner_impedance_velocity_first[i]),
+                    spread,
+                    float(result.coherence[..., i].median()),
+                    level,
+                )
+            )
+    return rows
