@@ -3,41 +3,58 @@
 import csv
 import json
 import os
-import warnings
 from dataclasses import replace
 
 import h5py
-import numpy as np
 import pytest
 import torch
 import xarray
 
 import torchliner as tl
 
-FREQUENCIES = [1400.0, 1000.0]
 COMPLEX = ("reflection", "velocity_amplitude", "cell_reflection", "cell_reflection_velocity_first")
 REAL = ("frequency", "mean_velocity", "velocity_rms", "coherence", "phase_rule", "cell_x", "cell_z")
 PLACES = {
     "plane": ((2, 3), {"x": [0.0, 0.02, 0.04], "z": [0.0, 0.02]}),
-    "line": ((3,), {"x": [0.0, 0.02, 0.04]}),
-    "bare": ((3,), {}),
     "bare plane": ((2, 3), {}),
-    "one": ((1,), {"x": [0.5]}),
+    "line": ((3,), {"x": [0.0, 0.02, 0.04]}),
+    "bare line": ((3,), {}),
+    "one probe": ((1,), {"x": [0.5]}),
 }
 
 
-def make_plane(shape=(2, 3), **about):
-    """7 and 5 whole periods of the two tones."""
+def make_plane(place="plane", **about):
+    """Noise over 7 and 5 whole periods of 1400 and 1000 Hz."""
+    shape, coordinates = PLACES[place]
     noise = torch.Generator().manual_seed(0)
     velocity = 2 * torch.randn(*shape, 250, generator=noise, dtype=torch.float64)
+    about = {"reference": {"in situ": 1 - 0.5j, "p/v": 2j}, **coordinates, **about}
     return tl.VelocityPlane(velocity, sampling_rate=50e3, title="noise", **about)
 
 
 def make_map(place="plane", **about):
-    shape, coordinates = PLACES[place]
-    about = {"reference": {"in situ": 1 - 0.5j, "p/v": 2j}, **coordinates, **about}
-    return tl.educe(
-        make_plane(shape, **about), tl.load_liner("polito"), FREQUENCIES, edge="wrap"
+    liner = tl.load_liner("polito")
+    return tl.educe(make_plane(place, **about), liner, [1400.0, 1000.0], edge="wrap")
+
+
+def hand_map():
+    """Two probes worked by hand: R = 1/2 gives z = 3, R = j/2 gives 0.6 + 0.8j."""
+    empty = torch.zeros(0, 1, dtype=torch.complex128)
+    return tl.ImpedanceMap(
+        frequency=torch.tensor([1400.0], dtype=torch.float64),
+        reflection=torch.tensor([[[0.5], [0.5j]]], dtype=torch.complex128),
+        mean_velocity=torch.tensor([[0.25, -0.25]]),
+        velocity_rms=torch.tensor([[1.5, 2.5]]),
+        velocity_amplitude=torch.tensor([[[0.05], [0.1]]], dtype=torch.complex128),
+        coherence=torch.tensor([[[0.75], [0.5]]]),
+        phase_rule=torch.ones(1, 2, 1, dtype=torch.bool),
+        cell_x=empty.real[:, 0],
+        cell_z=empty.real[:, 0],
+        cell_reflection=empty,
+        cell_reflection_velocity_first=empty,
+        x=torch.tensor([0.1, 0.2], dtype=torch.float64),
+        z=torch.tensor([0.3], dtype=torch.float64),
+        fluid=tl.Fluid(sound_speed=400.0, density=1.0),
     )
 
 
@@ -46,28 +63,22 @@ def test_round_trip(tmp_path, place):
     wanted = make_map(place)
     wanted.write(tmp_path / "a.nc")
     found = tl.read_map(tmp_path / "a.nc")
-    for name in (*COMPLEX, *REAL):
+    for name in (*COMPLEX, *REAL, "impedance", "liner_impedance"):
         torch.testing.assert_close(
             getattr(found, name), getattr(wanted, name), rtol=0, atol=0, equal_nan=True
         )
     for name in ("x", "z"):
-        before, after = getattr(wanted, name), getattr(found, name)
-        assert (before is None and after is None) or torch.equal(before, after)
-    assert torch.equal(found.impedance, wanted.impedance)
-    assert torch.equal(found.liner_impedance, wanted.liner_impedance)
+        value = getattr(found, name)
+        assert (None if value is None else value.tolist()) == PLACES[place][1].get(name)
     assert found.choices == json.loads(json.dumps(wanted.choices))
+    assert found.choices["edge"] == "wrap"
 
 
 def test_what_stands_beside_the_fields_comes_back(tmp_path):
-    fluid = tl.Fluid(343.0, 1.21, 1.8e-5, 1.4, 0.7)
-    wanted = make_map(
-        height=1e-3, mach=0.3, incident_level=145.0, displacement_thickness=1.73e-3,
-        source_side="upstream", fluid=fluid,
-    ) if False else None  # fmt: skip
-    with pytest.warns(tl.DataWarning, match="density is 1.204 .* in the liner and 1.21"):
+    with pytest.warns(tl.DataWarning, match=r"density is 1.204 kg/m3 in the liner and 1.21"):
         wanted = make_map(
             height=1e-3, mach=0.3, incident_level=145.0, displacement_thickness=1.73e-3,
-            source_side="upstream", fluid=fluid,
+            source_side="upstream", fluid=tl.Fluid(343.2, 1.21, 1.8e-5, 1.4, 0.7),
         )  # fmt: skip
     wanted.write(tmp_path / "a.nc")
     found = tl.read_map(tmp_path / "a.nc")
@@ -76,3 +87,139 @@ def test_what_stands_beside_the_fields_comes_back(tmp_path):
     assert {key: getattr(found, key) for key in same} == {key: getattr(wanted, key) for key in same}
     assert len(found.notes) == 1
     assert torch.equal(found.goodrich, wanted.goodrich)
+
+
+def test_excluded_probes_stay_nan(tmp_path):
+    reflection = hand_map().reflection.clone()
+    reflection[0, 1] = torch.nan
+    gap = replace(hand_map(), reflection=reflection)
+    gap.write(tmp_path / "a.nc")
+    gap.write(tmp_path / "a.csv")
+    assert tl.read_map(tmp_path / "a.nc").impedance.isnan().tolist() == [[[False], [True]]]
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert [row["resistance (rho c)"] for row in rows] == ["3", "nan"]
+
+
+def test_xarray_opens_a_map(tmp_path):
+    hand_map().write(tmp_path / "a.nc")
+    with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as data:
+        assert data.resistance.dims == ("z", "x", "frequency")
+        point = data.sel(x=0.2, z=0.3, frequency=1400)
+        found = [float(point[key]) for key in ("resistance", "reactance", "velocity_rms")]
+        assert found == pytest.approx([0.6, 0.8, 2.5])
+        keys = ("resistance", "x", "frequency", "inferred_incident_level", "mean_velocity")
+        assert [data[key].units for key in keys] == ["1", "m", "Hz", "dB", "m/s"]
+
+
+def test_csv_has_one_row_a_probe_and_frequency(tmp_path):
+    hand_map().write(tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open() as file:
+        names, *rows = csv.reader(file)
+    assert names == [
+        "x (m)", "z (m)", "frequency (Hz)", "resistance (rho c)", "reactance (rho c)",
+        "conductance (1/rho c)", "susceptance (1/rho c)", "absorption", "coherence",
+        "inferred incident level (dB)", "mean velocity (m/s)", "velocity rms (m/s)",
+    ]  # fmt: skip
+    # p = rho c v/(1 - R): 400 x 0.05/0.5 = 40 Pa and 400 x 0.1/|1 - j/2| = 35.78 Pa, peak.
+    wanted = [
+        [0.1, 0.3, 1400, 3, 0, 1 / 3, 0, 0.75, 0.75, 123.0103, 0.25, 1.5],
+        [0.2, 0.3, 1400, 0.6, 0.8, 0.6, -0.8, 0.75, 0.5, 122.0412, -0.25, 2.5],
+    ]
+    assert [[float(cell) for cell in row] for row in rows] == [
+        pytest.approx(row, abs=1e-4) for row in wanted
+    ]
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_csv_rows_follow_the_probes(tmp_path, place):
+    result = make_map(place)
+    result.write(tmp_path / "a.csv")
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    found = [complex(float(r["resistance (rho c)"]), float(r["reactance (rho c)"])) for r in rows]
+    assert found == pytest.approx(result.impedance.reshape(-1).tolist(), rel=1e-8)
+    assert [float(r["frequency (Hz)"]) for r in rows[:2]] == [1400, 1000]
+    if place == "plane":
+        assert [float(r["x (m)"]) for r in rows[::2]] == [0.0, 0.02, 0.04] * 2
+        assert [float(r["z (m)"]) for r in rows[::2]] == [0.0] * 3 + [0.02] * 3
+
+
+def test_what_is_no_map_is_refused(tmp_path):
+    make_plane().write(tmp_path / "plane.h5")
+    hand_map().write(tmp_path / "map.nc")
+    with pytest.raises(
+        ValueError, match=r"plane.h5 is no impedance map.*'torchliner plane 1', not"
+    ):
+        tl.read_map(tmp_path / "plane.h5")
+    with pytest.raises(ValueError, match=r"map.nc:/wall_normal_velocity is missing; .*reactance"):
+        tl.read_plane(tmp_path / "map.nc")
+    with h5py.File(tmp_path / "map.nc", "a") as file:
+        del file["coherence"]
+    with pytest.raises(ValueError, match=r"map.nc:/coherence is missing; the file holds: absorp"):
+        tl.read_map(tmp_path / "map.nc")
+
+
+KINDS = {"plane": (make_plane, tl.read_plane), "map": (hand_map, tl.read_map)}
+
+
+@pytest.mark.parametrize(
+    ("damage", "error", "message"),
+    [
+        ("missing", FileNotFoundError, r"b.h5: no such file"),
+        ("folder", OSError, r"is a folder, not a file"),
+        ("text", OSError, r"a.h5 is not an HDF5 \(netCDF-4\) file"),
+        ("empty", OSError, r"a.h5 is not an HDF5 \(netCDF-4\) file"),
+        ("truncated", OSError, r"a.h5 is truncated: .*eof"),
+    ],
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_whole_file_is_refused(tmp_path, kind, damage, error, message):
+    make, read = KINDS[kind]
+    path = tmp_path / "a.h5"
+    make().write(path)
+    whole = path.read_bytes()
+    content = {"text": b"time,v\n0,1\n", "empty": b"", "truncated": whole[: len(whole) // 2]}
+    path.write_bytes(content.get(damage, whole))
+    path = {"missing": tmp_path / "b.h5", "folder": tmp_path}.get(damage, path)
+    with pytest.raises(error, match=message):
+        read(path)
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("place", [(h5py.Dataset, "__setitem__"), (h5py.File, "__exit__")])
+def test_interrupted_plane_leaves_the_old_file(tmp_path, monkeypatch, place):
+    check_old_file_stays(make_plane(), tmp_path / "a.h5", monkeypatch, place)
+
+
+@pytest.mark.parametrize("name", ["a.nc", "a.csv"])
+def test_interrupted_map_leaves_the_old_file(tmp_path, monkeypatch, name):
+    check_old_file_stays(hand_map(), tmp_path / name, monkeypatch, (os, "replace"))
+
+
+def check_old_file_stays(record, path, monkeypatch, place):
+    record.write(path)
+    before = path.read_bytes()
+    monkeypatch.setattr(*place, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        record.write(path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+
+
+def forbid(*_, **__):
+    raise PermissionError(13, "Permission denied")
+
+
+@pytest.mark.parametrize("name", ["a.nc", "a.csv"])
+def test_places_that_cannot_be_written_to(tmp_path, monkeypatch, name):
+    with pytest.raises(OSError, match=rf"no/{name}: the folder .*no does not exist"):
+        hand_map().write(tmp_path / "no" / name)
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(OSError, match=r"b.csv is a folder; name a file"):
+        hand_map().write(tmp_path / "b.csv")
+    monkeypatch.setattr("tempfile.mkstemp", forbid)
+    with pytest.raises(OSError, match=rf"{name} cannot be written: Permission denied"):
+        hand_map().write(tmp_path / name)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["b.csv"]

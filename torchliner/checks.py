@@ -17,6 +17,11 @@ class DataWarning(UserWarning):
     """The answer stands, but the data make it doubtful; the text says by how much."""
 
 
+def plain_number(value: Any) -> float:
+    """A number or 0-d tensor as a float, outside any gradient."""
+    return float(value.detach() if isinstance(value, Tensor) else value)
+
+
 def require_positive(name: str, value: Any) -> None:
     """Refuse what is not a finite number above zero."""
     value = value.detach() if isinstance(value, Tensor) else value

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, real_tensor
+from torchliner.checks import DataWarning, plain_number, real_tensor
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.prepare import Prepared, Progress, prepare
 from torchliner.liners.grazing import goodrich_resistance
@@ -222,7 +222,7 @@ def _goodrich(ready: Prepared) -> Tensor | None:
     diameter = getattr(ready.liner, "orifice_diameter", None)
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
-    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, float(diameter))
+    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, plain_number(diameter))
     with torch.no_grad():
         return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
 
@@ -239,7 +239,7 @@ def _assemble(
     kept = ready.used.to(reflection.device)
 
     def on_probes(value: Tensor) -> Tensor:
-        return value[: plane.probes].reshape(*plane.probe_shape, *value.shape[1:])
+        return value[: plane.probes].reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
     return ImpedanceMap(

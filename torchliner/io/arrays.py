@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +39,8 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
         except (ValueError, EOFError) as error:
             raise ValueError(f"{path} is not a whole .npy file: {error}") from error
     elif kind == ".mat" and not h5py.is_hdf5(path):
-        try:
-            names = [name for name, _, _ in whosmat(path)]
-        except (ValueError, MatReadError) as error:
-            raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
-        values = loadmat(path, variable_names=[_pick(names, variable, path)])[
-            _pick(names, variable, path)
-        ]
+        chosen = _pick([name for name, _, _ in _mat5(whosmat, path)], variable, path)
+        values = _mat5(loadmat, path, variable_names=[chosen])[chosen]
     elif kind in (".mat", ".h5", ".hdf5", ".nc"):
         with open_file(path) as file:
             names = [k for k, v in file.items() if isinstance(v, h5py.Dataset)]
@@ -56,6 +52,13 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
     if values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
     return values
+
+
+def _mat5(function: Callable[..., Any], path: Path, **options: Any) -> Any:
+    try:
+        return function(path, **options)
+    except (ValueError, OSError, MatReadError, zlib.error) as error:
+        raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
 
 
 def _pick(names: Sequence[str], variable: str | None, path: Path) -> str:

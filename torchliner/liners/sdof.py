@@ -10,7 +10,13 @@ import torch
 from scipy.optimize import brentq
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
+from torchliner.checks import (
+    frequency_tensor,
+    plain_number,
+    real_tensor,
+    require_choice,
+    require_positive,
+)
 from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.facesheet import facesheet_impedance
@@ -77,17 +83,17 @@ class SDoFLiner:
             fractions.append("flow_facing_porosity")
         for name in fractions:
             require_positive(f"liner {name}", getattr(self, name))
-            if float(getattr(self, name)) > 1:
+            if plain_number(getattr(self, name)) > 1:
                 raise ValueError(
-                    f"liner {name} is {float(getattr(self, name)):g}; it is a fraction, at most 1 "
+                    f"liner {name} is {plain_number(getattr(self, name)):g}; it is a fraction, at most 1 "
                     "(5.5 % is 0.055)"
                 )
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
         if self.cell_pitch is not None:
             require_positive("liner cell_pitch (m)", self.cell_pitch)
-            if float(self.orifice_diameter) > self.cell_pitch:
+            if plain_number(self.orifice_diameter) > self.cell_pitch:
                 raise ValueError(
-                    f"liner orifice_diameter is {float(self.orifice_diameter):g} m, larger than "
+                    f"liner orifice_diameter is {plain_number(self.orifice_diameter):g} m, larger than "
                     f"cell_pitch, {self.cell_pitch:g} m; both are in metres"
                 )
 
@@ -96,7 +102,7 @@ class SDoFLiner:
         """Open area over the whole surface, for eq. (2.7)."""
         if self.flow_facing_porosity is not None:
             return self.flow_facing_porosity
-        return float(self.porosity) * float(self.open_area_fraction)
+        return plain_number(self.porosity) * plain_number(self.open_area_fraction)
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """Z(|v|) at fixed frequencies as coefficients, each of the shape of ``frequency`` (Hz)."""
@@ -143,14 +149,14 @@ class SDoFLiner:
             ValueError: there is none.
         """
         grid = torch.linspace(lowest, highest, 2000, dtype=torch.float64)
-        reactance = self.impedance(grid).imag
+        reactance = self.impedance(grid).imag.detach()
         rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)
         if rising.numel() == 0:
             raise ValueError(f"liner {self.name!r} has no resonance in {lowest:g}-{highest:g} Hz")
         i = int(rising[0])
 
         def at(frequency: float) -> float:
-            return float(self.impedance(frequency).imag)
+            return plain_number(self.impedance(frequency).imag)
 
         return float(brentq(at, float(grid[i]), float(grid[i + 1]), xtol=1e-9))
 
@@ -163,7 +169,7 @@ class SDoFLiner:
         plain: dict[str, Any] = {"model": "sdof"}
         for key, value in vars(self).items():
             if isinstance(value, Tensor):
-                value = value.item()
+                value = value.detach().item()
             if isinstance(value, Fluid):
                 value = dataclasses.asdict(value)
             if isinstance(value, complex):

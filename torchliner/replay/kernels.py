@@ -153,7 +153,7 @@ def _quality(
     grid: VelocityGrid,
 ) -> tuple[float, float]:
     """Largest |H - R| in the band, between the frequencies of the fit too, and largest |H|."""
-    size = 1 << (4 * taps.shape[1] - 1).bit_length()
+    size = 1 << (8 * taps.shape[1] - 1).bit_length()
     spectrum = torch.fft.rfft(taps.detach(), n=size)
     frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)
     inside = (frequency >= band[0]) & (frequency <= band[1])

@@ -1,0 +1,46 @@
+"""Fixtures that several files share."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+import torchliner as tl
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+RATE, FREQUENCY = 42000.0, 1400.0  # 30 samples a period, so that whole periods are whole samples
+
+
+@pytest.fixture(scope="session")
+def liner() -> tl.SDoFLiner:
+    return tl.load_liner("polito")
+
+
+def turbulence(shape: tuple[int, ...], seed: int = 0, rms: float = 3.0) -> torch.Tensor:
+    """Low-passed Gaussian noise of a given rms (m/s), float64: smooth like a velocity."""
+    generator = torch.Generator().manual_seed(seed)
+    noise = torch.randn(*shape, generator=generator, dtype=torch.float64)
+    spectrum = torch.fft.rfft(noise)
+    spectrum[..., spectrum.shape[-1] // 4 :] = 0
+    smooth = torch.fft.irfft(spectrum, n=shape[-1])
+    return smooth * (rms / smooth.std())
+
+
+def plane_of(velocity: torch.Tensor, **about: object) -> tl.VelocityPlane:
+    about.setdefault("sampling_rate", RATE)
+    about.setdefault("frequency", FREQUENCY)
+    return tl.VelocityPlane(velocity, **about)
+
+
+def frozen_plane(speed: float, probes: int = 3, periods: float = 16.0, **about: object):
+    samples = math.ceil(periods * RATE / FREQUENCY)
+    dtype = about.pop("dtype", torch.float64)
+    return plane_of(torch.full((probes, samples), speed, dtype=dtype), **about)
+
+
+def relative_error(found: torch.Tensor, wanted: torch.Tensor) -> float:
+    return float(((found - wanted).abs() / wanted.abs()).max())

@@ -1,0 +1,329 @@
+"""``educe``: laws of the whole chain through the public names."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
+
+import torchliner as tl
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
+# spectral evaluates the model itself; direct goes through levels (1e-6) and kernels (4e-7 in R)
+ENGINE_ERROR = {
+    ("spectral", torch.float64): 1e-12,
+    ("spectral", torch.float32): 1e-5,
+    ("direct", torch.float64): 2e-5,
+    ("direct", torch.float32): 2e-5,
+}
+
+
+@pytest.mark.parametrize(("engine", "dtype"), ENGINE_ERROR)
+@pytest.mark.parametrize("edge", ["finite", "wrap"])
+@pytest.mark.parametrize("drive", ["instantaneous", "rms", "running-rms"])
+def test_frozen_velocity_returns_the_model(engine, dtype, edge, drive, liner):
+    """With |v| constant the replay is linear, so the educed impedance is the model's own."""
+    plane = frozen_plane(2.0, dtype=dtype)
+    found = tl.educe(plane, liner, frequency=FREQUENCY, engine=engine, edge=edge, drive=drive)
+    wanted = liner.impedance(FREQUENCY, 2.0)
+    assert relative_error(found.impedance, wanted) < ENGINE_ERROR[engine, dtype]
+
+
+def test_a_value_worked_by_hand():
+    """R of z = 0.5 + 1j is (-0.5 + 1j)(1.5 - 1j)/3.25: sign and conjugation are right."""
+
+    class Fixed:
+        def impedance(self, frequency, speed):
+            return (0.5 + 1j) * torch.ones_like(frequency * speed).to(torch.complex128)
+
+    for engine in ("spectral", "direct"):
+        for phase, extra in (("averaged", {}), ("given", {"reference_phase": 0.7})):
+            found = tl.educe(frozen_plane(1.0), Fixed(), engine=engine, phase=phase, **extra)
+            assert complex(found.reflection[0, 0]) == pytest.approx(
+                (-0.5 + 1j) * (1.5 - 1j) / 3.25, abs=1e-5
+            )
+            assert complex(found.liner_impedance[0]) == pytest.approx(0.5 + 1j, abs=1e-5)
+
+
+def three_lines(speed: np.ndarray, liner, psi: float) -> np.ndarray:
+    """R of x = cos(omega t + psi) with a periodic Hann window, written out for whole periods."""
+    n = speed.shape[-1]
+    k = np.arange(n)
+    x = np.cos(2 * np.pi * FREQUENCY / RATE * k + psi)
+    total = 0
+    for q, c in ((0, 0.5), (1, -0.25), (-1, -0.25)):
+        f = FREQUENCY - q * RATE / n
+        z = liner.impedance(f, speed).numpy()
+        r = (z - 1) / (z + 1)
+        total = total + c * np.exp(2j * np.pi * q * k / n) * r
+    turn = np.exp(-2j * np.pi * FREQUENCY / RATE * k)
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * k / n)
+    return (x * turn * total).sum(-1) / (hann * x * turn).sum()
+
+
+@pytest.mark.parametrize("psi", [0.0, 0.9, -2.0])
+def test_given_phase_is_the_exact_identity(liner, psi):
+    """Wrapped, Hann: the line f0 of the reflected tone is three weighted sums, to 1e-12."""
+    velocity = turbulence((3, 480))
+    found = tl.educe(plane_of(velocity), liner, frequency=1400.0, engine="spectral", phase="given",
+                     reference_phase=psi, edge="wrap", window="hann", drive="instantaneous",
+                     device="cpu")  # fmt: skip
+    wanted = three_lines(velocity.abs().numpy(), liner, psi)
+    assert np.abs(found.reflection[:, 0].numpy() - wanted).max() < 1e-12
+
+
+def test_phase_decides_for_tonal_velocity():
+    """ONERA, v tonal of 3 m/s peak at 1500 Hz: R from 0.82 to 2.24 and X from -0.95 to +0.41."""
+    liner = tl.load_liner("onera")
+    rate = 60 * 1500.0
+    t = torch.arange(60 * 16, dtype=torch.float64) / rate
+    v = 3 * torch.cos(2 * torch.pi * 1500.0 * t).expand(72, -1)
+    psi = torch.arange(72, dtype=torch.float64) * (torch.pi / 72)
+    plane = tl.VelocityPlane(v, sampling_rate=rate)
+    found = tl.educe(plane, liner, 1500.0, phase="given", reference_phase=psi, edge="wrap")
+    resistance, reactance = found.resistance, found.reactance
+    assert [float(resistance.min()), float(resistance.max())] == pytest.approx(
+        [0.82, 2.24], abs=0.01
+    )
+    assert [float(reactance.min()), float(reactance.max())] == pytest.approx(
+        [-0.95, 0.41], abs=0.05
+    )
+    averaged = tl.educe(plane, liner, 1500.0, edge="wrap")
+    assert 0.82 < float(averaged.resistance[0, 0]) < 2.24
+
+
+def test_engines_agree_through_the_public_name(liner):
+    """``spectral`` with the kernels' response is ``direct``: every phase rule, both edges."""
+    velocity = turbulence((3, 487), seed=2) + torch.cos(
+        2 * torch.pi * FREQUENCY / RATE * torch.arange(487, dtype=torch.float64)
+    )
+    for phase, extra in (
+        ("averaged", {}),
+        ("self-consistent", {"minimum_coherence": 0.0}),
+        ("given", {"reference_phase": torch.tensor([0.1, 1.0, 2.0])}),
+    ):
+        direct, spectral = (
+            tl.educe(
+                plane_of(velocity), liner, phase=phase, engine=engine, response="kernel", **extra
+            )
+            for engine in ("direct", "spectral")
+        )
+        assert float((direct.reflection - spectral.reflection).abs().max()) < 1e-12
+
+
+def test_self_consistent_wave_reproduces_the_velocity(liner):
+    """Its reflection is a + b X*/X, and X - Y is v_in's own part at f: checked on direct's a, b."""
+    t = torch.arange(480, dtype=torch.float64) / RATE
+    v = -1.3 * torch.cos(2 * torch.pi * FREQUENCY * t + 0.4)
+    found = tl.educe(plane_of(v.expand(2, -1)), liner, phase="self-consistent", edge="wrap")
+    wave = found.incident_pressure / (liner.fluid.density * liner.fluid.sound_speed**2)
+    psi = float(wave[0, 0].angle())
+    stated = tl.educe(
+        plane_of(v.expand(2, -1)), liner, phase="given", reference_phase=psi, edge="wrap"
+    )
+    assert float((found.reflection - stated.reflection).abs().max()) < 1e-12
+    # v_in = c (x - y): amplitude and phase of the velocity come back
+    velocity = liner.fluid.sound_speed * wave * (1 - found.reflection)
+    assert complex(velocity[0, 0]) == pytest.approx(1.3 * np.exp(0.4j), abs=1e-10)
+
+
+def test_incident_level_by_hand(liner):
+    """A rigid-like reflection R and V give |p| = rho c |V|/|1 - R|; 1 m/s on z = 1 is 413 Pa."""
+
+    class Matched:
+        def impedance(self, frequency, speed):
+            return torch.ones_like(frequency * speed).to(torch.complex128)
+
+    t = torch.arange(480, dtype=torch.float64) / RATE
+    plane = plane_of(torch.cos(2 * torch.pi * FREQUENCY * t)[None])
+    found = tl.educe(plane, Matched(), edge="wrap")
+    pressure = 1.204 * 343.2
+    level = 20 * np.log10(pressure / 2**0.5 / 20e-6)
+    assert float(found.inferred_incident_level[0, 0]) == pytest.approx(level, abs=1e-6)
+    # v along +y is out of the liner, so the wave has the opposite phase of v
+    assert complex(found.incident_pressure[0, 0]) == pytest.approx(-pressure, rel=1e-9)
+
+
+@pytest.mark.parametrize("phase", ["averaged", "self-consistent"])
+def test_sign_of_v_leaves_z_and_turns_the_wave(liner, phase):
+    """Only |v| and twice the phase enter Z; the inferred incident wave changes sign."""
+    t = torch.arange(487, dtype=torch.float64) / RATE
+    v = turbulence((3, 487), seed=1) + 4 * torch.cos(2 * torch.pi * FREQUENCY * t)
+    one, other = (tl.educe(plane_of(sign * v), liner, phase=phase) for sign in (1, -1))
+    assert bool(one.phase_rule.all())
+    assert float((one.reflection - other.reflection).abs().max()) < 1e-13
+    ratio = other.incident_pressure / one.incident_pressure
+    assert float((ratio + 1).abs().max()) < 1e-12
+
+
+def test_incoherent_velocity_falls_back_and_says_so(liner):
+    """Without a tone 'self-consistent' is 'averaged', marked per probe and noted."""
+    v = turbulence((6, 960), seed=9)
+    averaged = tl.educe(plane_of(v), liner)
+    found = tl.educe(plane_of(v), liner, phase="self-consistent")
+    off = ~found.phase_rule[:, 0]
+    assert int(off.sum()) >= 4
+    assert float((found.reflection - averaged.reflection)[off].abs().max()) < 1e-9
+    assert any("below 0.5" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("edge", ["finite", "wrap"])
+def test_probe_alone_equals_probe_in_a_plane(liner, edge):
+    """Nothing of a probe's result comes from its neighbours."""
+    v = turbulence((2, 3, 480), seed=3)
+    options = {"edge": edge, "phase": "given", "reference_phase": 0.3, "velocity_max": 20.0}
+    together = tl.educe(plane_of(v), liner, **options)
+    alone = tl.educe(plane_of(v[1, 2]), liner, **options)
+    assert alone.reflection.shape == (1,)
+    assert float((together.reflection[1, 2] - alone.reflection).abs().max()) < 1e-13
+
+
+def test_shapes_and_several_frequencies(liner):
+    """(z, x) planes, lines and single probes keep their axes; F comes last."""
+    for shape in ((4, 5), (5,), ()):
+        found = tl.educe(plane_of(turbulence((*shape, 480))), liner, [1000.0, 1400.0, 2000.0])
+        assert found.impedance.shape == (*shape, 3)
+        assert found.liner_impedance.shape == (3,)
+        assert found.mean_velocity.shape == shape
+
+
+def test_drives(liner):
+    """rms and running rms are what they say; a removed mean is a removed mean."""
+    v = turbulence((2, 960), seed=11) + 2.0
+    rms = (v**2).mean(1).sqrt()
+    found = tl.educe(plane_of(v), liner, drive="rms")
+    assert relative_error(found.impedance[:, 0], liner.impedance(FREQUENCY, rms)) < 1e-12
+    removed = tl.educe(plane_of(v), liner, drive="rms", mean="removed")
+    wanted = liner.impedance(FREQUENCY, v.std(dim=1, correction=0))
+    assert relative_error(removed.impedance[:, 0], wanted) < 1e-9
+    shifted = tl.educe(plane_of(v - v.mean(1, keepdim=True)), liner)
+    assert float((tl.educe(plane_of(v), liner, mean="removed").reflection
+                  - shifted.reflection).abs().max()) < 1e-9  # fmt: skip
+    # a running window longer than twice the record is the rms
+    long = tl.educe(plane_of(v), liner, drive="running-rms", running_window=1.0)
+    assert relative_error(long.impedance, found.impedance) < 1e-12
+
+
+def test_running_rms_against_a_plain_loop(liner):
+    """The streamed running rms is the centred mean square, cut at the ends."""
+    from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
+    from torchliner.eduction.survey import survey
+
+    v = turbulence((2, 130), seed=12)
+    plane = plane_of(v)
+    velocity = ProbeVelocity(plane, torch.zeros(2, 0, dtype=torch.float64), torch.float64,
+                             torch.device("cpu"))  # fmt: skip
+    seen = survey(velocity, torch.tensor([FREQUENCY]), RATE, torch.ones(130, dtype=torch.float64))
+    drive = DriveSpeed(velocity, "running-rms", "kept", seen, 31)
+    found = torch.cat([drive.read(i, min(i + 17, 130)) for i in range(0, 130, 17)]).T
+    wanted = torch.stack(
+        [(v[:, max(0, i - 15) : i + 16] ** 2).mean(1).sqrt() for i in range(130)], dim=1
+    )
+    assert float((found - wanted).abs().max()) < 1e-12
+
+
+def test_statistics_and_provenance(liner):
+    """Mean, rms and all choices are in the result."""
+    v = turbulence((3, 480), seed=13) + torch.tensor([[0.5], [1.0], [-2.0]])
+    found = tl.educe(plane_of(v), liner)
+    assert float((found.mean_velocity - v.mean(1)).abs().max()) < 1e-12
+    assert float((found.velocity_rms - v.std(dim=1, correction=0)).abs().max()) < 1e-12
+    for key in ("engine", "phase", "edge", "drive", "mean", "kernel", "window", "velocity_max",
+                "kernel_error", "liner", "version", "levels"):  # fmt: skip
+        assert found.choices[key] is not None
+    assert found.choices["liner"]["velocity_reading"] == "as_measured"
+    assert 0 < found.choices["kernel_error"] < 4e-7
+
+
+def test_gradients_through_spectral(liner):
+    """gradcheck of educed R over liner parameters, edge tables included."""
+    plane = plane_of(turbulence((2, 130), seed=14))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+
+        def reflection(contraction, porosity):
+            model = liner.replace(vena_contracta=contraction, porosity=porosity)
+            found = tl.educe(plane, model, velocity_max=16.0, levels=20)
+            return torch.view_as_real(found.reflection)
+
+        values = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (0.8, 0.055)]
+        assert torch.autograd.gradcheck(reflection, values, eps=1e-6, atol=1e-6)
+
+
+def test_both_orders_of_averaging(liner):
+    """Two cells: admittance averages, and the velocity averaged first, are what they say."""
+    pitch = liner.cell_pitch
+    x = np.linspace(0.1, 1.9, 10) * pitch
+    v = turbulence((2, 10, 480), seed=15)
+    plane = plane_of(v, x=x, z=np.array([0.0, 1e-3]))
+    found = tl.educe(plane, liner)
+    assert len(found.cell_x) == 2
+    assert found.cell_x.tolist() == pytest.approx([0.5 * pitch, 1.5 * pitch])
+    admittance = (1 / found.impedance[..., 0])[:, :5].mean()
+    assert complex(found.cell_impedance[0, 0]) == pytest.approx(complex(1 / admittance))
+    first = tl.educe(
+        plane_of(v[:, 5:].mean((0, 1))), liner, velocity_max=found.choices["velocity_max"]
+    )
+    assert complex(found.cell_impedance_velocity_first[1, 0]) == pytest.approx(
+        complex(first.impedance[0]), abs=1e-10
+    )
+    assert complex(found.liner_impedance[0]) == pytest.approx(
+        complex(1 / (1 / found.impedance[..., 0]).mean())
+    )
+
+
+def test_tiles_that_are_not_whole_do_not_count(liner):
+    """3.2 cells of probes are 3 cells; a plane smaller than two is one."""
+    pitch = liner.cell_pitch
+    v = turbulence((32, 130), seed=16)
+    found = tl.educe(plane_of(v, x=(np.arange(32) + 0.5) * pitch / 10), liner)
+    assert len(found.cell_x) == 3
+    one = tl.educe(plane_of(v[:15], x=(np.arange(15) + 0.5) * pitch / 10), liner)
+    assert len(one.cell_x) == 1
+
+
+def test_float32_and_views(liner):
+    """Time-major memory, strided views and float32 give what a plain tensor gives."""
+    v = turbulence((3, 4, 480), seed=17)
+    wanted = tl.educe(plane_of(v), liner, velocity_max=20.0).reflection
+    major = v.movedim(-1, 0).contiguous().movedim(0, -1)
+    padded = torch.zeros(3, 8, 960, dtype=torch.float64)
+    padded[:, ::2, ::2] = v
+    for view in (major, padded[:, ::2, ::2]):
+        assert (
+            float(
+                (tl.educe(plane_of(view), liner, velocity_max=20.0).reflection - wanted).abs().max()
+            )
+            < 1e-13
+        )
+    single = tl.educe(plane_of(v.to(torch.float32)), liner).reflection
+    assert float((single - wanted).abs().max()) < 1e-6
+    same = plane_of(v[:1, :1].expand(3, 4, 480))
+    still = tl.educe(same, liner, velocity_max=20.0).reflection
+    assert float((still - wanted[:1, :1]).abs().max()) < 1e-13
+
+
+def test_resolved_slit_within_the_stated_distance():
+    """Case n130, velocity averaged first, phase averaged: 0.174-0.063j against 0.168-0.066j."""
+    from conftest import DATA
+
+    for height in ("0.5", "2.5"):
+        plane = tl.read_plane(DATA / f"slit_n130_y{height}mm.h5")
+        found = tl.educe(plane, tl.load_liner("lbm_slit"))
+        value = complex(found.liner_impedance_velocity_first[0])
+        assert value == pytest.approx(0.174 - 0.063j, abs=1e-3)
+        assert abs(value - plane.reference["true"]) < 0.01
+
+
+def test_hard_wall_still_educes_an_impedance(liner):
+    """The null test: turbulence over a rigid wall gives a liner's value, and is labelled so."""
+    from conftest import DATA
+
+    plane = tl.read_plane(DATA / "channel_y1.04mm.h5")
+    found = tl.educe(plane, liner, 1400.0)
+    assert 0.9 < float(found.liner_impedance[0].real) < 1.3
+    assert found.choices["surface"] == "hard wall"

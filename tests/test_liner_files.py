@@ -1,0 +1,229 @@
+"""Liners from files: presets, the user's own TOML, and tables of measured impedance."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+import torchliner as tl
+from torchliner.liners.catalogue import preset_text
+
+PRESETS = ("lbm_orifice", "lbm_slit", "onera", "polito")
+GRID_F, GRID_V = (500.0, 800.0, 1400.0, 3000.0), (0.0, 0.5, 4.0)
+
+
+def bilinear(f, v):
+    """Linear in f and in v, so that bilinear interpolation returns it exactly."""
+    return 0.1 + 1e-3 * f + 0.3 * v + 2e-4 * f * v + 1j * (-2 + 1e-3 * f - 1e-4 * f * v)
+
+
+def table_rows(names="frequency,speed,resistance,reactance", mark=","):
+    cells = [(f, v, bilinear(f, v).real, bilinear(f, v).imag) for f in GRID_F for v in GRID_V]
+    return [names.replace(",", mark), *(mark.join(map(repr, row)) for row in cells)]
+
+
+def write(path, *lines):
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_load_and_absorb(name):
+    """Each shipped liner carries its own name and is passive at its resonance or tone."""
+    liner = tl.load_liner(name)
+    assert liner.name == name
+    assert tl.preset_names() == list(PRESETS)
+    reflection = tl.reflection_from_impedance(liner.impedance(1400.0, [0.0, 1.0, 5.0]))
+    assert bool((reflection.abs() < 1).all())
+
+
+# Frozen: PHYSICS.md section 2; X = 0 with air above, Hz. The paper says about 1450 and 1400.
+@pytest.mark.parametrize(
+    ("name", "changes", "resonance"),
+    [
+        ("onera", {"porosity": 0.0395, "open_area_fraction": 1.0}, 1243.5),
+        ("onera", {"porosity": 0.0395, "open_area_fraction": 1.0,
+                   "cavity_porosity": (9.91 / 12.44) ** 2}, 1451.3),
+        ("onera", {}, 1489.7),
+        ("polito", {}, 1409.0),
+        ("polito", {"porosity": 0.0878}, 1636.3),
+    ],
+)  # fmt: skip
+def test_resonance_frequencies(name, changes, resonance):
+    assert tl.load_liner(name).replace(**changes).resonance() == pytest.approx(resonance, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("name", "measured"), [("lbm_slit", 0.0863 - 0.0007j), ("lbm_orifice", 0.2211 - 0.2154j)]
+)
+def test_resolved_presets_start_from_the_measured_linear_part(name, measured):
+    """At |v| = 0 they return the impedance of the 115 dB run on the same grid."""
+    assert abs(complex(tl.load_liner(name).impedance(1400.0, 0.0)) - measured) < 1e-4
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_copy_of_a_preset_is_the_same_liner(tmp_path, name):
+    (tmp_path / "mine.toml").write_text(preset_text(name), encoding="utf-8")
+    assert tl.load_liner(tmp_path / "mine.toml") == tl.load_liner(name)
+    assert tl.load_liner(str(tmp_path / "mine.toml")) == tl.load_liner(name)
+
+
+def test_edited_copy_changes_what_was_edited(tmp_path):
+    text = preset_text("polito").replace("0.055 ", "0.0878 ").replace('name = "polito"', "")
+    text += "\n[fluid]\ntemperature = 300\npressure = 9e4\nprandtl = 0.8\n"
+    found = tl.load_liner(write(tmp_path / "mine.toml", text))
+    assert (found.porosity, found.name) == (0.0878, "mine")
+    gas = tl.Fluid.from_temperature(300, 9e4)
+    assert (found.fluid.sound_speed, found.fluid.prandtl) == (gas.sound_speed, 0.8)
+    wanted = tl.load_liner("polito").replace(porosity=0.0878, name="mine", fluid=found.fluid)
+    assert found == wanted
+
+
+@pytest.mark.parametrize("call", [tl.load_liner, preset_text])
+def test_unknown_preset_names_the_nearest(call):
+    with pytest.raises(ValueError, match=r"'onerra' \(did you mean 'onera'\?\).* ends in .toml"):
+        call("onerra")
+    with pytest.raises(ValueError, match=r"'xyz'; presets are lbm_orifice, lbm_slit, onera, pol"):
+        call("xyz")
+
+
+def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
+    text = preset_text("polito").replace("porosity = 0.055 ", "porosty = 5.5 ")
+    text = text.replace("orifice_diameter = 1.17e-3", "orifice_diameter = 1.17")
+    text = text.replace('"as_measured"', '"measured"').replace("38.1e-3", "'38 mm'")
+    path = write(tmp_path / "a.toml", text, "[fluid]", "densty = 1.2", "temperature = 20")
+    with pytest.raises(ValueError, match=r"a.toml has 7 mistake\(s\)") as caught:
+        tl.load_liner(path)
+    lines = sorted(line.strip() for line in str(caught.value).splitlines()[1:])
+    starts = [
+        "cavity_depth = '38 mm': input should be a valid number",
+        "fluid.densty: no such key (did you mean 'density'?)",
+        "fluid.temperature = 20: input should be greater than or equal to 150",
+        "orifice_diameter = 1.17: input should be less than 0.1",
+        "porosity: missing",
+        "porosty: no such key (did you mean 'porosity'?)",
+        "velocity_reading = 'measured': input should be 'as_measured' or 'conserved'",
+    ]
+    assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("model = sdof", r"a.toml is not valid TOML: .*line 1"),
+        ("model = 'sdoff'", r"a.toml: model is 'sdoff' \(did you mean 'sdof'\?\); .* sdof, table"),
+        ("name = 'x'", r"a.toml: model is None.*; it is one of sdof, table"),
+        ("model = ['sdof']", r"a.toml: model is \['sdof'\]"),
+        ("model = 'table'", r"a.toml has 1 mistake\(s\):\s+file: missing"),
+        (preset_text("onera").replace("12.44e-3", "0.5e-3"),
+         r"a.toml: liner orifice_diameter is 0.000991 m, larger than cell_pitch, 0.0005 m"),
+        (preset_text("onera") + "\n[fluid]\nsound_speed = inf", r"sound_speed = inf: .*finite"),
+    ],
+)  # fmt: skip
+def test_bad_toml_is_refused(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner(write(tmp_path / "a.toml", text))
+
+
+def test_text_that_is_not_utf8_is_refused(tmp_path):
+    (tmp_path / "a.toml").write_bytes('description = "\xb5"'.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"a.toml is not UTF-8 text: .*; save it as UTF-8"):
+        tl.load_liner(tmp_path / "a.toml")
+    with pytest.raises(FileNotFoundError, match=r"b.toml"):
+        tl.load_liner(tmp_path / "b.toml")
+
+
+@given(f=st.floats(500, 3000), v=st.floats(0, 4))
+def test_interpolation_is_exact_on_a_bilinear_function(f, v):
+    values = [[bilinear(a, b) for b in GRID_V] for a in GRID_F]
+    found = tl.TabulatedLiner(GRID_F, values, GRID_V).impedance(f, v)
+    assert abs(complex(found) - bilinear(f, v)) < 1e-12
+
+
+def test_nodes_are_returned_in_full_precision():
+    """Values that float32 cannot hold come back in float64 at every node, the last included."""
+    values = torch.randn(4, 3, dtype=torch.complex128)
+    for given_values in (values, values.tolist(), values.numpy()):
+        liner = tl.TabulatedLiner(GRID_F, given_values, GRID_V)
+        found = liner.impedance(torch.tensor(GRID_F)[:, None], GRID_V)
+        torch.testing.assert_close(found, values, rtol=1e-15, atol=1e-15)
+
+
+def test_table_over_frequency_alone_ignores_the_speed():
+    liner = tl.TabulatedLiner([1000.0, 2000.0], [1 - 1j, 3 + 1j])
+    found = liner.impedance([[1000.0], [1250.0]], [0.0, 7.0, 1e9])
+    assert found.tolist() == [[1 - 1j] * 3, [1.5 - 0.5j] * 3]
+    assert (liner.frequency_range, liner.speed_max) == ((1000.0, 2000.0), None)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "speed", "message"),
+    [
+        (499.0, 1.0, r"table 'table': frequency is 499 Hz, outside the table's 500-3000 Hz"),
+        ([600.0, 3100.0], 1.0, r"frequency is 3100 Hz, outside the table's 500-3000 Hz"),
+        (600.0, 4.1, r"table 'table': \|v\| is 4.1 m/s, outside the table's 0-4 m/s"),
+        (600.0, -0.1, r"\|v\| is -0.1 m/s, outside"),
+        (600.0, float("nan"), r"\|v\| is nan m/s, outside"),
+    ],
+)
+def test_nothing_is_extrapolated(frequency, speed, message):
+    liner = tl.TabulatedLiner(GRID_F, torch.ones(4, 3), GRID_V)
+    with pytest.raises(ValueError, match=message):
+        liner.impedance(frequency, speed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([1, 2], [1, 2, 3]), r"values have shape \(3,\), the axes \(2,\)"),
+        (([1, 2], [1, float("inf")]), r"holds values that are not finite"),
+        (([2, 1], [1, 1]), r"frequency must increase and have at least two values"),
+        (([1], [1]), r"frequency must increase and have at least two values"),
+        (([1, 2], [[1, 1], [1, 1]], [0.5, 1]), r"speed starts at 0.5, not at 0"),
+    ],
+)
+def test_bad_tables_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=rf"table 'table'.*{message}"):
+        tl.TabulatedLiner(*arguments)
+
+
+@pytest.mark.parametrize("mark", [",", ";", ", ", ";  "])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_csv_is_read_with_comma_or_semicolon(tmp_path, mark, shuffled):
+    header, *rows = table_rows(mark=mark)
+    path = write(tmp_path / "t.csv", header, *(rows[::-1] if shuffled else rows), "")
+    for liner in (tl.load_liner(path), tl.TabulatedLiner.read_csv(path)):
+        assert complex(liner.impedance(1000.0, 2.0)) == pytest.approx(bilinear(1000.0, 2.0))
+        assert (liner.name, liner.speed_max) == ("t", 4.0)
+
+
+def test_toml_may_name_a_table_beside_it(tmp_path):
+    write(
+        tmp_path / "t.csv", "\ufefffrequency,reactance,resistance,note", "2e3,1,3,b", "1e3,-1,1,a"
+    )
+    text = "model = 'table'\nfile = 't.csv'\ncell_pitch = 0.01"
+    liner = tl.load_liner(write(tmp_path / "mine.toml", text))
+    assert (liner.name, liner.cell_pitch) == ("mine", 0.01)
+    assert complex(liner.impedance(1500.0)) == 2 + 0j
+
+
+HEAD = "frequency,speed,resistance,reactance"
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["f,resistance,reactance", "1,2,3"], r"t.csv: no column 'frequency'; the header is 'f,re"),
+        ([""], r"t.csv: no column 'frequency'.* it needs frequency, \[speed,\] resistance"),
+        ([HEAD], r"t.csv has a header and no rows"),
+        ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv, line 4: resistance is 'two', not a finite"),
+        ([HEAD, "1,0,2"], r"t.csv, line 2: reactance is None, not a finite number"),
+        ([HEAD, "1,0,nan,3"], r"t.csv, line 2: resistance is 'nan', not a finite number"),
+        (table_rows()[:-1], r"t.csv: no row for 3000 Hz and 4 m/s; the grid is full"),
+        ([*table_rows(), "500,0,1,1"], r"t.csv: 1 row\(s\) repeat a frequency and speed"),
+        ([HEAD, "1,1,2,3", "1,2,2,3", "2,1,2,3", "2,2,2,3"], r"'t': speed starts at 1, not at 0"),
+    ],
+)
+def test_bad_csv_is_refused(tmp_path, lines, message):
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner(write(tmp_path / "t.csv", *lines))

@@ -1,0 +1,186 @@
+"""The liner model: tables of 40 digits, limits, passivity, gradients."""
+
+from __future__ import annotations
+
+import json
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from conftest import SHARED
+from hypothesis import given
+from hypothesis import strategies as st
+
+import torchliner as tl
+from torchliner.liners.bessel import ratio_i2_i0
+from torchliner.liners.grazing import goodrich_resistance
+
+ONERA_GLOBAL = tl.SDoFLiner(0.635e-3, 0.991e-3, 0.0395, 38.1e-3, 4.955e-3, name="onera global")
+
+
+def numbers(pairs) -> torch.Tensor:
+    flat = np.array(pairs, dtype=object).astype(float)
+    return torch.complex(torch.from_numpy(flat[..., 0]), torch.from_numpy(flat[..., 1]))
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-3, 0.3, 1.0, 7.0, 90.0, 3e3, 9.9e3, 1.01e4, 1e7])
+def test_bessel_ratio_against_mpmath(size):
+    """I2/I0 on the ray arg s = pi/4, where it is used, to 1e-12 from 1e-8 to 1e7."""
+    s = size * np.exp(1j * np.pi / 4)
+    found = complex(ratio_i2_i0(torch.tensor(s)))
+    with mpmath.workdps(40):
+        if size < 1e5:
+            wanted = complex(mpmath.besseli(2, s) / mpmath.besseli(0, s))
+        else:  # two terms more than the code keeps
+            r = mpmath.mpc(s)
+            ratio = 1 - 1 / (2 * r) - 1 / (8 * r**2) - 1 / (8 * r**3) - 25 / (128 * r**4)
+            wanted = complex(1 - 2 / r * ratio)
+    assert abs(found - wanted) <= 1e-12 * abs(wanted)
+
+
+def test_bessel_ratio_gradient():
+    """The closed-form slope agrees with finite differences, on both sides of the series."""
+    s = torch.tensor([0.2 + 0.3j, 4 + 4j, 30 + 31j], dtype=torch.complex128, requires_grad=True)
+    assert torch.autograd.gradcheck(ratio_i2_i0, (s,), eps=1e-6, atol=1e-8)
+
+
+# Origin: 40-digit evaluation of (2.2), phi_p = 3.95 %, phi_c = 1, r_c = D/2.
+FROZEN_LINEAR = {200.0: 0.199725391961607285 - 6.79900864116535933j,
+                 1400.0: 0.110928309183128547 + 0.269990980796316172j}  # fmt: skip
+
+
+@pytest.mark.parametrize(("frequency", "wanted"), FROZEN_LINEAR.items())
+def test_linear_impedance_to_twelve_digits(frequency, wanted):
+    """Two values of the 40-digit table, for machines without it."""
+    found = complex(ONERA_GLOBAL.impedance(frequency))
+    assert abs(found - wanted) < 1e-12 * abs(wanted)
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="high-precision tables are not here")
+def test_reference_tables():
+    """(2.2) and (2.4) against 40-digit tables: 1e-12."""
+    linear = json.loads((SHARED / "reference" / "linear_impedance.json").read_text())
+    for table in linear["tables"].values():
+        liner = tl.SDoFLiner(0.635e-3, 0.991e-3, float(table["phi_p"]), 38.1e-3,
+                             float(table["rc"]), float(table["phi_c"]),
+                             float(table["alpha"]))  # fmt: skip
+        wanted = numbers(table["Z"])
+        found = liner.impedance([float(f) for f in table["f"]])
+        assert float(((found - wanted).abs() / wanted.abs()).max()) < 1e-12
+        assert liner.resonance() == pytest.approx(float(table["f_res"]), rel=1e-10)
+    nonlinear = json.loads((SHARED / "reference" / "nonlinear_terms.json").read_text())
+    table = nonlinear["tables"]["ONERA|global"]
+    speeds = torch.tensor([float(v) for v in table["V"]], dtype=torch.float64)
+    law = ONERA_GLOBAL.speed_law(torch.tensor([float(f) for f in table["f"]])[:, None])
+    power = speeds**2.5
+    added = torch.complex(law.a * speeds**2 / (speeds + law.b), -law.c * power / (power + law.d))
+    wanted = numbers(table["G"])
+    assert float((added.real / wanted.real - 1).abs().max()) < 1e-12
+    assert float((added.imag / wanted.imag - 1).abs().max()) < 1e-12
+
+
+def test_rest_is_the_linear_limit():
+    """Z(0) is linear, and G falls like |v|^2 to rounding, where the printed form loses 1e-3."""
+    law = ONERA_GLOBAL.speed_law(1500.0)
+    tiny = torch.tensor(1e-6, dtype=torch.float64)
+    resistance, _ = law.parts(torch.zeros((), dtype=torch.float64))
+    assert float(resistance) == float(law.resistance)
+    assert float(law.a * tiny**2 / (tiny + law.b)) == pytest.approx(
+        float(law.a / law.b) * 1e-12, rel=1e-5
+    )
+
+
+@given(
+    frequency=st.floats(1e-3, 1e6),
+    speed=st.floats(0, 20),
+    porosity=st.floats(0.01, 0.3),
+    reading=st.sampled_from(["as_measured", "conserved"]),
+)
+def test_passive_everywhere(frequency, speed, porosity, reading):
+    """|R| < 1 and finite from 1e-3 Hz to 1 MHz, up to 20 m/s."""
+    liner = tl.SDoFLiner(0.6e-3, 1e-3, porosity, 38e-3, 5e-3, open_area_fraction=0.63,
+                         velocity_reading=reading)  # fmt: skip
+    found = complex(tl.reflection_from_impedance(liner.impedance(frequency, speed)))
+    assert abs(found) <= 1
+
+
+def test_velocity_readings_differ_as_stated():
+    """'conserved' is 'as_measured' at |v|/alpha."""
+    measured = tl.load_liner("onera")
+    conserved = measured.replace(velocity_reading="conserved")
+    alpha = measured.open_area_fraction
+    found, wanted = conserved.impedance(1500.0, 2.0), measured.impedance(1500.0, 2.0 / alpha)
+    assert abs(complex(found - wanted)) < 1e-12
+    assert abs(complex(found - measured.impedance(1500.0, 2.0))) > 0.5
+
+
+def test_onera_reproduces_the_papers_reactance():
+    """At the paper's resistance 2.33 the local preset has the paper's reactance -0.30."""
+    speeds = torch.linspace(0, 5, 2001, dtype=torch.float64)
+    values = tl.load_liner("onera").impedance(1500.0, speeds)
+    at = int((values.real - 2.33).abs().argmin())
+    assert float(values.imag[at]) == pytest.approx(-0.30, abs=0.03)
+
+
+def test_broadcasting_and_kinds():
+    """Frequency and speed broadcast; floats, lists, arrays and tensors give complex128."""
+    liner = tl.load_liner("polito")
+    found = liner.impedance(np.array([[1000.0], [1400.0]]), [0.0, 1.0, 2.0])
+    assert found.shape == (2, 3)
+    assert found.dtype == torch.complex128
+    assert complex(found[1, 2]) == complex(liner.impedance(1400, 2))
+
+
+def test_every_parameter_has_a_gradient():
+    """gradcheck of Z over all seven numeric parameters."""
+    names = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth",
+             "cavity_hydraulic_radius", "open_area_fraction", "vena_contracta")  # fmt: skip
+    liner = tl.load_liner("onera")
+    scales = [float(getattr(liner, name)) for name in names]
+
+    def impedance(*shares: torch.Tensor) -> torch.Tensor:
+        values = {n: s * x for n, s, x in zip(names, scales, shares, strict=True)}
+        return torch.view_as_real(liner.replace(**values).impedance([800.0, 1500.0], [0.0, 2.0]))
+
+    ones = [torch.ones((), dtype=torch.float64, requires_grad=True) for _ in names]
+    assert torch.autograd.gradcheck(impedance, ones, eps=1e-6, atol=1e-6)
+
+
+def test_goodrich_shift_of_the_paper():
+    """One M_b gives 1.03-1.22 between Mach 0.1 and 0.3 for delta* = 2 +- 0.3 mm."""
+    shifts = [
+        goodrich_resistance(0.3, 0.0395, d, 0.991e-3)
+        - goodrich_resistance(0.1, 0.0395, d, 0.991e-3)
+        for d in (1.7e-3, 2.3e-3)
+    ]
+    assert shifts == pytest.approx([1.22, 1.03], abs=0.01)
+
+
+BAD = [
+    ({"porosity": -0.1}, "porosity is -0.1"),
+    ({"porosity": 5.5}, "5.5.*fraction"),
+    ({"open_area_fraction": 1.2}, "open_area_fraction is 1.2.*at most 1"),
+    ({"orifice_diameter": 0.02}, "orifice_diameter is 0.02 m, larger than cell_pitch"),
+    ({"cavity_depth": 0.0}, "cavity_depth"),
+    ({"cavity_depth": float("nan")}, "cavity_depth.*is nan"),
+    ({"velocity_reading": "as_mesured"}, "did you mean 'as_measured'"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_bad_geometry(change, message):
+    """Values outside their range are named with the limit."""
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner("onera").replace(**change)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "speed", "message"),
+    [(0.0, 1.0, "frequency.*is 0"), (-5.0, 1.0, "is -5"), (1400.0, -1.0, "not negative"),
+     (1400.0, float("nan"), "finite")],
+)  # fmt: skip
+def test_bad_arguments(frequency, speed, message):
+    """A frequency of 0 or a negative |v| has no impedance."""
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner("polito").impedance(frequency, speed)
