@@ -23,13 +23,13 @@ def table_rows(names="frequency,speed,resistance,reactance", mark=","):
 
 
 def write(path, *lines):
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_load_and_absorb(name):
-    """Each shipped liner carries its own name and is passive at its resonance or tone."""
+    """Each shipped liner carries its own name and reflects less than all of a 1400 Hz tone."""
     liner = tl.load_liner(name)
     assert liner.name == name
     assert tl.preset_names() == list(PRESETS)
@@ -142,7 +142,8 @@ def test_interpolation_is_exact_on_a_bilinear_function(f, v):
 
 def test_nodes_are_returned_in_full_precision():
     """Values that float32 cannot hold come back in float64 at every node, the last included."""
-    values = torch.randn(4, 3, dtype=torch.complex128)
+    noise = torch.Generator().manual_seed(0)
+    values = torch.randn(4, 3, dtype=torch.complex128, generator=noise)
     for given_values in (values, values.tolist(), values.numpy()):
         liner = tl.TabulatedLiner(GRID_F, given_values, GRID_V)
         found = liner.impedance(torch.tensor(GRID_F)[:, None], GRID_V)

@@ -1,7 +1,4 @@
-"""The plane file: what is written is read back, and what cannot be read says why.
-
-Missing, damaged and interrupted files: see test_map_file.py, for both kinds at once.
-"""
+"""The plane file: written, read back, refused; for damaged files see test_map_file.py."""
 
 import pickle
 from dataclasses import replace
@@ -195,7 +192,7 @@ BAD = {
     "no time": ({"time": None}, f"{T} is missing; the file holds: wall_normal_velocity"),
     "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\); \(time, z, x\) or"),
     "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but /time has 20 values; time is its"),
-    "short": ({"velocity": WAVE[:19], "dims": ("t", "p")}, r"\(19, 6\), but /time has 20"),
+    "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) with time on axis 0"),
     "time inside": ({"velocity": np.ones((20, 20, 2)), "dims": ("z", "time", "x")}, "on axis 1"),
     "x before z": ({"velocity": np.ones((20, 2, 2)), "dims": ("time", "x", "z")}, "transpose it"),
     "square": ({"velocity": SQUARE}, r"\(20, 20\): first and last axis both fit the 20 .* Attach"),

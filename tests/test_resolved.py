@@ -190,10 +190,7 @@ needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the real files ar
     ],
 )
 def test_real_cells(name, case, truth, peak):
-    """The mean velocity over the cell is that of the incident wave on the stated truth.
-
-    |v| = 2 p/(rho c |1 + z|); 6 % is how far vortices and a start-up leave the runs from it.
-    """
+    """The cell's mean |v| is 2 p/(rho c |1 + z|) of the stated truth, to 6 % (vortices, start)."""
     plane = read_resolved(SHARED / name, case, 4)
     assert abs(plane.reference["true"] - truth) < 1e-3
     assert plane.height == 0.0025

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     array.add_argument("--x", help="coordinates: FILE or FILE:VARIABLE")
     array.add_argument("--z", help="likewise")
     array.add_argument("--length-units", default="m", help="of --x and --z")
-    about = parser.add_argument_group("about the case (SI)")
+    about = parser.add_argument_group("about the case (SI, of the plane as written)")
     about.add_argument("--height", type=float, metavar="M")
     about.add_argument("--frequency", type=float, metavar="HZ")
     about.add_argument("--incident-level", type=float, metavar="DB")

@@ -6,7 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.options import add_output_options, print_json, progress_bar, warnings_on_stderr
+from torchliner.cli.options import (
+    add_output_options,
+    liner_name,
+    print_json,
+    progress_bar,
+    warnings_on_stderr,
+)
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -85,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     with warnings_on_stderr(options.quiet):
         for path in options.planes:
             plane = read_plane(path, lazy=True)
-            model = liner or load_liner(_liner_of(plane, path))
+            model = liner or load_liner(liner_name(plane, path))
             with progress_bar(2 * plane.samples, path.name, options.quiet) as step:
                 result = educe(
                     plane, model, options.frequency, progress=step,
@@ -99,17 +105,6 @@ def run(options: argparse.Namespace) -> int:
             _draw(found, planes, options.figures)
     _print(found, options)
     return 0
-
-
-def _liner_of(plane: VelocityPlane, path: Path) -> str:
-    from torchliner.liners.catalogue import preset_names
-
-    if plane.liner not in preset_names():
-        said = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
-        raise ValueError(
-            f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
-        )
-    return plane.liner
 
 
 def _output(output: Path, plane: Path, count: int) -> Path:

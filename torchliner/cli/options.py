@@ -8,7 +8,11 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from torchliner.records import VelocityPlane
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -55,3 +59,19 @@ def progress_bar(total: int, label: str, quiet: bool) -> Iterator[Any]:
 
     with tqdm(total=total, desc=label, unit="sample", unit_scale=True, leave=False) as bar:
         yield bar.update
+
+
+def liner_name(plane: VelocityPlane, path: Path) -> str:
+    """The preset a plane file names.
+
+    Raises:
+        ValueError: it names none.
+    """
+    from torchliner.liners.catalogue import preset_names
+
+    if plane.liner not in preset_names():
+        said = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
+        raise ValueError(
+            f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
+        )
+    return plane.liner

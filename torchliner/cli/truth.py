@@ -6,7 +6,7 @@ import argparse
 import csv
 from pathlib import Path
 
-from torchliner.cli.options import add_output_options, print_json, progress_bar
+from torchliner.cli.options import add_output_options, liner_name, print_json, progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,15 +19,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
-    from torchliner.cli.educe import _liner_of
     from torchliner.io.hdf5 import written_whole
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.truth import format_truth, truth_table
+    from torchliner.report.truth import format_summary, format_truth, truth_table
 
     planes = [read_plane(path) for path in options.planes]
     names = {
-        id(plane): options.liner or _liner_of(plane, path)
+        id(plane): options.liner or liner_name(plane, path)
         for plane, path in zip(planes, options.planes, strict=True)
     }
     with progress_bar(len(planes), "truth table", options.quiet) as step:
@@ -41,4 +40,5 @@ def run(options: argparse.Namespace) -> int:
         print_json([row.plain() for row in rows])
     else:
         print(format_truth(rows))
+        print(f"\n{format_summary(rows)}")
     return 0

@@ -222,7 +222,9 @@ def _goodrich(ready: Prepared) -> Tensor | None:
     diameter = getattr(ready.liner, "orifice_diameter", None)
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
-    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, plain_number(diameter))
+    added = goodrich_resistance(
+        plane.mach, porosity, plane.displacement_thickness, plain_number(diameter)
+    )
     with torch.no_grad():
         return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
 

@@ -83,18 +83,19 @@ class SDoFLiner:
             fractions.append("flow_facing_porosity")
         for name in fractions:
             require_positive(f"liner {name}", getattr(self, name))
-            if plain_number(getattr(self, name)) > 1:
+            share = plain_number(getattr(self, name))
+            if share > 1:
                 raise ValueError(
-                    f"liner {name} is {plain_number(getattr(self, name)):g}; it is a fraction, at most 1 "
-                    "(5.5 % is 0.055)"
+                    f"liner {name} is {share:g}; it is a fraction, at most 1 (5.5 % is 0.055)"
                 )
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
         if self.cell_pitch is not None:
             require_positive("liner cell_pitch (m)", self.cell_pitch)
-            if plain_number(self.orifice_diameter) > self.cell_pitch:
+            diameter = plain_number(self.orifice_diameter)
+            if diameter > self.cell_pitch:
                 raise ValueError(
-                    f"liner orifice_diameter is {plain_number(self.orifice_diameter):g} m, larger than "
-                    f"cell_pitch, {self.cell_pitch:g} m; both are in metres"
+                    f"liner orifice_diameter is {diameter:g} m, larger than cell_pitch, "
+                    f"{self.cell_pitch:g} m; both are in metres"
                 )
 
     @property

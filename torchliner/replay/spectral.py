@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance
-from torchliner.liners.nonlinear import SpeedLaw
+from torchliner.liners.nonlinear import SpeedLaw, powers
 from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable, Liner, reflection_at_levels
@@ -63,14 +63,19 @@ class LawResponse:
     def lines(self, speed: Tensor) -> list[Parts]:
         """Each line's R, split by hand into parts so that no complex temporary is made."""
         fitting = self.law.to(speed.dtype, speed.device)
+        square, power = powers(speed)
         found = []
         for i in range(len(fitting.a)):
-            line = SpeedLaw(*(value[i] for value in vars(fitting).values()))
-            resistance, reactance = line.parts(speed)
-            scale = 1 / ((resistance + 1) ** 2 + reactance**2)
-            real = ((resistance - 1) * (resistance + 1) + reactance**2) * scale
-            found.append((real, 2 * reactance * scale))
+            resistance, reactance = fitting.line(i).parts_from_powers(speed, square, power)
+            found.append(reflection_parts(resistance, reactance))
         return found
+
+
+def reflection_parts(resistance: Tensor, reactance: Tensor) -> Parts:
+    """Real and imaginary part of R = (Z - 1)/(Z + 1), as R = 1 - 2 (Z + 1)*/|Z + 1|^2."""
+    above = resistance + 1
+    scale = 2 / (above * above + reactance * reactance)
+    return 1 - above * scale, reactance * scale
 
 
 @dataclass(frozen=True)

@@ -117,6 +117,39 @@ def format_truth(rows: Sequence[TruthRow]) -> str:
     return "\n".join(lines).lstrip("\n")
 
 
+def format_summary(rows: Sequence[TruthRow]) -> str:
+    """Per case: the error of the default rules over the heights, and of the best and worst rule."""
+    lines = ["|Z - Z_true| over all heights (rho c)"]
+    heading = ("default, probes first", "default, velocity first", "best of all", "worst of all")
+    lines.append(f"{'case':10s}{'|Z_true|':>9s}" + "".join(f"{h:>25s}" for h in heading))
+    for case in dict.fromkeys(row.case for row in rows):
+        mine = [row for row in rows if row.case == case]
+        cells = []
+        for order in ORDERS:
+            errors = [
+                row.error
+                for row in mine
+                if (row.drive, row.mean, row.phase, row.order)
+                == ("instantaneous", "kept", "averaged", order)
+            ]
+            cells.append(f"{min(errors):.3f} to {max(errors):.3f}")
+        cells += [f"{f(row.error for row in mine):.3f}" for f in (min, max)]
+        lines.append(f"{case:10s}{abs(mine[0].true):9.3f}" + "".join(f"{c:>25s}" for c in cells))
+    best = [
+        (row.case, row)
+        for case in dict.fromkeys(row.case for row in rows)
+        for row in [min((r for r in rows if r.case == case), key=lambda r: r.error)]
+    ]
+    for case, row in best:
+        drive = row.drive + (", mean removed" if row.mean == "removed" else "")
+        lines.append(
+            f"best for {case}: y = {1e3 * row.height:g} mm, {drive}, {row.phase}, {row.order}, "
+            f"{format_complex(row.educed)} for {format_complex(row.true)}"
+        )
+    lines.append("(The best is named with hindsight. No one rule is best for all cases.)")
+    return "\n".join(lines)
+
+
 def format_complex(value: complex) -> str:
     """'0.168-0.066j'."""
     return f"{value.real:.3f}{value.imag:+.3f}j"

@@ -1,0 +1,86 @@
+"""The floors: a file imports only from floors below; rooms on one floor do not know each other."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
+FLOORS = {
+    "words": 0, "checks": 0.5, "fluid": 1, "conversions": 1, "flow_profiles": 1,
+    "records": 2, "signals": 3, "liners": 4, "replay": 5, "io": 6, "eduction": 7, "report": 8,
+    "cli": 9, "__main__": 10,
+}  # fmt: skip
+# The one exception: records read, write and plot themselves, inside the functions.
+LATE = {("records", "io"), ("records", "report")}
+# The commands share one file of their own.
+MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py")
+
+
+def room(module: str) -> str:
+    return module.split(".")[1] if "." in module else "torchliner"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_down(path):
+    """Every import of the package's own names leads to a lower floor or to the same room."""
+    here = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    top_level = set(ast.iter_child_nodes(tree))
+    seen = 0
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("torchliner"):
+            continue
+        there = room(node.module)
+        seen += 1
+        if there in (here, "torchliner"):
+            continue
+        late = node not in top_level and (here, there) in LATE
+        assert late or FLOORS[there] < FLOORS[here], f"{here} imports {there}"
+    assert seen or here in FLOORS
+
+
+def test_every_room_has_a_floor():
+    """No room without a place in the table."""
+    rooms = {p.relative_to(PACKAGE).parts[0].removesuffix(".py") for p in MODULES}
+    assert rooms == set(FLOORS)
+
+
+@pytest.mark.parametrize(
+    ("code", "absent"),
+    [
+        ("import torchliner", ["matplotlib", "dask", "torch", "xarray", "scipy"]),
+        ("import torchliner; torchliner.educe", ["matplotlib", "dask", "xarray"]),
+        (
+            "from torchliner.cli.main import build_parser; build_parser()",
+            ["torch", "numpy", "h5py"],
+        ),
+    ],
+)
+def test_imports_stay_light(code, absent):
+    """What a user does not use is not imported."""
+    check = f"{code}\nimport sys\nprint([m for m in {absent!r} if m in sys.modules])"
+    found = subprocess.run(
+        [sys.executable, "-c", check], capture_output=True, text=True, check=True
+    ).stdout
+    assert found.strip() == "[]"
+
+
+def test_public_names_exist():
+    """Every name in __all__ can be had, and an unknown one is an AttributeError."""
+    import torchliner as tl
+
+    assert all(getattr(tl, name) is not None for name in tl.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = tl.nothing
+
+
+def test_files_are_one_idea():
+    """A file over 300 lines wants a reason."""
+    long = {str(p.relative_to(PACKAGE)): n for p in MODULES
+            if (n := len(p.read_text(encoding="utf-8").splitlines())) > 330}  # fmt: skip
+    assert long == {}

@@ -1,0 +1,202 @@
+"""What ``educe`` refuses or doubts, and how it says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from conftest import FREQUENCY, RATE, frozen_plane, plane_of, turbulence
+
+import torchliner as tl
+
+
+def good(samples: int = 600) -> tl.VelocityPlane:
+    return plane_of(turbulence((3, samples)))
+
+
+OPTIONS = [
+    ({"engine": "spectrall"}, r"unknown engine 'spectrall' \(did you mean 'spectral'\?\)"),
+    ({"phase": "average"}, "phase rule 'average'.*'averaged'"),
+    ({"edge": "wrapped"}, "edge rule 'wrapped'.*'wrap'"),
+    ({"drive": "instant"}, "drive 'instant'.*'instantaneous'"),
+    ({"mean": "keep"}, "mean 'keep'"),
+    ({"kernel": "two_sided"}, "kernel 'two_sided'.*'two-sided'"),
+    (
+        {"window": "hamn"},
+        r"unknown window 'hamn' \(did you mean 'hann'|'hamn' \(did you mean 'hamm",
+    ),
+    ({"window": "kaiser"}, "window 'kaiser'"),
+    ({"dtype": "float16"}, "unknown dtype 'float16'"),
+    ({"dtype": torch.float16}, "float32 or float64"),
+    ({"response": "modell"}, "response 'modell'.*'model'"),
+    ({"kernel": "causal", "response": "model"}, "bypasses the kernel"),
+    ({"phase": "given"}, "needs reference_phase"),
+    ({"reference_phase": 0.0}, "only used with phase='given', not 'averaged'"),
+    ({"phase": "given", "reference_phase": torch.zeros(7)}, r"shape \(7,\).*\(3,\)"),
+    ({"edge": "wrap", "pre_roll": 1e-3}, "no pre_roll"),
+    ({"pre_roll": 1.0}, "pre_roll is 1 s, but"),
+    ({"pre_roll": -1.0}, "pre_roll is -1 s"),
+    ({"velocity_max": 0.0}, "velocity_max is 0"),
+    ({"minimum_coherence": 2.0}, "minimum_coherence is 2"),
+    ({"frequency": 21000.0}, "21000 Hz is at or above Nyquist, 21000 Hz.*sampling rate of 42000"),
+    ({"frequency": -1400.0}, "frequency.*-1400"),
+    ({"frequency": []}, "no frequency"),
+    ({"frequency": 5000.0}, "5000 Hz is outside the kernel's band, 300-3500.*band="),
+    ({"frequency": 100.0}, "holds 1.43 periods of 100 Hz, fewer than 4; pass allow_short=True"),
+    ({"frequency": 1410.0, "edge": "wrap"}, "needs whole periods: .* holds 20.14.*cut it to"),
+    (
+        {"velocity_max": 2.0},
+        r"reaches \|v\| = .* m/s at probe \(\d,\), above velocity_max, 2 m/s; ext",
+    ),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), OPTIONS, ids=[str(o) for o, _ in OPTIONS])
+def test_bad_options(liner, options, message):
+    """Each names the option, the value, the limit or the nearest valid one."""
+    with pytest.raises(ValueError, match=message):
+        tl.educe(good(), liner, **options)
+
+
+def test_unknown_option_name(liner):
+    """A misspelt keyword is a TypeError, as everywhere in Python."""
+    with pytest.raises(TypeError, match="windw"):
+        tl.educe(good(), liner, windw="hann")
+
+
+def test_no_frequency_anywhere(liner):
+    """Neither asked for nor stated by the plane."""
+    with pytest.raises(ValueError, match="states no frequency"):
+        tl.educe(plane_of(turbulence((2, 600)), frequency=None), liner)
+
+
+def test_short_records_only_if_asked(liner):
+    """Fewer than four periods pass with allow_short."""
+    with pytest.warns(tl.DataWarning, match="less than the kernel's 12 ms"):
+        found = tl.educe(good(90), liner, allow_short=True)
+    assert found.impedance.shape == (3, 1)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
+def test_cuda_asked_for_and_absent(liner):
+    """The remedy is named."""
+    with pytest.raises(ValueError, match="sees no CUDA device; use device='cpu'"):
+        tl.educe(good(), liner, device="cuda")
+
+
+def test_nan_and_inf_are_counted_and_placed(liner):
+    """Refused with count, place and remedy; excluded if asked, without touching the others."""
+    v = turbulence((2, 3, 600))
+    wanted = tl.educe(plane_of(v), liner, velocity_max=20.0)
+    v[1, 2, 77] = torch.nan
+    v[1, 2, 99] = torch.inf
+    v[0, 1, 5] = -torch.inf
+    with pytest.raises(
+        ValueError,
+        match=r"3 nan or inf at 2 of 6 probes, the first at probe \(0, 1\), sample 5.*exclude",
+    ):
+        tl.educe(plane_of(v), liner)
+    with pytest.warns(tl.DataWarning, match="2 of 6 probes hold nan or inf; excluded"):
+        found = tl.educe(plane_of(v), liner, missing="exclude", velocity_max=20.0)
+    bad = torch.zeros(2, 3, dtype=torch.bool)
+    bad[1, 2] = bad[0, 1] = True
+    assert bool(torch.isnan(found.impedance[bad].real).all())
+    kept = ~bad
+    assert float((found.reflection[kept] - wanted.reflection[kept]).abs().max()) < 1e-13
+    average = 1 / (1 / found.impedance[kept]).mean(0)
+    assert float((found.liner_impedance - average).abs().max()) < 1e-12
+    assert float((found.cell_impedance[0] - average).abs().max()) < 1e-12
+    with pytest.raises(ValueError, match="no probe is left"):
+        tl.educe(plane_of(torch.full((2, 600), torch.nan)), liner, missing="exclude")
+
+
+def test_dead_probes_are_doubted(liner):
+    """Zero or constant probes among live ones are counted; a wholly frozen plane is not a fault."""
+    v = turbulence((4, 600))
+    v[2] = 0.0
+    with pytest.warns(tl.DataWarning, match="1 of 4 probes are exactly 0.*index 2"):
+        tl.educe(plane_of(v), liner)
+    v[2] = 1.5
+    with pytest.warns(tl.DataWarning, match="1 of 4 probes are constant.*index 2"):
+        tl.educe(plane_of(v), liner)
+    assert tl.educe(frozen_plane(1.0, periods=20), liner).notes == ()
+    with pytest.warns(tl.DataWarning, match="3 of 3 probes are exactly 0"):
+        found = tl.educe(frozen_plane(0.0, periods=20), liner)
+    assert complex(found.impedance[0, 0]) == pytest.approx(complex(liner.impedance(1400.0)))
+
+
+def test_coarse_rate_is_doubted(liner):
+    """Fewer than 8 samples a period."""
+    plane = plane_of(turbulence((2, 600)), sampling_rate=7 * FREQUENCY)
+    with pytest.warns(tl.DataWarning, match="7 samples per period"):
+        tl.educe(plane, liner)
+
+
+def test_record_shorter_than_the_kernel_is_doubted(liner):
+    """Below 12 ms the ends reach all of it; no kernel, no doubt."""
+    plane = plane_of(turbulence((2, 300)))
+    with pytest.warns(tl.DataWarning, match="lasts 7.14 ms, less than the kernel's 12 ms"):
+        tl.educe(plane, liner)
+    assert tl.educe(plane, liner, edge="wrap").notes == ()
+
+
+def test_another_gas_is_doubted(liner):
+    """Liner and data must speak of the same air."""
+    plane = plane_of(turbulence((2, 600)), fluid=tl.Fluid(sound_speed=350.0))
+    with pytest.warns(tl.DataWarning, match=r"sound speed is 343.2 m/s in the liner and 350"):
+        tl.educe(plane, liner)
+
+
+def test_speed_beyond_a_table():
+    """A tabulated liner names its limit and the probe."""
+    table = tl.TabulatedLiner(
+        [200.0, 4000.0], np.ones((2, 2)) * (0.5 + 0.1j), speed=[0.0, 4.0], name="measured"
+    )
+    v = turbulence((2, 3, 600), rms=1.0)
+    v[1, 1, 40] = -4.5
+    with pytest.raises(
+        ValueError, match=r"= 4.5 m/s at probe \(1, 1\), above the liner's table, 4 m/s"
+    ):
+        tl.educe(plane_of(v), table)
+    v[1, 1, 40] = 0.0
+    found = tl.educe(plane_of(v.clamp(-3.9, 3.9)), table)
+    assert complex(found.liner_impedance[0]) == pytest.approx(0.5 + 0.1j, abs=1e-5)
+
+
+def test_frequency_beyond_a_table():
+    """So does its frequency range."""
+    table = tl.TabulatedLiner([200.0, 1000.0], [0.5 + 0.1j, 0.5 + 0.2j], name="measured")
+    with pytest.raises(ValueError, match=r"1400 Hz, outside the table's|outside the kernel's band"):
+        tl.educe(good(), table)
+
+
+ONES = torch.ones(3, 4)
+PLANES = [
+    (torch.ones(3, 4, dtype=torch.int32), {}, TypeError, "int32; float32 or float64"),
+    (torch.ones(3, 4, dtype=torch.complex64), {}, TypeError, "complex64"),
+    (np.array([["a"]]), {}, TypeError, "floating-point"),
+    (torch.ones(3, 0), {}, ValueError, r"\(3, 0\)"),
+    (torch.ones(0, 9), {}, ValueError, "at least one probe"),
+    (ONES, {"sampling_rate": 0.0}, ValueError, "sampling_rate"),
+    (ONES, {"x": [1.0, 2.0]}, ValueError, r"x has 2 values; probes of shape \(3,\) need 3"),
+    (ONES, {"x": [1.0, 2.0, torch.nan]}, ValueError, "x holds values that are not finite"),
+    (ONES, {"height": -1.0}, ValueError, "height"),
+    (ONES, {"source_side": "left"}, ValueError, "source_side is 'left'"),
+    (ONES, {"streamwise": torch.ones(3, 5)}, ValueError, "share probes and times"),
+]
+
+
+@pytest.mark.parametrize(("velocity", "about", "kind", "message"), PLANES)
+def test_bad_planes(velocity, about, kind, message):
+    """A plane is checked when it is made."""
+    with pytest.raises(kind, match=message):
+        tl.VelocityPlane(velocity, **{"sampling_rate": 1e4, **about})
+
+
+def test_warnings_are_in_the_notes(liner):
+    """What was warned of is kept with the result."""
+    plane = plane_of(turbulence((2, 300)))
+    with pytest.warns(tl.DataWarning) as caught:
+        found = tl.educe(plane, liner)
+    assert [str(w.message) for w in caught] == list(found.notes)
+    assert plane.duration == pytest.approx(300 / RATE)

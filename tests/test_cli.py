@@ -1,0 +1,237 @@
+"""The commands as a user meets them: output, files, exit codes, messages."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from conftest import DATA
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, INTERRUPTED, main
+
+SLIT = str(DATA / "slit_n130_y2.5mm.h5")
+CHANNEL = str(DATA / "channel_y1.04mm.h5")
+
+
+def run(capsys, *words: str) -> tuple[int, str, str]:
+    try:
+        code = main(list(words))
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_help_of_every_command(capsys):
+    """--help works and names the options with their meaning."""
+    code, out, _ = run(capsys, "--help")
+    assert code == DONE
+    assert all(name in out for name in COMMANDS)
+    for name in COMMANDS:
+        code, out, _ = run(capsys, name, "--help")
+        assert code == DONE
+        assert COMMANDS[name].split()[0] in out.lower()
+
+
+def test_without_a_command_help_is_printed(capsys):
+    """`torchliner` alone is a question, not a mistake."""
+    code, out, _ = run(capsys)
+    assert code == DONE
+    assert "COMMAND" in out
+
+
+MISTAKES = [
+    (["educ"], "did you mean 'educe'"),
+    (["educe", SLIT, "--frequncy", "1400"], "--frequncy (did you mean '--frequency'?)"),
+    (["educe", SLIT, "--phase", "avraged"], "did you mean 'averaged'"),
+    (["educe", SLIT, "--liner", "lbm_slot"], "unknown liner 'lbm_slot' (did you mean 'lbm_slit'?)"),
+    (["educe", "nothing.h5"], "nothing.h5: no such file"),
+    (["educe", CHANNEL], "names 'hard wall', which is no preset; choose a model with --liner"),
+    (["educe", SLIT, "--frequency", "60000"], "at or above Nyquist"),
+    (["educe", SLIT, "-o", "no/such/folder/map.h5"], "the folder no/such/folder does not exist"),
+    (["educe", SLIT, "--device", "cuda:7"], "cuda"),
+    (["info", str(DATA / "SHA256SUMS")], "is not an HDF5 (netCDF-4) file"),
+    (["info", str(DATA)], "is a folder"),
+    (["liner", "polyto"], "did you mean 'polito'"),
+    (["convert", "x.npy", "-o", "y.h5"], "--axes is needed"),
+    (["truth", CHANNEL, "--liner", "polito"], "states no true impedance"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), MISTAKES, ids=[" ".join(w[:3]) for w, _ in MISTAKES])
+def test_mistakes_exit_with_2_and_one_clear_line(capsys, words, message):
+    """No traceback: what is wrong, and the remedy."""
+    code, out, err = run(capsys, *words)
+    assert code == BAD_INPUT
+    assert message in err
+    assert "Traceback" not in err
+    assert out == ""
+
+
+def test_educe_prints_writes_and_draws(capsys, tmp_path):
+    """Table with both orders and the truth; map, pictures and their numbers."""
+    map_file = tmp_path / "map.h5"
+    code, out, err = run(
+        capsys, "educe", SLIT, "-o", str(map_file), "--figures", str(tmp_path / "f")
+    )
+    assert code == DONE
+    assert err == ""
+    assert "0.174-0.063j" in out
+    assert "true: 0.168-0.066j" in out
+    assert "phase averaged" in out
+    found = tl.read_map(map_file)
+    assert abs(complex(found.liner_impedance_velocity_first[0]) - (0.174 - 0.063j)) < 1e-3
+    made = {p.name for p in (tmp_path / "f").iterdir()}
+    assert {"along_x.png", "velocity.png", "along_x_slit_n130_y2.5mm.csv"} <= made
+    rows = list(
+        csv.DictReader((tmp_path / "f" / "along_x_slit_n130_y2.5mm.csv").read_text().splitlines())
+    )
+    assert len(rows) == found.impedance.shape[0]
+    assert float(rows[3]["resistance"]) == pytest.approx(float(found.resistance[3, 0]), rel=1e-6)
+
+
+def test_educe_json_and_options(capsys):
+    """--json is JSON alone, and every option reaches the result."""
+    code, out, _ = run(
+        capsys, "educe", SLIT, "--json", "--phase", "given", "--reference-phase", "0.5", "--drive",
+        "running-rms", "--mean", "removed", "--edge", "silent", "--window", "blackman", "--levels",
+        "100", "--dtype", "float64", "--frequency", "1000", "1400", "--quiet",
+    )  # fmt: skip
+    assert code == DONE
+    (result,) = json.loads(out)
+    assert [row["frequency"] for row in result["rows"]] == [1000.0, 1400.0]
+    wanted = {"phase": "given", "drive": "running-rms", "mean": "removed", "edge": "silent",
+              "window": "blackman", "levels": 100, "dtype": "float64"}  # fmt: skip
+    assert {key: result["choices"][key] for key in wanted} == wanted
+
+
+def test_several_planes_are_several_heights(capsys, tmp_path):
+    """One row and one map a plane, and the picture against height."""
+    planes = [str(DATA / f"slit_n130_y{y}mm.h5") for y in ("2.5", "0.5")]
+    code, out, _ = run(capsys, "educe", *planes, "-o", str(tmp_path / "m.csv"),
+                       "--figures", str(tmp_path), "--quiet")  # fmt: skip
+    assert code == DONE
+    assert [line.split()[0] for line in out.splitlines()[1:3]] == ["0.50", "2.50"]
+    assert (tmp_path / "m_slit_n130_y0.5mm.csv").exists()
+    assert (tmp_path / "height.png").stat().st_size > 5000
+
+
+def test_null_test_is_labelled(capsys):
+    """A hard wall under the data is said in the output."""
+    code, out, err = run(capsys, "educe", CHANNEL, "--liner", "polito", "--frequency", "1400")
+    assert code == DONE
+    assert "NULL TEST" in out
+    assert "warning:" in err
+    assert "less than the kernel's 12 ms" in err
+
+
+def test_liner_prints_geometry_and_draws(capsys, tmp_path):
+    """Geometry, resonance, table; figure 3; a preset to edit."""
+    figure, copy = tmp_path / "liner.png", tmp_path / "mine.toml"
+    code, out, _ = run(capsys, "liner", "onera", "--figure", str(figure), "--copy", str(copy))
+    assert code == DONE
+    assert "1489.74" in out
+    assert "0.000991 m" in out
+    assert figure.stat().st_size > 5000
+    assert tl.load_liner(copy).impedance(1500.0) == tl.load_liner("onera").impedance(1500.0)
+    code, _, err = run(capsys, "liner", "onera", "--copy", str(copy))
+    assert (code, "not overwritten" in err) == (BAD_INPUT, True)
+    code, out, _ = run(capsys, "liner")
+    assert "lbm_slit" in out
+    code, out, _ = run(capsys, "liner", "polito", "--json")
+    assert json.loads(out)["liner"]["resonance_hz"] == pytest.approx(1409.0, abs=0.01)
+
+
+def test_info_describes_and_checks(capsys, tmp_path):
+    """Sizes, v0, v', u', spectrum peak, alignment; exit 1 if a check fails."""
+    code, out, _ = run(capsys, "info", CHANNEL, "--figure", str(tmp_path / "v.png"))
+    assert code == DONE
+    for text in ("15x80", "93632", "v0 mean", "u' rms", "|v0| over bulk velocity", "all checks"):
+        assert text in out
+    code, out, _ = run(capsys, "info", str(DATA / "channel_tone_y1.04mm.h5"), "--json")
+    assert json.loads(out)["facts"]["spectrum peak of v (Hz)"] == pytest.approx(1400, abs=70)
+    v = np.full((2, 300), 9.0, np.float32)
+    v[1] += np.random.default_rng(0).normal(size=300)
+    v[1, 7] = np.nan
+    bad = tmp_path / "bad.h5"
+    tl.VelocityPlane(v, sampling_rate=5e4, mach=0.3, frequency=1400.0).write(bad)
+    code, out, _ = run(capsys, "info", str(bad))
+    assert code == CHECK_FAILED
+    assert "1 nan or inf at 1 of 2 probes, the first at probe 1, sample 7" in out
+    assert "1 of 2 probes are constant" in out
+    assert "misaligned" in out
+
+
+def test_convert_array_and_scale(capsys, tmp_path):
+    """An array with stated axes and units; time scales by length over velocity."""
+    v = np.random.default_rng(1).normal(size=(200, 3, 4)).astype(np.float32)
+    np.save(tmp_path / "v.npy", v)
+    np.save(tmp_path / "x.npy", np.arange(4) * 1.0)
+    out = tmp_path / "plane.h5"
+    code, text, _ = run(
+        capsys, "convert", str(tmp_path / "v.npy"), "--axes", "time,z,x", "--velocity-units", "mm/s",
+        "--sampling-rate", "50000", "--x", str(tmp_path / "x.npy"), "--length-units", "mm",
+        "--height", "1e-3", "--towards-liner", "--scale-length", "2", "--scale-velocity", "4",
+        "-o", str(out),
+    )  # fmt: skip
+    assert code == DONE
+    assert "3x4 probes, 200 samples at 100000 Hz" in text
+    plane = tl.read_plane(out)
+    assert np.allclose(plane.velocity.numpy(), -4e-3 * np.moveaxis(v, 0, -1), atol=1e-8)
+    assert plane.x.tolist() == pytest.approx([0, 0.002, 0.004, 0.006])
+    assert plane.height == pytest.approx(1e-3)  # of the plane as written
+
+
+def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch):
+    """Ctrl-C in the middle: one line, no traceback."""
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("torchliner.eduction.velocity.educe", stop)
+    code, _, err = run(capsys, "educe", SLIT)
+    assert code == INTERRUPTED
+    assert err.strip().endswith("interrupted")
+
+
+def test_truth_table(capsys, tmp_path):
+    """Every drive x phase x order, as text, CSV and JSON, with the true value beside."""
+    target = tmp_path / "truth.csv"
+    code, out, _ = run(capsys, "truth", SLIT, "-o", str(target))
+    assert code == DONE
+    assert "case n130: true Z = 0.168-0.066j" in out
+    assert out.count("0.174-0.063j") >= 1
+    rows = list(csv.DictReader((target).read_text().splitlines()))
+    assert len(rows) == 4 * 3 * 2
+    for row in rows:
+        error = abs(complex(float(row["educed_resistance"]), float(row["educed_reactance"]))
+                    - complex(float(row["true_resistance"]), float(row["true_reactance"])))  # fmt: skip
+        assert float(row["error"]) == pytest.approx(error)
+
+
+def test_module_and_truncated_file(tmp_path):
+    """`python -m torchliner` is the same program; a cut file is named as such."""
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes((DATA / "slit_n130_y2.5mm.h5").read_bytes()[:100_000])
+    found = subprocess.run([sys.executable, "-m", "torchliner", "info", str(cut)],
+                           capture_output=True, text=True)  # fmt: skip
+    assert found.returncode == BAD_INPUT
+    assert "truncated" in found.stderr
+
+
+def test_wrong_units_are_named(capsys, tmp_path):
+    """File, dataset, unit, remedy."""
+    path = tmp_path / "plane.h5"
+    tl.VelocityPlane(np.zeros((2, 100)), sampling_rate=1e4).write(path)
+    with h5py.File(path, "a") as file:
+        file["wall_normal_velocity"].attrs["units"] = "knots"
+    code, _, err = run(capsys, "info", str(path))
+    assert code == BAD_INPUT
+    assert "plane.h5:/wall_normal_velocity has units 'knots'" in err
+    assert "m/s" in err

@@ -1,0 +1,139 @@
+"""Impedance out: a map with its averages and all choices that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import (
+    absorption_from_reflection,
+    admittance_from_reflection,
+    impedance_from_reflection,
+    spl_from_pressure_amplitude,
+)
+from torchliner.fluid import Fluid
+
+
+@dataclass(frozen=True, eq=False)
+class ImpedanceMap:
+    """Educed impedance of every probe, with its averages and all choices that led to it.
+
+    All impedances are normalised by rho c, exp(+j omega t), v into the liner.
+
+    Args:
+        frequency: Hz, (F,).
+        reflection: R, complex128, (..., F) on the probe axes of the plane; nan where excluded.
+        mean_velocity, velocity_rms: m/s, (...): time mean, and rms of the rest, of v as stored
+            (positive away from the liner).
+        velocity_amplitude: complex peak amplitude of v into the liner at f, m/s, (..., F).
+        coherence: squared coherence of v with a steady tone at f, (..., F).
+        phase_rule: per probe and frequency, the rule that was used: False where
+            ``self-consistent`` fell back to ``averaged``.
+        cell_x, cell_z: centres of whole cells, m, (C,).
+        cell_reflection: from the admittance averaged over each cell's probes, (C, F).
+        cell_reflection_velocity_first: from the velocity averaged over the cell, then replayed.
+        x, z, height, fluid, reference, ...: as in the plane.
+        choices: every option and what followed from it (kernel error, levels, versions).
+        notes: doubts, with numbers.
+    """
+
+    frequency: Tensor
+    reflection: Tensor
+    mean_velocity: Tensor
+    velocity_rms: Tensor
+    velocity_amplitude: Tensor
+    coherence: Tensor
+    phase_rule: Tensor
+    cell_x: Tensor
+    cell_z: Tensor
+    cell_reflection: Tensor
+    cell_reflection_velocity_first: Tensor
+    x: Tensor | None = None
+    z: Tensor | None = None
+    height: float | None = None
+    fluid: Fluid = field(default_factory=Fluid)
+    reference: Mapping[str, complex] = field(default_factory=dict)
+    mach: float | None = None
+    incident_level: float | None = None
+    source_side: str = "unknown"
+    goodrich: Tensor | None = None
+    title: str = ""
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z, (..., F)."""
+        return impedance_from_reflection(self.reflection)
+
+    @property
+    def resistance(self) -> Tensor:
+        """Re Z, (..., F)."""
+        return self.impedance.real
+
+    @property
+    def reactance(self) -> Tensor:
+        """Im Z, (..., F)."""
+        return self.impedance.imag
+
+    @property
+    def admittance(self) -> Tensor:
+        """1/Z, (..., F)."""
+        return admittance_from_reflection(self.reflection)
+
+    @property
+    def absorption(self) -> Tensor:
+        """1 - |R|^2, (..., F)."""
+        return absorption_from_reflection(self.reflection)
+
+    @property
+    def incident_pressure(self) -> Tensor:
+        """Complex peak amplitude, Pa, (..., F), of the wave that gives the measured v at f.
+
+        X = V/(1 - R): it means something only where v is coherent with the tone.
+        """
+        scale = self.fluid.characteristic_impedance
+        return scale * self.velocity_amplitude / (1 - self.reflection)
+
+    @property
+    def inferred_incident_level(self) -> Tensor:
+        """Level of ``incident_pressure``, dB re 20 uPa rms, (..., F)."""
+        return spl_from_pressure_amplitude(self.incident_pressure)
+
+    @property
+    def liner_impedance(self) -> Tensor:
+        """1 / mean of the admittance over all probes, (F,)."""
+        flat = self.admittance.reshape(-1, len(self.frequency))
+        return 1 / flat[torch.isfinite(flat.real).all(1)].mean(0)
+
+    @property
+    def liner_impedance_velocity_first(self) -> Tensor:
+        """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
+        return 1 / admittance_from_reflection(self.cell_reflection_velocity_first).mean(0)
+
+    @property
+    def cell_impedance(self) -> Tensor:
+        """Of each cell, admittance averaged over its probes, (C, F)."""
+        return impedance_from_reflection(self.cell_reflection)
+
+    @property
+    def cell_impedance_velocity_first(self) -> Tensor:
+        """Of each cell, velocity averaged over its probes, then replayed, (C, F)."""
+        return impedance_from_reflection(self.cell_reflection_velocity_first)
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/formats.md."""
+        from torchliner.io.map_file import write_map
+
+        write_map(self, path)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw the map, (x, z) or along x; returns the matplotlib figure, saved if ``path``."""
+        from torchliner.report.figures import draw_map
+
+        return draw_map(self, path)
