@@ -175,8 +175,8 @@ def test_convert_array_and_scale(capsys, tmp_path):
     np.save(tmp_path / "x.npy", np.arange(4) * 1.0)
     out = tmp_path / "plane.h5"
     code, text, _ = run(
-        capsys, "convert", str(tmp_path / "v.npy"), "--axes", "time,z,x", "--velocity-units", "mm/s",
-        "--sampling-rate", "50000", "--x", str(tmp_path / "x.npy"), "--length-units", "mm",
+        capsys, "convert", str(tmp_path / "v.npy"), "--axes", "time,z,x",
+        "--velocity-units", "mm/s", "--sampling-rate", "50000", "--x", str(tmp_path / "x.npy"), "--length-units", "mm",
         "--height", "1e-3", "--towards-liner", "--scale-length", "2", "--scale-velocity", "4",
         "-o", str(out),
     )  # fmt: skip
@@ -210,8 +210,11 @@ def test_truth_table(capsys, tmp_path):
     rows = list(csv.DictReader((target).read_text().splitlines()))
     assert len(rows) == 4 * 3 * 2
     for row in rows:
-        error = abs(complex(float(row["educed_resistance"]), float(row["educed_reactance"]))
-                    - complex(float(row["true_resistance"]), float(row["true_reactance"])))  # fmt: skip
+        educed, true = (
+            complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
+            for name in ("educed", "true")
+        )
+        error = abs(educed - true)
         assert float(row["error"]) == pytest.approx(error)
 
 

@@ -37,7 +37,9 @@ def impedance_from_reflection(reflection: Tensor) -> Tensor:
         TypeError: if ``reflection`` is real.
     """
     require_complex("reflection", reflection)
-    return (1 + reflection) / (1 - reflection)
+    rigid = reflection == 1
+    found = (1 + reflection) / torch.where(rigid, torch.ones_like(reflection), 1 - reflection)
+    return torch.where(rigid, torch.full_like(found, torch.inf), found)
 
 
 def admittance_from_reflection(reflection: Tensor) -> Tensor:

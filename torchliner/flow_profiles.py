@@ -28,6 +28,12 @@ def displacement_thickness(
             f"y has shape {heights.shape} and velocity {speeds.shape}; two equal lists of at "
             "least two points are needed"
         )
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError("y and velocity must be finite")
+    if heights[0] != 0:
+        raise ValueError(
+            f"y starts at {heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
+        )
     if np.any(np.diff(heights) <= 0):
         raise ValueError("y must increase from the wall to the centreline")
     reference = speeds[-1] if centreline_velocity is None else centreline_velocity

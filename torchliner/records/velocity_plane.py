@@ -86,6 +86,11 @@ class VelocityPlane:
                 f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least "
                 "one probe and one sample, time last"
             )
+        if len(self.velocity.shape) > 3:
+            raise ValueError(
+                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; probe axes are "
+                "(z, x), (x) or (probe); flatten others to (probe) and give x and z per probe"
+            )
         if self.streamwise is not None and self.streamwise.shape != self.velocity.shape:
             raise ValueError(
                 f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
@@ -107,9 +112,7 @@ class VelocityPlane:
             return
         values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
         shape = self.probe_shape
-        wanted = shape[-1] if label == "x" else shape[0]
-        if len(shape) < 2:
-            wanted = self.probes
+        wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
         if len(values) != wanted:
             raise ValueError(
                 f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need "
@@ -180,9 +183,12 @@ class VelocityPlane:
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""
-        if isinstance(self.velocity, Tensor):
-            return self
-        return replace(self, velocity=self.velocity.load())
+        stored = {
+            name: value.load()
+            for name in ("velocity", "streamwise")
+            if (value := getattr(self, name)) is not None and not isinstance(value, Tensor)
+        }
+        return replace(self, **stored) if stored else self
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file; see docs/formats.md."""

@@ -22,15 +22,15 @@ from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.nonlinear import SpeedLaw, powers
+from torchliner.replay.compiled import PAYS_FROM, Fused, compile_line_sums
 from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable, Liner, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid, interpolate
+from torchliner.replay.reflect import Parts, reflection_parts
 
 SLAB_ROWS = 256
-BLOCK_ELEMENTS = 1 << 16
-
-Parts = tuple[Tensor, Tensor]
+BLOCK_ELEMENTS = 1 << 18  # floats: a few rows of a large plane, within the cache
 
 
 class SpeedSource(Protocol):
@@ -69,13 +69,6 @@ class LawResponse:
             resistance, reactance = fitting.line(i).parts_from_powers(speed, square, power)
             found.append(reflection_parts(resistance, reactance))
         return found
-
-
-def reflection_parts(resistance: Tensor, reactance: Tensor) -> Parts:
-    """Real and imaginary part of R = (Z - 1)/(Z + 1), as R = 1 - 2 (Z + 1)*/|Z + 1|^2."""
-    above = resistance + 1
-    scale = 2 / (above * above + reactance * reactance)
-    return 1 - above * scale, reactance * scale
 
 
 @dataclass(frozen=True)
@@ -144,6 +137,7 @@ def spectral_sums(
     backward: bool,
     slab_rows: int = SLAB_ROWS,
     block_elements: int = BLOCK_ELEMENTS,
+    compiled: bool | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LineSums:
     """Windowed lines of the reflected signal at each frequency, without forming the signal.
@@ -157,29 +151,36 @@ def spectral_sums(
         grid: velocity levels of ``tables``.
         backward: whether the reply to e^{-j omega t} is needed too.
         slab_rows, block_elements: sizes; they change the result by rounding only.
+        compiled: fuse the formula into one loop; default only where that pays. A missing compiler
+            is warned of once and changes nothing but the time.
         progress: called with the number of samples done.
     Returns:
         Sums, complex128, (P, F), on the source's device; differentiable in the liner.
     """
     weights = [_weights(record, float(f), backward) for f in frequency]
-    real = torch.complex64 if source.dtype == torch.float32 else torch.complex128
-    totals = [[_zero(source) for _ in range(2 if backward else 1)] for _ in weights]
+    fused = [
+        _fused(response, source, weight, slab_rows, compiled)
+        for response, weight in zip(responses, weights, strict=True)
+    ]
+    totals = [_zero(source, 2 if backward else 1) for _ in weights]
     for begin in range(0, record.samples, slab_rows):
         end = min(begin + slab_rows, record.samples)
         slab = source.read(begin, end)
-        rows = [None if table is None else table.rows(begin, end) for table in tables]
-        step = max(1, block_elements // max(1, slab.shape[1]))
-        for low in range(0, end - begin, step):
-            high = min(low + step, end - begin)
-            block = slab[low:high]
-            located = grid.locate(block) if grid and any(r is not None for r in rows) else None
-            for total, response, weight, row in zip(totals, responses, weights, rows, strict=True):
-                sums = _line_sums(response.lines(block), weight[begin + low : begin + high])
-                if row is not None and located is not None:
-                    chosen = [r[low:high].to(source.device, real) for r in row[: len(total)]]
-                    sums = [s + _edge_sum(c, located) for s, c in zip(sums, chosen, strict=True)]
-                for i, value in enumerate(sums):
-                    total[i] = total[i] + value
+        for i, (response, weight, table) in enumerate(zip(responses, weights, tables, strict=True)):
+            now = weight[begin:end]
+            rows = None if table is None else table.rows(begin, end)
+            loop = fused[i]
+            if loop is not None and isinstance(response, LawResponse):
+                totals[i] = totals[i] + _fused_sums(loop, response.law, slab, now, slab_rows)
+            if loop is None or rows is not None:
+                step = max(1, block_elements // max(1, slab.shape[1]))
+                for low in range(0, end - begin, step):
+                    part = slice(low, min(low + step, end - begin))
+                    if loop is None:
+                        totals[i] = totals[i] + _line_sums(response.lines(slab[part]), now[part])
+                    if rows is not None and grid is not None:
+                        located = grid.locate(slab[part])
+                        totals[i] = totals[i] + _edge_sums(rows, part, located, len(totals[i]))
         if progress is not None:
             progress(end - begin)
     forward = torch.stack([total[0] for total in totals], dim=1)
@@ -188,8 +189,34 @@ def spectral_sums(
     return LineSums(forward, torch.stack([total[1] for total in totals], dim=1))
 
 
-def _zero(source: SpeedSource) -> Tensor:
-    return torch.zeros(source.probes, dtype=torch.complex128, device=source.device)
+def _zero(source: SpeedSource, directions: int) -> Tensor:
+    return torch.zeros(directions, source.probes, dtype=torch.complex128, device=source.device)
+
+
+def _fused(
+    response: Response, source: SpeedSource, weights: Tensor, rows: int, compiled: bool | None
+) -> Fused | None:
+    """The compiled loop for one frequency, or None for the eager one."""
+    if compiled is False or not isinstance(response, LawResponse):
+        return None
+    if any(value.requires_grad for value in vars(response.law).values()):
+        return None
+    lines, directions = weights.shape[1:]
+    if compiled is None and source.samples * source.probes * lines < PAYS_FROM:
+        return None
+    shape = (rows, source.probes)
+    return compile_line_sums(source.device, source.dtype, shape, lines, 2 * directions)
+
+
+def _fused_sums(loop: Fused, law: SpeedLaw, slab: Tensor, weights: Tensor, rows: int) -> Tensor:
+    """One slab through the compiled loop; a short last slab is padded with weight 0."""
+    parts = torch.view_as_real(weights).reshape(*weights.shape[:2], -1)
+    coefficients = torch.stack(list(vars(law).values()), dim=1)
+    if len(slab) < rows:
+        slab = torch.cat([slab, slab.new_zeros(rows - len(slab), slab.shape[1])])
+        parts = torch.cat([parts, parts.new_zeros(rows - len(parts), *parts.shape[1:])])
+    sums = loop(slab, coefficients.to(slab), parts.to(slab))
+    return torch.complex(sums[0::2], sums[1::2])
 
 
 def _weights(record: Record, frequency: float, backward: bool) -> Tensor:
@@ -202,9 +229,8 @@ def _weights(record: Record, frequency: float, backward: bool) -> Tensor:
     return torch.stack([forward, forward * turning[:, None]], dim=-1)
 
 
-def _line_sums(lines: list[Parts], weights: Tensor) -> list[Tensor]:
-    """Sum over time and lines of weight times R, complex128, (P,) per direction."""
-    directions = weights.shape[-1]
+def _line_sums(lines: list[Parts], weights: Tensor) -> Tensor:
+    """Sum over time and lines of weight times R, complex128, (directions, P)."""
     total = None
     for i, (real, imaginary) in enumerate(lines):
         pair = torch.view_as_real(weights[:, i]).reshape(len(weights), -1).T
@@ -213,12 +239,26 @@ def _line_sums(lines: list[Parts], weights: Tensor) -> list[Tensor]:
         part = torch.complex(a[0::2] - b[1::2], a[1::2] + b[0::2])
         total = part if total is None else total + part
     assert total is not None
-    return [total[i] for i in range(directions)]
+    return total
 
 
-def _edge_sum(rows: Tensor, located: tuple[Tensor, list[Tensor]]) -> Tensor:
-    """Sum over time of the edge table at each probe's |v|; rows (t, V), |v| located (t, P)."""
+def _edge_sums(
+    rows: tuple[Tensor, Tensor], part: slice, located: tuple[Tensor, list[Tensor]], count: int
+) -> Tensor:
+    """Sum over time of the edge tables at each probe's |v|, complex128, (directions, P).
+
+    Args:
+        rows: forward and backward table of the slab, (t, V) each.
+        part: rows of the slab that ``located`` (t, P) stands for.
+        located: |v| on the grid.
+        count: 1 for the forward table alone, 2 for both.
+    """
     index, weights = located
-    flat = rows.reshape(-1)
-    offset = torch.arange(rows.shape[0], device=rows.device)[:, None] * rows.shape[1]
-    return interpolate(flat, index + offset, weights).to(torch.complex128).sum(0)
+    single = weights[0].dtype == torch.float32
+    kind = torch.complex64 if single else torch.complex128
+    sums = []
+    for table in rows[:count]:
+        flat = table[part].to(index.device, kind).reshape(-1)
+        offset = torch.arange(len(index), device=index.device)[:, None] * table.shape[1]
+        sums.append(interpolate(flat, index + offset, weights).to(torch.complex128).sum(0))
+    return torch.stack(sums)
