@@ -176,7 +176,8 @@ def test_convert_array_and_scale(capsys, tmp_path):
     out = tmp_path / "plane.h5"
     code, text, _ = run(
         capsys, "convert", str(tmp_path / "v.npy"), "--axes", "time,z,x",
-        "--velocity-units", "mm/s", "--sampling-rate", "50000", "--x", str(tmp_path / "x.npy"), "--length-units", "mm",
+        "--velocity-units", "mm/s", "--sampling-rate", "50000",
+        "--x", str(tmp_path / "x.npy"), "--length-units", "mm",
         "--height", "1e-3", "--towards-liner", "--scale-length", "2", "--scale-velocity", "4",
         "-o", str(out),
     )  # fmt: skip

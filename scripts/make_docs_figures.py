@@ -1,0 +1,40 @@
+"""The pictures of README.md and docs/, drawn from the shipped data into docs/figures.
+
+python scripts/make_docs_figures.py
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from torchliner.checks import DataWarning
+from torchliner.cli.main import main as torchliner
+from torchliner.eduction.velocity import educe
+from torchliner.io.plane_file import read_plane
+from torchliner.liners.catalogue import load_liner
+from torchliner.report import figures
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA, FIGURES = ROOT / "data", ROOT / "docs" / "figures"
+
+
+def main() -> None:
+    warnings.simplefilter("ignore", DataWarning)
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    for case in ("slit_n130", "slit_g03_145", "orifice_o145"):
+        planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
+        maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
+        figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
+        figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
+        figures.draw_velocity(planes, FIGURES / f"{case}_velocity.png")
+    figures.draw_map(maps[1], FIGURES / "orifice_o145_map.png")
+    channel = read_plane(DATA / "channel_y1.04mm.h5")
+    null_test = educe(channel, load_liner("polito"), 1400.0)
+    figures.draw_map(null_test, FIGURES / "channel_map.png")
+    torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
+    print(f"pictures are in {FIGURES}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,144 @@
+"""Numbers behind the figures; that the drawings carry axes and units; the truth table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.report import figures
+from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
+from torchliner.report.truth import format_summary, format_truth, true_wave_phase, truth_table
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
+
+@pytest.fixture(scope="module")
+def maps(liner):
+    x, z = np.arange(6) * 1e-3, np.arange(4) * 1e-3
+    found = []
+    for i, height in enumerate((2.5e-3, 0.5e-3)):
+        plane = plane_of(turbulence((4, 6, 480), seed=i), x=x, z=z, height=height,
+                         reference={"true": 1 - 0.2j, "in situ": 1.1 - 0.2j})  # fmt: skip
+        found.append(tl.educe(plane, liner))
+    return found
+
+
+def test_along_x_is_the_admittance_average_over_z(maps):
+    """Not the mean of Z."""
+    profile = impedance_along_x(maps[0])
+    wanted = 1 / (1 / maps[0].impedance[..., 0]).mean(0)
+    assert profile.values["resistance"] == pytest.approx(wanted.real.numpy(), rel=1e-12)
+    assert profile.values["reactance"] == pytest.approx(wanted.imag.numpy(), rel=1e-12)
+    assert profile.label == "y = 2.5 mm"
+
+
+def test_scattered_probes_are_grouped_by_x(liner):
+    """Probes of equal x are averaged, in the order of x."""
+    v = turbulence((5, 480), seed=3)
+    plane = plane_of(v, x=[0.3, 0.1, 0.3, 0.2, 0.1], z=[0.0, 0, 1, 0, 1])
+    found = tl.educe(plane, liner)
+    profile = impedance_along_x(found)
+    assert profile.x.tolist() == [0.1, 0.2, 0.3]
+    wanted = 1 / (1 / found.impedance[[1, 4], 0]).mean()
+    assert profile.values["resistance"][0] == pytest.approx(float(wanted.real))
+
+
+def test_velocity_profile_separates_mean_and_fluctuation():
+    """v0 is the time mean; v' and u' are rms without it, averaged over z as squares."""
+    v = turbulence((3, 4, 900), seed=5) + 2.0
+    u = 3 * turbulence((3, 4, 900), seed=6) + 70
+    values = velocity_along_x(plane_of(v, streamwise=u, x=np.arange(4.0))).values
+    assert values["v0 (m/s)"] == pytest.approx(v.mean((0, 2)).numpy())
+    assert values["v' rms (m/s)"] == pytest.approx(v.var(2, correction=0).mean(0).sqrt().numpy())
+    assert values["u' rms (m/s)"] == pytest.approx(u.var(2, correction=0).mean(0).sqrt().numpy())
+
+
+def test_rows_against_height_are_ordered(maps):
+    """Lowest plane first, both orders, spread over probes."""
+    rows = against_height(maps)
+    assert [row.height for row in rows] == [0.5e-3, 2.5e-3]
+    assert rows[1].probes_first == complex(maps[0].liner_impedance[0])
+    assert rows[1].velocity_first == complex(maps[0].liner_impedance_velocity_first[0])
+    assert rows[1].spread.real == pytest.approx(float(maps[0].resistance.std()))
+
+
+def labels(figure) -> str:
+    return " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
+
+
+def test_every_drawing_has_axes_and_units(maps, liner, tmp_path):
+    """Symbols and units on the axes; the file is written."""
+    map_figure = figures.draw_map(maps[0], tmp_path / "map.png")
+    along = figures.draw_along_x(maps, tmp_path / "along.pdf")
+    height = figures.draw_against_height(maps, tmp_path / "height.png")
+    plane = plane_of(turbulence((2, 4, 300)), x=np.arange(4) * 1e-3)
+    velocity = figures.draw_velocity([plane], tmp_path / "velocity.png")
+    assert "(mm)" in labels(map_figure)
+    assert "(mm)" in labels(along)
+    assert "Re" in labels(height)
+    assert "m s" in labels(velocity)
+    shown = {text.get_text() for text in along.legends[0].get_texts()}
+    assert {"true", "in situ", "y = 0.5 mm", "y = 2.5 mm"} <= shown
+    assert all((tmp_path / name).stat().st_size > 4000
+               for name in ("map.png", "along.pdf", "height.png", "velocity.png"))  # fmt: skip
+
+
+def test_goodrich_stands_in_map_file_and_figure(liner, tmp_path):
+    """Where Mach number and delta* are known: linear Z plus M/(phi (2 + 1.256 delta*/d))."""
+    plane = plane_of(turbulence((5, 480)), x=np.arange(5) * 1e-3, mach=0.3,
+                     displacement_thickness=2e-3)  # fmt: skip
+    found = tl.educe(plane, liner, [1000.0, 1400.0])
+    added = 0.3 / (0.055 * (2 + 1.256 * 2e-3 / 1.17e-3))
+    wanted = liner.impedance([1000.0, 1400.0]) + added
+    assert float((found.goodrich - wanted).abs().max()) < 1e-12
+    found.write(tmp_path / "m.h5")
+    assert float((tl.read_map(tmp_path / "m.h5").goodrich - wanted).abs().max()) < 1e-12
+    figure = found.plot()
+    assert any("Goodrich" in text.get_text() for text in figure.legends[0].get_texts())
+    assert tl.educe(plane_of(turbulence((2, 480))), liner).goodrich is None
+
+
+def test_the_style_stays_ours(maps):
+    """Drawing does not change the caller's matplotlib settings."""
+    import matplotlib
+
+    from torchliner.report.style import RC
+
+    before = {key: matplotlib.rcParams[key] for key in RC}
+    figures.draw_map(maps[0])
+    assert {key: matplotlib.rcParams[key] for key in RC} == before
+
+
+def test_truth_table_covers_every_rule_once():
+    """4 drives x 3 phase rules x 2 orders a plane; 'given' uses the true wave's phase."""
+    plane = tl.read_plane(DATA / "slit_n130_y2.5mm.h5")
+    model = tl.load_liner("lbm_slit")
+    rows = truth_table([plane], lambda _: model)
+    keys = {(r.drive, r.mean, r.phase, r.order) for r in rows}
+    assert len(rows) == len(keys) == 24
+    averaged = tl.educe(plane, model)
+    psi = true_wave_phase(plane, averaged)
+    stated = tl.educe(plane, model, phase="given", reference_phase=psi)
+    row = next(r for r in rows if (r.drive, r.mean, r.phase, r.order)
+               == ("instantaneous", "kept", "given", "probes first"))  # fmt: skip
+    assert row.educed == pytest.approx(complex(stated.liner_impedance[0]), abs=1e-12)
+    text = format_truth(rows) + format_summary(rows)
+    assert text.count("instantaneous, mean removed") == 1
+    assert "No one rule is best" in text
+
+
+def test_true_wave_phase_by_hand(liner):
+    """v_in = c (X - Y): with Z = 1 there is no reflection and x has the phase of v_in = -v."""
+    t = torch.arange(480, dtype=torch.float64) / 42000.0
+    plane = plane_of(-torch.cos(2 * torch.pi * 1400 * t + 0.8)[None], reference={"true": 1 + 0j})
+    found = tl.educe(plane, liner, edge="wrap")
+    assert true_wave_phase(plane, found) == pytest.approx(0.8, abs=1e-9)
+
+
+def test_truth_needs_a_truth(liner):
+    """A plane without a true impedance is refused."""
+    with pytest.raises(ValueError, match="states no true impedance"):
+        truth_table([plane_of(turbulence((2, 480)))], lambda _: liner)
