@@ -33,6 +33,7 @@ def main() -> None:
     null_test = educe(channel, load_liner("polito"), 1400.0)
     figures.draw_map(null_test, FIGURES / "channel_map.png")
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
+    torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     print(f"pictures are in {FIGURES}")
 
 

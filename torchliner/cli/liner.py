@@ -14,12 +14,18 @@ SPEEDS = (0.0, 1.0, 3.0, 5.0)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options."""
-    parser.add_argument("liner", nargs="?", help="preset, .toml or .csv; without: list the presets")
+    parser.add_argument(
+        "liners", nargs="*", help="presets, .toml or .csv files; without: list the presets"
+    )
     parser.add_argument(
         "--frequency", nargs="+", type=float, default=list(FREQUENCIES), metavar="HZ"
     )
     parser.add_argument("--speed", nargs="+", type=float, default=list(SPEEDS), metavar="M/S")
-    parser.add_argument("--figure", type=Path, help="draw Z over frequency there (figure 3)")
+    parser.add_argument(
+        "--figure",
+        type=Path,
+        help="draw Z over frequency there; several liners: the linear Z of each (figure 3)",
+    )
     parser.add_argument(
         "--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit"
     )
@@ -30,25 +36,30 @@ def run(options: argparse.Namespace) -> int:
     """Print geometry, resonance, table; draw."""
     from torchliner.liners import catalogue
 
-    if options.liner is None:
+    if not options.liners:
         print("presets: " + ", ".join(catalogue.preset_names()))
         return 0
-    liner = catalogue.load_liner(options.liner)
+    if options.copy is not None and len(options.liners) != 1:
+        raise ValueError("--copy writes one preset; name one")
+    liners = {name: catalogue.load_liner(name) for name in options.liners}
     if options.copy is not None:
-        _copy(options.liner, options.copy)
-    frequency = [f for f in options.frequency if _inside(liner, f)]
-    table = [
-        {"frequency": f, "speed": v, "impedance": complex(liner.impedance(f, v))}
-        for f in frequency
-        for v in options.speed
-    ]
-    facts = _facts(liner)
+        _copy(options.liners[0], options.copy)
+    found: list[dict[str, Any]] = []
+    for liner in liners.values():
+        frequency = [f for f in options.frequency if _inside(liner, f)]
+        table = [
+            {"frequency": f, "speed": v, "impedance": complex(liner.impedance(f, v))}
+            for f in frequency
+            for v in options.speed
+        ]
+        found.append({"liner": _facts(liner), "table": table})
     if options.json:
-        print_json({"liner": facts, "table": table})
+        print_json(found if len(found) > 1 else found[0])
     else:
-        _print(facts, table, options.speed)
+        for one in found:
+            _print(one["liner"], one["table"], options.speed)
     if options.figure is not None:
-        _draw(liner, options.liner, options.speed, options.figure)
+        _draw(liners, options.speed, options.figure)
     return 0
 
 
@@ -93,17 +104,23 @@ def _copy(name: str, path: Path) -> None:
         temporary.write_text(preset_text(name), encoding="utf-8")
 
 
-def _draw(liner: Any, name: str, speeds: list[float], path: Path) -> None:
+def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:
+    """One liner: a curve a speed. Several: the linear impedance of each (figure 3)."""
     import numpy as np
 
     from torchliner.report.figures import draw_liner
     from torchliner.report.numbers import Profile
 
-    low, high = getattr(liner, "frequency_range", (300.0, 3500.0))
-    frequency = np.linspace(low, high, 641)
     profiles = []
-    for speed in speeds:
-        values = liner.impedance(frequency, speed).numpy()
-        parts = {"resistance": values.real, "reactance": values.imag}
-        profiles.append(Profile(frequency, parts, f"$|v|$ = {speed:g} m s$^{{-1}}$"))
-    draw_liner(profiles, f"liner model: {Path(name).stem}", path)
+    for name, liner in liners.items():
+        low, high = getattr(liner, "frequency_range", (300.0, 3500.0))
+        frequency = np.linspace(low, high, 641)
+        for speed in speeds if len(liners) == 1 else [0.0]:
+            values = liner.impedance(frequency, speed).numpy()
+            parts = {"resistance": values.real, "reactance": values.imag}
+            label = f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem
+            profiles.append(Profile(frequency, parts, label))
+    title = (
+        f"liner model {Path(next(iter(liners))).stem}" if len(liners) == 1 else "linear impedance"
+    )
+    draw_liner(profiles, title, path)

@@ -14,7 +14,7 @@ from torchliner.checks import frequency_tensor
 from torchliner.eduction.averaging import Cells, sort_into_cells
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
-from torchliner.eduction.review import review_liner, review_record, review_survey
+from torchliner.eduction.review import needs_kernels, review_liner, review_record, review_survey
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
 from torchliner.replay.edges import Record
@@ -175,12 +175,7 @@ def _velocity_grid(
 def _kernels(
     liner: Liner, grid: VelocityGrid, frequency: Tensor, record: Record, chosen: Choices
 ) -> KernelTable | None:
-    needed = (
-        chosen.engine == "direct"
-        or chosen.uses_kernel_response
-        or any(record.needs_table(float(f)) for f in frequency)
-    )
-    if not needed:
+    if not needs_kernels(record, frequency, chosen):
         return None
     low, high = chosen.band
     known = getattr(liner, "frequency_range", None)

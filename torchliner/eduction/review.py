@@ -17,6 +17,15 @@ FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
 
 
+def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
+    """Whether impulse responses enter at all: wrapped short-cosine windows do without."""
+    return (
+        chosen.engine == "direct"
+        or chosen.uses_kernel_response
+        or any(record.needs_table(f) for f in frequency.tolist())
+    )
+
+
 def review_record(
     plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices
 ) -> list[str]:
@@ -43,11 +52,8 @@ def review_record(
             f"{plane.name} has {per_period:.3g} samples per period of {float(frequency.max()):g} "
             f"Hz; |v| has corners, and below {FEWEST_SAMPLES_PER_PERIOD:g} they are not resolved"
         )
-    needs_kernel = chosen.engine == "direct" or any(
-        record.needs_table(f) for f in frequency.tolist()
-    )
     duration = record.samples / record.sampling_rate
-    if needs_kernel and duration < BEFORE + AFTER:
+    if needs_kernels(record, frequency, chosen) and duration < BEFORE + AFTER:
         notes.append(
             f"{plane.name} lasts {1e3 * duration:.3g} ms, less than the kernel's "
             f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"

@@ -23,7 +23,7 @@ from torchliner.replay.levels import VelocityGrid
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero
 AFTER = 10e-3  # s of taps after zero
-REGULARISATION = 1e-7  # Tikhonov, relative to the largest eigenvalue of the normal matrix
+REGULARISATION = 1e-7  # Tikhonov, relative to the largest singular value of the design matrix
 KERNELS = ("two-sided", "causal")
 
 
@@ -138,8 +138,13 @@ def build_kernels(
         if low >= 0.49 * sampling_rate:
             raise ValueError(f"band starts at {low:g} Hz, beyond the rate {sampling_rate:g} Hz")
         high = 0.49 * sampling_rate
-    builder = _two_sided if kind == "two-sided" else _causal
-    taps, first = builder(liner, grid, sampling_rate, (low, high), before, after, regularisation)
+    if kind == "two-sided":
+        first, last = -round(before * sampling_rate), round(after * sampling_rate)
+        lags = torch.arange(first, last + 1, dtype=torch.float64)
+        taps = _fit(liner, grid, lags / sampling_rate, (low, high), regularisation)
+    else:
+        first = 0
+        taps = _causal_part(liner, grid, sampling_rate, round(after * sampling_rate) + 1)
     error, gain = _quality(taps, first, sampling_rate, (low, high), liner, grid)
     return KernelTable(taps, first, sampling_rate, grid, (low, high), kind, error, gain)
 
@@ -174,23 +179,21 @@ def _response(taps: Tensor, lags: Tensor, frequency: Tensor, sampling_rate: floa
     return taps.to(torch.complex128) @ waves
 
 
-def _two_sided(
+def _fit(
     liner: Liner,
     grid: VelocityGrid,
-    sampling_rate: float,
+    times: Tensor,
     band: tuple[float, float],
-    before: float,
-    after: float,
     regularisation: float,
-) -> tuple[Tensor, int]:
-    first, last = -round(before * sampling_rate), round(after * sampling_rate)
-    lags = torch.arange(first, last + 1, dtype=torch.float64)
-    # The band holds about 2 (high - low)(before + after) real unknowns; six points to each pair
-    # leave nothing unseen between two frequencies of the fit.
-    points = max(32, round(6 * (band[1] - band[0]) * (before + after)))
+) -> Tensor:
+    """Least-squares taps at ``times`` (s, (K,)) for R on the band, (V, K)."""
+    # The band holds about 2 (high - low) T real unknowns over a duration T; six frequencies to
+    # each pair, clustered towards the band's ends like Chebyshev nodes, leave nothing unseen.
+    duration = float(times[-1] - times[0])
+    points = max(32, round(6 * (band[1] - band[0]) * duration))
     theta = torch.linspace(0, torch.pi, points, dtype=torch.float64)
     frequency = (band[0] + band[1]) / 2 - (band[1] - band[0]) / 2 * theta.cos()
-    waves = torch.outer(2 * torch.pi * frequency / sampling_rate, lags)
+    waves = torch.outer(2 * torch.pi * frequency, times)
     rows = torch.cat([waves.cos(), -waves.sin()])
     wanted = reflection_at_levels(liner, frequency, grid)
     target = torch.cat([wanted.real, wanted.imag], dim=1)
@@ -198,22 +201,14 @@ def _two_sided(
     normal = rows @ rows.T
     scale = torch.linalg.eigvalsh(normal)[-1]
     damped = normal + regularisation**2 * scale * torch.eye(2 * points, dtype=torch.float64)
-    return torch.linalg.solve(damped, target.T).T @ rows, first
+    return torch.linalg.solve(damped, target.T).T @ rows
 
 
-def _causal(
-    liner: Liner,
-    grid: VelocityGrid,
-    sampling_rate: float,
-    band: tuple[float, float],
-    before: float,
-    after: float,
-    regularisation: float,
-) -> tuple[Tensor, int]:
-    count = round(after * sampling_rate) + 1
+def _causal_part(liner: Liner, grid: VelocityGrid, sampling_rate: float, count: int) -> Tensor:
+    """The first ``count`` taps at t >= 0 of the Hermitian inverse transform, (V, count)."""
     # Eight times the kept length, so that the transform's own period folds nothing into it.
     size = 1 << (8 * count - 1).bit_length()
     frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)
     spectrum = torch.ones(grid.levels, len(frequency), dtype=torch.complex128)  # R(0) = 1
     spectrum[:, 1:] = reflection_at_levels(liner, frequency[1:], grid)
-    return torch.fft.irfft(spectrum, n=size)[:, :count].contiguous(), 0
+    return torch.fft.irfft(spectrum, n=size)[:, :count].contiguous()

@@ -138,14 +138,20 @@ def _draw_cells(
 _PART = {"resistance": "real", "reactance": "imag"}
 
 
-def _draw_references(
-    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
-) -> None:
+def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
+    """Independent impedances of the case, and Goodrich's where the flow is known."""
     seen: dict[str, complex] = {}
     for result in results:
         seen.update(result.reference)
         if result.goodrich is not None:
             seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
+    return seen
+
+
+def _draw_references(
+    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
+) -> None:
+    seen = _references(results, frequency_index)
     # One value per case; "true" first, so that it has the solid line.
     for i, name in enumerate(sorted(seen, key=lambda n: n != "true")):
         axis.axhline(
@@ -169,9 +175,7 @@ def draw_against_height(results: Sequence[ImpedanceMap], path: str | Path | None
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
         _label_heights(axis, rows, values, COLOURS[i], above=i == 0)
-    references: dict[str, complex] = {}
-    for result in results:
-        references.update(result.reference)
+    references = _references(results, 0)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
         axis.plot(
             value.real, value.imag, "*" if i == 0 else "x", color="k", markersize=9 - 2 * i,
