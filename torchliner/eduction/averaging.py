@@ -41,7 +41,7 @@ class Cells:
     def average_reflection(self, reflection: Tensor, used: Tensor) -> Tensor:
         """Admittance of (P, F) averaged over each cell, as a reflection, (C, F)."""
         clean = torch.where(used[:, None], admittance_from_reflection(reflection), 0)
-        average = self.membership(used).to(clean.dtype).T.to(clean.device) @ clean
+        average = self.membership(used.cpu()).T.to(clean) @ clean
         return (1 - average) / (1 + average)
 
 
