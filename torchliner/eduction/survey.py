@@ -9,7 +9,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-SLAB_ROWS = 1024
+from torchliner.records.slabs import slab_bounds
+
 PERIODS_PER_SEGMENT = 2.0
 
 
@@ -87,8 +88,7 @@ def survey(
     parts = torch.zeros(
         analysis.segments * len(frequency), probes, dtype=torch.complex128, device=device
     )
-    for begin in range(0, n, SLAB_ROWS):
-        end = min(begin + SLAB_ROWS, n)
+    for begin, end in slab_bounds(n, probes):
         slab = source.read(begin, end).to(torch.float64)
         finite = torch.isfinite(slab)
         if not bool(finite.all()):

@@ -33,11 +33,12 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
+from torchliner.records.slabs import slab_bounds
 
 SCHEMA = "torchliner plane 1"
 VELOCITY, STREAMWISE = "wall_normal_velocity", "streamwise_velocity"
+COMPRESSED_ROWS = 256  # samples of a compressed tile
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
-SLAB_ROWS = 1024
 
 # name -> (quantity, units): scalar variables of the file and attributes of the record
 SCALARS = {
@@ -104,11 +105,11 @@ class H5Velocity:
 
     def load(self) -> Tensor:
         """All of it, (..., T), a view of time-major memory."""
-        rows = [
-            self.read(i, min(i + SLAB_ROWS, self.shape[-1]))
-            for i in range(0, self.shape[-1], SLAB_ROWS)
-        ]
-        return torch.cat(rows).reshape(self.shape[-1], *self.shape[:-1]).movedim(0, -1)
+        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
+        whole = torch.empty(samples, probes, dtype=self.dtype)
+        for begin, end in slab_bounds(samples, probes):
+            whole[begin:end] = self.read(begin, end)
+        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
 
 
 def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) -> None:
@@ -175,16 +176,14 @@ def _write_velocity(
     shape = (plane.samples, *(len(file[dim]) for dim in dims))
     extra: dict[str, Any] = {}
     if compress:
-        chunk = (min(plane.samples, 256), *(min(n, 64) for n in shape[1:]))
+        chunk = (min(plane.samples, COMPRESSED_ROWS), *(min(n, 64) for n in shape[1:]))
         extra = {"compression": "gzip", "compression_opts": 9, "shuffle": True, "chunks": chunk}
     kind = np.float32 if plane.velocity.dtype == torch.float32 else np.float64
     dataset = file.create_dataset(name, shape, kind, **extra)
     dataset.attrs["units"] = "m/s"
     for axis, dim in enumerate(("time", *dims)):
         dataset.dims[axis].attach_scale(file[dim])
-    rows = 256 if compress else SLAB_ROWS
-    for begin in range(0, plane.samples, rows):
-        end = min(begin + rows, plane.samples)
+    for begin, end in slab_bounds(plane.samples, plane.probes, COMPRESSED_ROWS):
         dataset[begin:end] = (
             plane.read(begin, end).detach().cpu().numpy().reshape(end - begin, *shape[1:])
         )

@@ -22,6 +22,7 @@ from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.nonlinear import SpeedLaw, powers
+from torchliner.records.slabs import rows_per_slab
 from torchliner.replay.compiled import PAYS_FROM, Fused, compile_line_sums
 from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.incident import LineSums
@@ -135,7 +136,7 @@ def spectral_sums(
     grid: VelocityGrid | None,
     *,
     backward: bool,
-    slab_rows: int = SLAB_ROWS,
+    slab_rows: int | None = None,
     block_elements: int = BLOCK_ELEMENTS,
     compiled: bool | None = None,
     progress: Callable[[int], None] | None = None,
@@ -143,20 +144,22 @@ def spectral_sums(
     """Windowed lines of the reflected signal at each frequency, without forming the signal.
 
     Args:
-        source: |v|, read by slabs of ``slab_rows`` samples.
+        source: |v|, read by slabs.
         responses: R of the lines of each frequency, F of them.
         frequency: Hz, shape (F,).
         record: window and edge rule.
         tables: edge table of each frequency, None where the lines are exact.
         grid: velocity levels of ``tables``.
         backward: whether the reply to e^{-j omega t} is needed too.
-        slab_rows, block_elements: sizes; they change the result by rounding only.
+        slab_rows, block_elements: sizes; they change the result by rounding only. Default rows:
+            ``SLAB_ROWS``, fewer where a plane has so many probes that memory would grow with it.
         compiled: fuse the formula into one loop; default only where that pays. A missing compiler
             is warned of once and changes nothing but the time.
         progress: called with the number of samples done.
     Returns:
         Sums, complex128, (P, F), on the source's device; differentiable in the liner.
     """
+    slab_rows = rows_per_slab(source.probes, SLAB_ROWS) if slab_rows is None else slab_rows
     weights = [_weights(record, float(f), backward) for f in frequency]
     fused = [
         _fused(response, source, weight, slab_rows, compiled)

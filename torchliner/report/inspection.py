@@ -11,6 +11,7 @@ from torch import Tensor
 from torchliner.eduction.drive import ProbeVelocity
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
+from torchliner.records.slabs import slab_bounds
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES = 64
@@ -133,8 +134,8 @@ def _spectrum_peak(plane: VelocityPlane) -> float:
     """Frequency of the largest line of the mean spectrum over up to 64 evenly spread probes."""
     step = max(1, plane.probes // SPECTRUM_PROBES)
     rows = [
-        plane.read(i, min(i + 1024, plane.samples))[:, ::step].to(torch.float64)
-        for i in range(0, plane.samples, 1024)
+        plane.read(begin, end)[:, ::step].to(torch.float64)
+        for begin, end in slab_bounds(plane.samples, plane.probes)
     ]
     signal = torch.cat(rows)
     window = torch.hann_window(plane.samples, dtype=torch.float64)[:, None]

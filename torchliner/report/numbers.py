@@ -14,9 +14,9 @@ from torch import Tensor
 
 from torchliner.io.hdf5 import written_whole
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.slabs import slab_bounds
 
 Array = NDArray[np.float64]
-SLAB_ROWS = 1024
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
 def _moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
     total = torch.zeros(plane.probes, dtype=torch.float64)
     square = torch.zeros_like(total)
-    for begin in range(0, plane.samples, SLAB_ROWS):
-        slab = plane.read(begin, min(begin + SLAB_ROWS, plane.samples)).cpu().to(torch.float64)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().to(torch.float64)
         total += slab.sum(0)
         square += (slab**2).sum(0)
     return total / plane.samples, square / plane.samples
