@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.io.plane_file import SLAB_ROWS, write_plane
+from torchliner.io.plane_file import write_plane
+from torchliner.records.slabs import SLAB_ROWS
 
 RATE = 50e3
 # name -> probe shape, coordinates, dimensions in the file
