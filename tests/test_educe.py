@@ -340,3 +340,17 @@ def test_wide_planes_are_cut_finer(liner, monkeypatch):
     monkeypatch.setattr(slabs, "SLAB_ELEMENTS", 50)
     found = tl.educe(plane_of(v), liner).reflection
     assert float((found - wanted).abs().max()) < 1e-13
+
+
+def test_coherence_against_plain_segments(liner):
+    """|sum V_s|^2 / (S sum |V_s|^2) over Hann segments of two periods, whatever the slabs."""
+    t = torch.arange(660, dtype=torch.float64) / RATE
+    v = turbulence((4, 660), seed=19) + 2 * torch.cos(2 * torch.pi * FREQUENCY * t)
+    found = tl.educe(plane_of(v), liner)
+    segments = v[:, :660].reshape(4, 11, 60)
+    hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * torch.arange(60, dtype=torch.float64) / 60)
+    turn = torch.exp(-2j * torch.pi * FREQUENCY * t).reshape(11, 60)
+    lines = (segments * hann * turn).sum(-1)
+    wanted = lines.sum(1).abs() ** 2 / (11 * (lines.abs() ** 2).sum(1))
+    assert float((found.coherence[:, 0] - wanted).abs().max()) < 1e-12
+    assert found.choices["coherence_segments"] == 11

@@ -85,9 +85,7 @@ def survey(
     bad = torch.zeros(probes, dtype=torch.int64, device=device)
     first_bad = torch.full_like(bad, -1)
     lines = torch.zeros(len(frequency), probes, dtype=torch.complex128, device=device)
-    parts = torch.zeros(
-        analysis.segments * len(frequency), probes, dtype=torch.complex128, device=device
-    )
+    coherence = _Coherence(analysis, probes, device)
     for begin, end in slab_bounds(n, probes):
         slab = source.read(begin, end).to(torch.float64)
         finite = torch.isfinite(slab)
@@ -102,19 +100,21 @@ def survey(
         smallest = torch.minimum(smallest, slab.amin(0))
         largest = torch.maximum(largest, slab.amax(0))
         lines += _project(analysis.lines(begin, end), slab)
-        for rows, matrix in analysis.segment_lines(begin, end):
-            parts[rows] += _project(matrix, slab)
+        coherence.add(begin, end, slab)
         if progress is not None:
             progress(end - begin)
     mean = total / n
     lines = lines - analysis.window_lines().to(device)[:, None] * mean
-    parts = parts.reshape(analysis.segments, len(frequency), probes)
-    power = (parts.abs() ** 2).sum(0) * analysis.segments
-    # A constant probe leaves rounding behind, which would be perfectly coherent with itself.
-    floor = analysis.segments**2 * 1e-24 * (square / n) * analysis.segment_length**2
-    coherence = torch.where(power > floor, parts.sum(0).abs() ** 2 / power.clamp(min=1e-300), 0.0)
     return Survey(
-        mean, square / n, smallest, largest, bad, first_bad, lines.T, coherence.T, analysis.segments
+        mean,
+        square / n,
+        smallest,
+        largest,
+        bad,
+        first_bad,
+        lines.T,
+        coherence.result(square / n).T,
+        analysis.segments,
     )
 
 
@@ -145,15 +145,38 @@ class _Analysis:
     def window_lines(self) -> Tensor:
         return self.lines(0, len(self.weights)).sum(1)
 
-    def segment_lines(self, begin: int, end: int) -> list[tuple[slice, Tensor]]:
-        count, found = len(self.turn), []
-        waves = self._waves(begin, end)
-        steps = torch.arange(begin, end)
-        for s in range(begin // self.segment_length, self.segments):
-            if s * self.segment_length >= end:
-                break
-            inside = steps - s * self.segment_length
-            member = (inside >= 0) & (inside < self.segment_length)
-            weight = torch.where(member, self.hann[inside.clamp(0, self.segment_length - 1)], 0.0)
-            found.append((slice(s * count, (s + 1) * count), waves * weight))
-        return found
+    def segment_lines(self, s: int, begin: int, end: int) -> Tensor:
+        """e^{-j omega t} under the Hann window of segment s, for samples begin .. end - 1."""
+        inside = torch.arange(begin, end) - s * self.segment_length
+        return self._waves(begin, end) * self.hann[inside]
+
+
+class _Coherence:
+    """Running sums over segments; only the unfinished one is held."""
+
+    def __init__(self, analysis: _Analysis, probes: int, device: torch.device) -> None:
+        self.analysis = analysis
+        shape = (len(analysis.turn), probes)
+        self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
+        self.total = torch.zeros_like(self.current)
+        self.power = torch.zeros(shape, dtype=torch.float64, device=device)
+
+    def add(self, begin: int, end: int, slab: Tensor) -> None:
+        """Samples begin .. end - 1, in order."""
+        length = self.analysis.segment_length
+        for s in range(begin // length, min(self.analysis.segments, -(-end // length))):
+            low, high = max(begin, s * length), min(end, (s + 1) * length)
+            matrix = self.analysis.segment_lines(s, low, high)
+            self.current = self.current + _project(matrix, slab[low - begin : high - begin])
+            if high == (s + 1) * length:
+                self.total += self.current
+                self.power += self.current.abs() ** 2
+                self.current = torch.zeros_like(self.current)
+
+    def result(self, mean_square: Tensor) -> Tensor:
+        """|sum V_s|^2 / (S sum |V_s|^2), (F, P)."""
+        power = self.analysis.segments * self.power
+        # A constant probe leaves rounding behind, which would be coherent with itself.
+        length, segments = self.analysis.segment_length, self.analysis.segments
+        floor = segments**2 * 1e-24 * mean_square * length**2
+        return torch.where(power > floor, self.total.abs() ** 2 / power.clamp(min=1e-300), 0.0)

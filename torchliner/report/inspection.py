@@ -14,7 +14,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
-SPECTRUM_PROBES = 64
+SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384
 OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner")
 
 
@@ -131,14 +131,23 @@ def _rms(plane: VelocityPlane) -> float:
 
 
 def _spectrum_peak(plane: VelocityPlane) -> float:
-    """Frequency of the largest line of the mean spectrum over up to 64 evenly spread probes."""
+    """Frequency of the largest line of the mean spectrum (Hann, half overlapping segments).
+
+    Segments of up to 16 384 samples, up to 64 evenly spread probes and 64 segments.
+    """
     step = max(1, plane.probes // SPECTRUM_PROBES)
-    rows = [
-        plane.read(begin, end)[:, ::step].to(torch.float64)
-        for begin, end in slab_bounds(plane.samples, plane.probes)
-    ]
-    signal = torch.cat(rows)
-    window = torch.hann_window(plane.samples, dtype=torch.float64)[:, None]
-    power = torch.fft.rfft((signal - signal.mean(0)) * window, dim=0).abs() ** 2
-    line = int(power.mean(1)[1:].argmax()) + 1 if plane.samples > 2 else 0
-    return line * plane.sampling_rate / plane.samples
+    length = min(plane.samples, SPECTRUM_SAMPLES)
+    starts = torch.arange(0, plane.samples - length + 1, max(1, length // 2))
+    starts = starts[:: max(1, len(starts) // SPECTRUM_SEGMENTS)]
+    window = torch.hann_window(length, dtype=torch.float64)[:, None]
+    power = torch.zeros(length // 2 + 1, dtype=torch.float64)
+    for start in starts.tolist():
+        rows = [
+            plane.read(start + low, start + high)[:, ::step].to(torch.float64)
+            for low, high in slab_bounds(length, plane.probes)
+        ]
+        signal = torch.cat(rows)
+        lines = torch.fft.rfft((signal - signal.mean(0)) * window, dim=0)
+        power += (lines.abs() ** 2).mean(1)
+    line = int(power[1:].argmax()) + 1 if length > 2 else 0
+    return line * plane.sampling_rate / length
