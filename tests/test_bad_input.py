@@ -26,6 +26,11 @@ OPTIONS = [
         r"unknown window 'hamn' \(did you mean 'hann'|'hamn' \(did you mean 'hamm",
     ),
     ({"window": "kaiser"}, "window 'kaiser'"),
+    ({"window": "kaiser,"}, "unknown window 'kaiser,'"),
+    ({"device": "gpu"}, "unknown device 'gpu'; use 'cpu'"),
+    ({"phase": "given", "reference_phase": float("nan")}, "reference_phase.*not finite"),
+    ({"velocity_max": float("nan")}, "velocity_max is nan"),
+    ({"minimum_coherence": float("nan")}, "minimum_coherence is nan"),
     ({"dtype": "float16"}, "unknown dtype 'float16'"),
     ({"dtype": torch.float16}, "float32 or float64"),
     ({"response": "modell"}, "response 'modell'.*'model'"),
@@ -43,7 +48,7 @@ OPTIONS = [
     ({"frequency": []}, "no frequency"),
     ({"frequency": 5000.0}, "5000 Hz is outside the kernel's band, 300-3500.*band="),
     ({"frequency": 100.0}, "holds 1.43 periods of 100 Hz, fewer than 4; pass allow_short=True"),
-    ({"frequency": 1410.0, "edge": "wrap"}, "needs whole periods: .* holds 20.14.*cut it to"),
+    ({"frequency": 1410.0, "edge": "wrap"}, "needs whole periods: .* holds 20.14.*edge='finite'"),
     (
         {"velocity_max": 2.0},
         r"reaches \|v\| = .* m/s at probe \(\d,\), above velocity_max, 2 m/s; ext",
@@ -200,3 +205,43 @@ def test_warnings_are_in_the_notes(liner):
         found = tl.educe(plane, liner)
     assert [str(w.message) for w in caught] == list(found.notes)
     assert plane.duration == pytest.approx(300 / RATE)
+
+
+def test_velocities_beyond_sound_are_a_unit_mistake(liner):
+    """mm/s read as m/s, say."""
+    with pytest.raises(ValueError, match=r"beyond the speed of sound, 343.2 m/s; check the unit"):
+        tl.educe(plane_of(1000 * turbulence((2, 600))), liner)
+
+
+@pytest.mark.parametrize("value", [complex("nan"), -1.0 + 0j])
+def test_a_liner_without_a_reflection_is_named(value):
+    """nan and Z = -1 are refused, with the range that was asked for."""
+
+    class Broken:
+        def impedance(self, frequency, speed):
+            return value * torch.ones_like(frequency * speed)
+
+    with pytest.raises(ValueError, match=r"Broken.impedance.*gave nan, inf or -1"):
+        tl.educe(good(), Broken())
+
+
+def test_arrays_that_run_backwards_are_read(liner):
+    """Negative strides are numpy's affair, not the user's."""
+    v = turbulence((2, 600)).numpy()
+    found = tl.educe(plane_of(v[::-1]), liner)
+    wanted = tl.educe(plane_of(v), liner)
+    assert float((found.reflection.flip(0) - wanted.reflection).abs().max()) < 1e-13
+
+
+def test_wrap_says_which_cut_would_do(liner):
+    """The longest whole number of periods that is a whole number of samples."""
+    with pytest.raises(ValueError, match="cut it to 600 samples"):
+        tl.educe(good(607), liner, edge="wrap")
+
+
+def test_what_is_no_plane_or_no_liner_is_said(liner):
+    """A preset's name or a bare array in the wrong place."""
+    with pytest.raises(TypeError, match="'polito', without impedance.*load_liner"):
+        tl.educe(good(), "polito")
+    with pytest.raises(TypeError, match="plane is Tensor; make a VelocityPlane"):
+        tl.educe(torch.ones(3, 600), liner)

@@ -127,6 +127,7 @@ def test_null_test_is_labelled(capsys):
     code, out, err = run(capsys, "educe", CHANNEL, "--liner", "polito", "--frequency", "1400")
     assert code == DONE
     assert "NULL TEST" in out
+    assert "warning: null test" in err
     assert "warning:" in err
     assert "less than the kernel's 12 ms" in err
 
@@ -242,3 +243,26 @@ def test_wrong_units_are_named(capsys, tmp_path):
     assert code == BAD_INPUT
     assert "plane.h5:/wall_normal_velocity has units 'knots'" in err
     assert "m/s" in err
+
+
+def test_nothing_is_overwritten(capsys, tmp_path):
+    """Neither an input nor one map by another; both frequencies are drawn."""
+    one, other = tmp_path / "a" / "p.h5", tmp_path / "b" / "p.h5"
+    for path in (one, other):
+        path.parent.mkdir()
+        path.write_bytes((DATA / "slit_n130_y2.5mm.h5").read_bytes())
+    code, _, err = run(capsys, "educe", str(one), "-o", str(one))
+    assert (code, "is one of the planes" in err) == (BAD_INPUT, True)
+    code, _, err = run(capsys, "educe", str(one), str(other), "-o", str(tmp_path / "m.h5"))
+    assert (code, "share one map file" in err) == (BAD_INPUT, True)
+    tl.read_plane(one)
+    figures = tmp_path / "f"
+    code, _, _ = run(capsys, "educe", str(one), "--frequency", "1000", "1400",
+                     "--figures", str(figures), "--quiet")  # fmt: skip
+    assert {"along_x_1000Hz.png", "along_x_1400Hz.png"} <= {p.name for p in figures.iterdir()}
+
+
+def test_a_file_held_open_with_locks_can_be_read():
+    """HDF5 wants equal locking flags within a process."""
+    with h5py.File(SLIT, "r"):
+        assert tl.read_plane(SLIT).samples > 0

@@ -87,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
     liner = load_liner(options.liner) if options.liner else None
+    outputs = _outputs(options.output, options.planes)
     found, planes = [], []
     with warnings_on_stderr(options.quiet):
         for path in options.planes:
@@ -97,8 +98,8 @@ def run(options: argparse.Namespace) -> int:
                     plane, model, options.frequency, progress=step,
                     reference_phase=options.reference_phase, **chosen,
                 )  # fmt: skip
-            if options.output is not None:
-                result.write(_output(options.output, path, len(options.planes)))
+            if path in outputs:
+                result.write(outputs[path])
             found.append(result)
             planes.append(plane)
         if options.figures is not None:
@@ -107,8 +108,21 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _output(output: Path, plane: Path, count: int) -> Path:
-    return output if count == 1 else output.with_stem(f"{output.stem}_{plane.stem}")
+def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:
+    """Map file of each plane; refuses to overwrite an input or one map with another."""
+    if output is None:
+        return {}
+    named = {
+        plane: output if len(planes) == 1 else output.with_stem(f"{output.stem}_{plane.stem}")
+        for plane in planes
+    }
+    inputs = {plane.resolve() for plane in planes}
+    for target in named.values():
+        if target.resolve() in inputs:
+            raise ValueError(f"the output {target} is one of the planes; name another file")
+    if len(set(named.values())) < len(planes):
+        raise ValueError("planes of the same name would share one map file; educe them one by one")
+    return named
 
 
 def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
@@ -116,16 +130,21 @@ def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path
     from torchliner.report.numbers import impedance_along_x, velocity_along_x
 
     folder.mkdir(parents=True, exist_ok=True)
-    for result, plane in zip(results, planes, strict=True):
+    frequencies = results[0].frequency.tolist()
+    for i, frequency in enumerate(frequencies):
+        end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
+        for result, plane in zip(results, planes, strict=True):
+            stem = Path(plane.name.split(":/")[0]).stem
+            if result.mean_velocity.ndim == 2:
+                figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
+            impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
+        figures.draw_along_x(results, folder / f"along_x{end}.png", i)
+        if len(results) > 1:
+            figures.draw_against_height(results, folder / f"height{end}.png", i)
+    for plane in planes:
         stem = Path(plane.name.split(":/")[0]).stem
-        if result.mean_velocity.ndim == 2:
-            figures.draw_map(result, folder / f"map_{stem}.png")
-        impedance_along_x(result).write_csv(folder / f"along_x_{stem}.csv")
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
-    figures.draw_along_x(results, folder / "along_x.png")
     figures.draw_velocity(planes, folder / "velocity.png")
-    if len(results) > 1:
-        figures.draw_against_height(results, folder / "height.png")
 
 
 def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
@@ -143,12 +162,15 @@ def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
         print(f"{height:>6s} {row.frequency:7.1f} {format_complex(row.probes_first):>26s} "
               f"{spread:>14s} {format_complex(row.velocity_first):>18s} {row.coherence:9.2f} "
               f"{row.level:11.1f}")  # fmt: skip
-    for name, value in results[0].reference.items():
-        print(f"{name}: {format_complex(value)}")
+    seen: dict[str, None] = {}
+    for result in results:
+        case = result.title.split(", y =")[0]
+        seen |= {f"{case}, {n}: {format_complex(v)}": None for n, v in result.reference.items()}
+        if result.choices.get("surface") == "hard wall":
+            seen[f"{case}: NULL TEST, there is a hard wall below these data and no liner; the "
+                 "values only show what this model makes of such a velocity"] = None  # fmt: skip
+    print("\n".join(seen) + "\n" * bool(seen), end="")
     choices = results[0].choices
-    if choices.get("surface") == "hard wall":
-        print("NULL TEST: there is a hard wall below these data and no liner; the values only show "
-              "what this model makes of such a velocity")  # fmt: skip
     made = ", ".join(
         f"{key} {choices[key]}" for key in ("engine", "phase", "edge", "drive", "kernel")
     )

@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = importlib.import_module(f"torchliner.cli.{options.command}")
     try:
         return int(command.run(options))
-    except (ValueError, TypeError, OSError, ImportError) as error:
+    except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         print(f"torchliner {options.command}: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:

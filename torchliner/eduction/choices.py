@@ -101,7 +101,12 @@ class Choices:
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""
-        device = torch.device(default if self.device is None else self.device)
+        try:
+            device = torch.device(default if self.device is None else self.device)
+        except RuntimeError as error:
+            raise ValueError(
+                f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
+            ) from error
         if device.type == "cuda" and not torch.cuda.is_available():
             raise ValueError(
                 f"device {str(device)!r} is asked for, but torch {torch.__version__} sees no CUDA "

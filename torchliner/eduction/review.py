@@ -31,6 +31,11 @@ def review_record(
 ) -> list[str]:
     """Length and rate against the frequencies."""
     notes = []
+    if plane.liner == "hard wall":
+        notes.append(
+            f"null test: there is a hard wall below {plane.name} and no liner; the values only "
+            "show what this model makes of such a velocity"
+        )
     seconds = (record.samples - record.start) / record.sampling_rate
     for f in frequency.tolist():
         periods = f * seconds
@@ -39,7 +44,7 @@ def review_record(
         ):
             raise ValueError(
                 f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods "
-                f"of {f:g} Hz; cut it to {int(periods) / f:.6g} s or use edge='finite'"
+                f"of {f:g} Hz; {_whole_cut(record, f)}"
             )
         if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
             raise ValueError(
@@ -59,6 +64,17 @@ def review_record(
             f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"
         )
     return notes
+
+
+def _whole_cut(record: Record, frequency: float) -> str:
+    """How many samples would hold whole periods, if any number does."""
+    for samples in range(record.samples - 1, 0, -1):
+        periods = samples * frequency / record.sampling_rate
+        if periods < 1:
+            break
+        if abs(periods - round(periods)) <= WHOLE_PERIOD_TOLERANCE:
+            return f"cut it to {samples} samples or use edge='finite'"
+    return "no shorter record holds whole periods at this sampling rate; use edge='finite'"
 
 
 def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
@@ -97,6 +113,11 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
             f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are constant, the first "
             f"at index {int(flat.nonzero()[0])}; dead sensors look like this"
         )
-    if not bool(torch.isfinite(seen.mean_square).all()):
-        raise ValueError(f"{plane.name}: velocities overflow when squared; check their unit")
+    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs())[: plane.probes].max())
+    sound = float(plane.fluid.sound_speed)
+    if peak > sound or not bool(torch.isfinite(seen.mean_square).all()):
+        raise ValueError(
+            f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, "
+            f"{sound:.4g} m/s; check the unit of the data"
+        )
     return notes

@@ -60,6 +60,13 @@ def educe(
     Source: Roncen et al. (2026), section 3. Departures: two-sided kernels, edge rules, phase rules
         and drives are named (docs/method.md), and the errors of kernel and levels is reported.
     """
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
+    if not hasattr(liner, "impedance"):
+        raise TypeError(
+            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
+            "by load_liner"
+        )
     chosen = Choices(**choices)
     needs_backward = chosen.phase != "averaged"
     replayed = replay(plane, liner, frequency, chosen, backward=needs_backward, progress=progress)
@@ -173,6 +180,8 @@ def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
     if phase is None:
         raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
     values = real_tensor(phase).cpu()
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
     shape, count = ready.plane.probe_shape, len(ready.frequency)
     for candidate in (shape, (*shape, count)):
         try:

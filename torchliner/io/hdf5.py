@@ -32,7 +32,13 @@ def open_file(path: str | Path) -> h5py.File:
     if path.is_dir():
         raise OSError(f"{path} is a folder, not a file")
     try:
-        return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
+        try:
+            return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
+        except OSError as error:
+            if "locking" not in str(error):
+                raise
+            # The same process holds it open with locking; HDF5 wants the flags to agree.
+            return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE)
     except OSError as error:
         kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
         if isinstance(error, PermissionError):

@@ -206,7 +206,10 @@ def _velocity_tensor(value: Any, label: str, name: str) -> Any:
         array = np.asarray(value)
         if array.dtype.kind not in "fiuc":
             raise TypeError(f"{name}: {label} is {array.dtype}; floating-point m/s are needed")
-        tensor = torch.as_tensor(array.astype(array.dtype.newbyteorder("="), copy=False))
+        native = array.astype(array.dtype.newbyteorder("="), copy=False)
+        # torch knows no negative strides; only such an array is copied.
+        backwards = any(stride < 0 for stride in native.strides)
+        tensor = torch.as_tensor(native.copy() if backwards else native)
     if tensor.dtype not in (torch.float32, torch.float64):
         raise TypeError(
             f"{name}: {label} is {tensor.dtype}; float32 or float64 in m/s is needed "

@@ -114,7 +114,8 @@ def draw_along_x(
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     figure.suptitle(
-        f"{_family(ordered)}; cells: filled, admittance over probes; open, velocity first",
+        f"{_family(ordered, frequency_index)}; "
+        "cells: filled, admittance over probes; open, velocity first",
         fontsize=9,
     )
     return _finish(figure, path)
@@ -161,13 +162,15 @@ def _draw_references(
 
 
 @_styled
-def draw_against_height(results: Sequence[ImpedanceMap], path: str | Path | None = None) -> Any:
+def draw_against_height(
+    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
+) -> Figure:
     """Z in the complex plane at several heights, both orders of averaging (figure 19a's trend)."""
     figure, axes = _subplots(1, 1, 3.6)
     axis = axes[0, 0]
     rows = against_height(results)
-    frequencies = sorted({row.frequency for row in rows})
-    rows = [row for row in rows if row.frequency == frequencies[0]]
+    frequency = float(results[0].frequency[frequency_index])
+    rows = [row for row in rows if row.frequency == frequency]
     orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
     for i, (order, label) in enumerate(orders):
         values = np.array([getattr(row, order) for row in rows])
@@ -175,7 +178,7 @@ def draw_against_height(results: Sequence[ImpedanceMap], path: str | Path | None
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
         _label_heights(axis, rows, values, COLOURS[i], above=i == 0)
-    references = _references(results, 0)
+    references = _references(results, frequency_index)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
         axis.plot(
             value.real, value.imag, "*" if i == 0 else "x", color="k", markersize=9 - 2 * i,
@@ -185,7 +188,7 @@ def draw_against_height(results: Sequence[ImpedanceMap], path: str | Path | None
     axis.set_xlabel(PARTS[0][1])
     axis.set_ylabel(PARTS[1][1])
     axis.legend(loc="best")
-    axis.set_title(f"{_family(results)}; numbers: height $y$ (mm)")
+    axis.set_title(f"{_family(results, frequency_index)}; numbers: height $y$ (mm)")
     return _finish(figure, path)
 
 
@@ -194,7 +197,7 @@ def _label_heights(axis: Any, rows: Any, values: Any, colour: str, above: bool) 
     span = max(np.ptp(values.real), np.ptp(values.imag), 0.02)
     last = 0
     for i in range(1, len(rows) + 1):
-        if i < len(rows) and abs(values[i] - values[last]) < 0.05 * span:
+        if i < len(rows) and abs(values[i] - values[last]) < 0.08 * span:
             continue
         heights = [row.height for row in rows[last:i] if row.height is not None]
         text = " to ".join(f"{1e3 * h:.2g}" for h in sorted({min(heights), max(heights)}))
@@ -256,9 +259,12 @@ def _millimetres(values: Any, count: int) -> Any:
     return np.arange(count) if values is None else 1e3 * values.numpy()
 
 
-def _family(results: Sequence[ImpedanceMap]) -> str:
-    """What several results share: the title up to the height."""
-    return results[0].title.split(", y =")[0] or "educed impedance"
+def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
+    """What several results share: the title up to the height, the frequency, the null test."""
+    title = results[0].title.split(", y =")[0] or "educed impedance"
+    hard = any(result.choices.get("surface") == "hard wall" for result in results)
+    frequency = float(results[0].frequency[frequency_index])
+    return f"{title}{' (null test)' if hard else ''}, {frequency:g} Hz"
 
 
 def _caption(result: ImpedanceMap, frequency_index: int) -> str:

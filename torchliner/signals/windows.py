@@ -48,8 +48,8 @@ def make_window(name: Any, samples: int) -> Window:
     """
     label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
     kind, *parameters = label.split(",")
-    arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
     try:
+        arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
         weights = np.asarray(get_window(arguments, samples, fftbins=True), dtype=np.float64)
     except (ValueError, TypeError) as error:
         raise ValueError(
