@@ -241,7 +241,7 @@ def test_wrap_says_which_cut_would_do(liner):
 
 def test_what_is_no_plane_or_no_liner_is_said(liner):
     """A preset's name or a bare array in the wrong place."""
-    with pytest.raises(TypeError, match="'polito', without impedance.*load_liner"):
+    with pytest.raises(TypeError, match=r"'polito', without impedance.*load_liner"):
         tl.educe(good(), "polito")
     with pytest.raises(TypeError, match="plane is Tensor; make a VelocityPlane"):
         tl.educe(torch.ones(3, 600), liner)
