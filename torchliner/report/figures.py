@@ -171,13 +171,16 @@ def draw_against_height(
     rows = against_height(results)
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in rows if row.frequency == frequency]
+    shown = [row.probes_first for row in rows] + [row.velocity_first for row in rows]
+    shown += _references(results, frequency_index).values()
+    span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
     orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
     for i, (order, label) in enumerate(orders):
         values = np.array([getattr(row, order) for row in rows])
         axis.plot(
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
-        _label_heights(axis, rows, values, COLOURS[i], above=i == 0)
+        _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
     references = _references(results, frequency_index)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
         axis.plot(
@@ -192,12 +195,13 @@ def draw_against_height(
     return _finish(figure, path)
 
 
-def _label_heights(axis: Any, rows: Any, values: Any, colour: str, above: bool) -> None:
+def _label_heights(
+    axis: Any, rows: Any, values: Any, colour: str, close: float, above: bool
+) -> None:
     """Heights in mm beside the points; points on top of each other share one label."""
-    span = max(np.ptp(values.real), np.ptp(values.imag), 0.02)
     last = 0
     for i in range(1, len(rows) + 1):
-        if i < len(rows) and abs(values[i] - values[last]) < 0.08 * span:
+        if i < len(rows) and abs(values[i] - values[last]) < close:
             continue
         heights = [row.height for row in rows[last:i] if row.height is not None]
         text = " to ".join(f"{1e3 * h:.2g}" for h in sorted({min(heights), max(heights)}))
