@@ -208,7 +208,8 @@ def test_drives(liner):
     assert relative_error(long.impedance, found.impedance) < 1e-12
 
 
-def test_running_rms_against_a_plain_loop(liner):
+@pytest.mark.parametrize("window", [31, 30])
+def test_running_rms_against_a_plain_loop(liner, window):
     """The streamed running rms is the centred mean square, cut at the ends."""
     from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
     from torchliner.eduction.survey import survey
@@ -218,10 +219,10 @@ def test_running_rms_against_a_plain_loop(liner):
     velocity = ProbeVelocity(plane, torch.zeros(2, 0, dtype=torch.float64), torch.float64,
                              torch.device("cpu"))  # fmt: skip
     seen = survey(velocity, torch.tensor([FREQUENCY]), RATE, torch.ones(130, dtype=torch.float64))
-    drive = DriveSpeed(velocity, "running-rms", "kept", seen, 31)
+    drive = DriveSpeed(velocity, "running-rms", "kept", seen, window)
     found = torch.cat([drive.read(i, min(i + 17, 130)) for i in range(0, 130, 17)]).T
     wanted = torch.stack(
-        [(v[:, max(0, i - 15) : i + 16] ** 2).mean(1).sqrt() for i in range(130)], dim=1
+        [(v[:, max(0, i - 15) : i - 15 + window] ** 2).mean(1).sqrt() for i in range(130)], dim=1
     )
     assert float((found - wanted).abs().max()) < 1e-12
 
@@ -345,12 +346,28 @@ def test_wide_planes_are_cut_finer(liner, monkeypatch):
 def test_coherence_against_plain_segments(liner):
     """|sum V_s|^2 / (S sum |V_s|^2) over Hann segments of two periods, whatever the slabs."""
     t = torch.arange(660, dtype=torch.float64) / RATE
-    v = turbulence((4, 660), seed=19) + 2 * torch.cos(2 * torch.pi * FREQUENCY * t)
+    v = 5 + turbulence((4, 660), seed=19) + 2 * torch.cos(2 * torch.pi * FREQUENCY * t)
     found = tl.educe(plane_of(v), liner)
     segments = v[:, :660].reshape(4, 11, 60)
     hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * torch.arange(60, dtype=torch.float64) / 60)
     turn = torch.exp(-2j * torch.pi * FREQUENCY * t).reshape(11, 60)
-    lines = (segments * hann * turn).sum(-1)
+    centred = segments - v.mean(1)[:, None, None]
+    lines = (centred * hann * turn).sum(-1)
     wanted = lines.sum(1).abs() ** 2 / (11 * (lines.abs() ** 2).sum(1))
     assert float((found.coherence[:, 0] - wanted).abs().max()) < 1e-12
     assert found.choices["coherence_segments"] == 11
+
+
+def test_cells_are_counted_from_the_edge_also_from_upstream(liner):
+    """Probes that begin before x = 0 do not shift the cells."""
+    pitch = liner.cell_pitch
+    x = (np.arange(60) - 20.0) * pitch / 10
+    found = tl.educe(plane_of(turbulence((60, 130), seed=20), x=x), liner)
+    centres = (found.cell_x / pitch).tolist()
+    assert centres == pytest.approx([-1.5, -0.5, 0.5, 1.5, 2.5, 3.5])
+
+
+def test_few_segments_are_noted(liner):
+    """With two segments half of all probes pass 0.5 without a tone."""
+    found = tl.educe(plane_of(turbulence((2, 120), seed=21)), liner, phase="self-consistent")
+    assert any("50 % of probes pass" in note for note in found.notes)

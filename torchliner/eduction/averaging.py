@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -48,9 +49,9 @@ class Cells:
 def sort_into_cells(plane: VelocityPlane, pitch: float | None) -> Cells:
     """Cells of a plane: square tiles of side ``pitch`` (m) counted from the liner's edge.
 
-    The edge is x = 0 (z = 0) if the first probe lies within a pitch of it, else half a spacing
-    before the first probe. Tiles that probes span by less than 0.9 do not count, unless there is
-    no other. Without a pitch or without coordinates all probes are one cell.
+    The edge is x = 0 (z = 0) if the probes begin before or within a pitch of it, else half a
+    spacing before the first probe. Tiles that probes span by less than 0.9 do not count, unless
+    there is no other. Without a pitch or without coordinates all probes are one cell.
     """
     x, z = plane.probe_coordinates()
     column, x_centres = _tiles(x, pitch, plane.probes)
@@ -72,7 +73,8 @@ def _tiles(values: Tensor | None, pitch: float | None, probes: int) -> tuple[Ten
     low, high = float(points[0]) - spacing / 2, float(points[-1]) + spacing / 2
     if pitch is None or high - low < (1 + WHOLE) * pitch:
         return nothing, torch.tensor([(low + high) / 2], dtype=torch.float64)
-    start = 0.0 if 0 <= float(points[0]) < pitch else low
+    first = float(points[0])
+    start = pitch * math.floor(first / pitch + 1e-9) if first < pitch else low
     index = torch.floor((values - start) / pitch + 1e-9).to(torch.int64)
     last = int(index.max())
     edges = start + pitch * torch.arange(last + 1, dtype=torch.float64)

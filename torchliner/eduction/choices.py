@@ -40,7 +40,8 @@ class Choices:
         pre_roll: s at the start of the record that only emit; the window comes after.
         running_window: s; default one period of the lowest frequency.
         minimum_coherence: squared coherence of v with the tone below which ``self-consistent``
-            falls back to ``averaged``; 0.5 is passed by chance in 1 of 100 with 8 segments.
+            falls back to ``averaged``; without a tone 0.5 is passed in 1 of 128 with 8 segments
+            of two periods, in 1 of 2 with 2 (then noted).
         missing: probes holding nan or inf: ``refuse`` the plane or ``exclude`` them.
         allow_short: accept fewer than four periods.
         device, dtype: where and in what precision R is evaluated; default those of the data.

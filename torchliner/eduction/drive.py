@@ -82,6 +82,6 @@ class DriveSpeed:
         running = torch.cat([torch.zeros_like(slab[:1]), (slab**2).cumsum(0)])
         steps = torch.arange(begin, end, device=self.device)
         first = (steps - half).clamp(min=0) - low
-        after = (steps + half + 1).clamp(max=self.samples) - low
+        after = (steps - half + self.running_samples).clamp(max=self.samples) - low
         square = (running[after] - running[first]) / (after - first)[:, None]
         return square.clamp(min=0).sqrt().to(self.dtype)

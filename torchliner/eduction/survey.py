@@ -113,7 +113,7 @@ def survey(
         bad,
         first_bad,
         lines.T,
-        coherence.result(square / n).T,
+        coherence.result(mean, square / n).T,
         analysis.segments,
     )
 
@@ -160,6 +160,11 @@ class _Coherence:
         self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.total = torch.zeros_like(self.current)
         self.power = torch.zeros(shape, dtype=torch.float64, device=device)
+        # The window's own lines, for the mean velocity that is known only at the end.
+        self.window = torch.zeros(shape[0], 1, dtype=torch.complex128, device=device)
+        self.window_total = torch.zeros_like(self.window)
+        self.window_power = torch.zeros(shape[0], 1, dtype=torch.float64, device=device)
+        self.cross = torch.zeros_like(self.power)
 
     def add(self, begin: int, end: int, slab: Tensor) -> None:
         """Samples begin .. end - 1, in order."""
@@ -168,15 +173,22 @@ class _Coherence:
             low, high = max(begin, s * length), min(end, (s + 1) * length)
             matrix = self.analysis.segment_lines(s, low, high)
             self.current = self.current + _project(matrix, slab[low - begin : high - begin])
+            self.window = self.window + matrix.sum(1, keepdim=True).to(slab.device)
             if high == (s + 1) * length:
                 self.total += self.current
                 self.power += self.current.abs() ** 2
+                self.window_total += self.window
+                self.window_power += self.window.abs() ** 2
+                self.cross += (self.current * self.window.conj()).real
                 self.current = torch.zeros_like(self.current)
+                self.window = torch.zeros_like(self.window)
 
-    def result(self, mean_square: Tensor) -> Tensor:
-        """|sum V_s|^2 / (S sum |V_s|^2), (F, P)."""
-        power = self.analysis.segments * self.power
+    def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
+        """|sum V_s|^2 / (S sum |V_s|^2) of v without its mean, (F, P)."""
+        total = self.total - mean * self.window_total
+        power = self.power - 2 * mean * self.cross + mean**2 * self.window_power
+        power = self.analysis.segments * power
         # A constant probe leaves rounding behind, which would be coherent with itself.
         length, segments = self.analysis.segment_length, self.analysis.segments
         floor = segments**2 * 1e-24 * mean_square * length**2
-        return torch.where(power > floor, self.total.abs() ** 2 / power.clamp(min=1e-300), 0.0)
+        return torch.where(power > floor, total.abs() ** 2 / power.clamp(min=1e-300), 0.0)

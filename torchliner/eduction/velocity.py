@@ -157,8 +157,10 @@ class Replayed:
             wave = amplitude / ready.plane.fluid.sound_speed
             found, _ = self_consistent_reflection(means, wave)
             held = ready.seen.coherence >= ready.chosen.minimum_coherence
-            reflection = torch.where(held, found, means.a)
+            averaged = Means.of(LineSums(self.sums.forward, None), window).a
+            reflection = torch.where(held, found, averaged)
             notes += _fallback_note(held[: ready.plane.probes], ready.chosen)
+            notes += _chance_note(ready)
         return _assemble(ready, phase, reflection, held, 2 * amplitude, notes)
 
 
@@ -168,6 +170,18 @@ def _fallback_note(held: Tensor, chosen: Choices) -> list[str]:
     return [
         f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a coherence "
         f"below {chosen.minimum_coherence:g} with the tone; they are 'averaged' instead"
+    ]
+
+
+def _chance_note(ready: Prepared) -> list[str]:
+    """Few segments let turbulence pass as a tone: with S of them, (1 - limit)^(S - 1) of probes."""
+    chance = (1 - ready.chosen.minimum_coherence) ** (ready.seen.segments - 1)
+    if chance <= 0.01 or ready.chosen.minimum_coherence == 0:
+        return []
+    return [
+        f"self-consistent phase: with {ready.seen.segments} segments of two periods, "
+        f"{100 * chance:.2g} % of probes pass a coherence of {ready.chosen.minimum_coherence:g} "
+        "without any tone; a longer record or a higher minimum_coherence is safer"
     ]
 
 

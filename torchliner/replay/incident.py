@@ -47,7 +47,7 @@ class WindowSums:
         """Amplitude A of A e^{j omega t} + A* e^{-j omega t} from its windowed line (..., F).
 
         The conjugate term leaks into the line unless the window spans whole periods; both are
-        solved for, so the result is exact for any record.
+        solved for, so a tone is recovered exactly from any record.
         """
         determinant = self.zero**2 - self.twice.abs() ** 2
         return (self.zero * line - self.twice * line.conj()) / determinant
@@ -92,7 +92,8 @@ def self_consistent_reflection(means: Means, velocity: Tensor) -> tuple[Tensor, 
         means: a and b, (P, F).
         velocity: V, amplitude of v_in/c (into the liner) at f0, complex, (P, F).
     Returns:
-        R and X, (P, F); X is scaled like V, so p_incident = rho c^2 X.
+        R and X, (P, F); X is scaled like V: the wave is x = X e^{j omega t} + conjugate, so its
+        peak pressure is 2 rho c^2 |X|.
     """
     assert means.b is not None
     away = 1 - means.a

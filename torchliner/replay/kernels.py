@@ -4,8 +4,8 @@ The published recipe takes the inverse transform of R(omega, |v|) at fixed |v| a
 t >= 0 (eqs 3.1-3.3). But the empirical nonlinear terms are not causal at fixed |v|: the real and
 imaginary parts of R are not a Hilbert pair, and the dropped taps carry up to a third of the
 resistance. The data are recorded, so nothing forbids taps before zero: the default is a two-sided
-least-squares filter on a band. A causal filter that met the same error would need a gain outside
-the band of 50 to 600 (for 1e-3), so it would amplify whatever noise it is fed.
+least-squares filter on a band. A causal filter of this length cannot come near that error: 1e-3
+already costs gains of tens to hundreds outside the band, so it would amplify any noise.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class VelocityGrid:
         spacing: ``sqrt`` (default) or ``uniform`` (the paper).
         interpolation: ``cubic`` (default, local Lagrange) or ``linear`` (the paper).
     Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. With the levels uniform
-        in sqrt|v| and cubic interpolation the error in R falls from 2e-2 to 1e-6 at 20 m/s,
+        in sqrt|v| and cubic interpolation the error in R falls from 1e-2 to 5e-6 at 20 m/s,
         because G_NL starts like |v|^2 and turns linear within a small share of the range.
     """
 

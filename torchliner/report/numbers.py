@@ -133,11 +133,9 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
             spread = complex(0, 0)
             if len(flat) > 1:
                 spread = complex(float(flat.real.std()), float(flat.imag.std()))
-            pressure = result.incident_pressure[..., i].detach().cpu().reshape(-1)
-            pressure = pressure[torch.isfinite(pressure.real)]
-            # The level of the mean wave: single probes near the wall see jets, not the wave.
-            amplitude = float(pressure.mean().abs())
-            level = float(20 * np.log10(max(amplitude, 1e-300) / (2**0.5 * 20e-6)))
+            # The median over probes: a mean of complex waves would cancel along a grazing one.
+            levels = result.inferred_incident_level[..., i].detach().cpu().reshape(-1)
+            level = float(levels.nanmedian())
             rows.append(
                 HeightRow(
                     result.height,

@@ -159,7 +159,10 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
             f"best for {case}: y = {1e3 * row.height:g} mm, {drive}, {row.phase}, {row.order}, "
             f"{format_complex(row.educed)} for {format_complex(row.true)}"
         )
-    lines.append("(The best is named with hindsight. No one rule is best for all cases.)")
+    lines.append(
+        "(The best is named with hindsight; 'given' uses the phase of the true wave. n115 and o115 "
+        "fix the models' linear part and test little. No one rule is best for all cases.)"
+    )
     return "\n".join(lines)
 
 
