@@ -1,4 +1,4 @@
-"""The fused loop: the eager numbers, or one warning and the eager numbers."""
+"""The fused loops: the eager numbers, or one warning and the eager numbers."""
 
 from __future__ import annotations
 
@@ -8,44 +8,58 @@ import warnings
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, turbulence
-from test_replay import Held, make_record
+from test_replay import GRID, make_record
 
 from torchliner.replay import compiled
-from torchliner.replay.spectral import response_of, spectral_sums
+from torchliner.replay.kernels import build_kernels
+from torchliner.replay.sources import Columns, HeldSpeed
+from torchliner.replay.spectral import plan_line, spectral_sums
+
+KINDS = ("formula", "table", "formula and ends")
 
 
-def run(liner, speed, window="hann", **options):
-    record = make_record(speed.shape[1], window, "wrap")
-    frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
-    response = response_of(liner, record.line_frequencies(FREQUENCY)[0], None, None)
-    return spectral_sums(Held(speed), [response], frequency, record, [None], None,
-                         backward=True, **options)  # fmt: skip
+class Shifted(HeldSpeed):
+    """Signed velocity with a mean to be taken off."""
+
+    def slabs(self, bounds):
+        for slab in super().slabs(bounds):
+            velocity = slab[0].velocity
+            yield [Columns(velocity, torch.linspace(-1, 1, velocity.shape[1]).to(velocity))]
+
+
+def run(liner, velocity, window="hann", kind="formula", source=HeldSpeed, **options):
+    record = make_record(velocity.shape[1], window, "finite" if "ends" in kind else "wrap")
+    kernels = None if kind == "formula" else build_kernels(liner, GRID, RATE)
+    line = plan_line(liner, FREQUENCY, record, GRID, kernels, of_kernel=kind == "table")
+    return spectral_sums(source(velocity), [line], GRID, **options)
 
 
 @pytest.fixture(autouse=True)
 def _fresh():
-    compiled.compile_line_sums.cache_clear()
+    compiled.compile_loop.cache_clear()
+    compiled.failures.clear()
     yield
-    compiled.compile_line_sums.cache_clear()
+    compiled.compile_loop.cache_clear()
+    compiled.failures.clear()
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_fused_formula_is_the_eager_one(liner, dtype):
-    """Uncompiled, the fused function gives the same sums: also with a padded last slab."""
-    speed = turbulence((5, 330), seed=1).abs().to(dtype)
-    wanted = run(liner, speed)
-    monkey = pytest.MonkeyPatch()
-    with monkey.context() as patch:
-        patch.setattr(torch, "compile", lambda function, **_: function)
-        found = run(liner, speed, compiled=True, slab_rows=64)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("source", [HeldSpeed, Shifted])
+def test_fused_loops_are_the_eager_ones(liner, dtype, kind, source, monkeypatch):
+    """Uncompiled, the fused functions give the same sums: also with a padded last slab."""
+    velocity = turbulence((5, 330), seed=1).to(dtype)
+    wanted = run(liner, velocity, kind=kind, source=source, compile_loops="never")
+    monkeypatch.setattr(torch, "compile", lambda function, **_: function)
+    found = run(liner, velocity, kind=kind, source=source, compile_loops="always")
     scale = float(wanted.forward.abs().max())
-    limit = 1e-13 if dtype == torch.float64 else 1e-6
+    limit = 1e-13 if dtype == torch.float64 else 2e-6
     assert float((found.forward - wanted.forward).abs().max()) < limit * scale
     assert float((found.backward - wanted.backward).abs().max()) < limit * scale
 
 
 def test_no_compiler_is_one_warning_and_the_same_numbers(liner, monkeypatch):
-    """A failing compile is caught on a tiny warm-up; the second call does not even try."""
+    """A failing compile is caught on a warm-up; other shapes do not warn again."""
     tried = []
 
     def broken(function, **_):
@@ -59,12 +73,13 @@ def test_no_compiler_is_one_warning_and_the_same_numbers(liner, monkeypatch):
     monkeypatch.setattr(torch, "compile", broken)
     speed = turbulence((2, 300), seed=2).abs()
     with pytest.warns(RuntimeWarning, match="no working C\\+\\+ compiler.*same numbers"):
-        found = run(liner, speed, compiled=True)
-    assert torch.equal(found.forward, run(liner, speed).forward)
+        found = run(liner, speed, compile_loops="always")
+    assert torch.equal(found.forward, run(liner, speed, compile_loops="never").forward)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run(liner, speed, compiled=True)
-    assert len(tried) == 1
+        run(liner, speed, compile_loops="always")
+        assert len(tried) == 1
+        run(liner, speed[:1], kind="table", compile_loops="always")
 
 
 def test_small_jobs_never_compile(liner, monkeypatch):
@@ -78,14 +93,31 @@ def test_small_jobs_never_compile(liner, monkeypatch):
     assert RATE * 1e3 < compiled.PAYS_FROM
 
 
+def test_laws_beyond_single_precision_are_summed_in_double(liner):
+    """At 0.01 Hz the formula's squares leave float32; the sums do not."""
+
+    record = make_record(300, "boxcar", "wrap")
+    speed = torch.linspace(0, 4, 300).repeat(2, 1)
+    found = {}
+    for dtype in (torch.float32, torch.float64):
+        line = plan_line(liner, 1e-2, record, GRID)
+        found[dtype] = spectral_sums(HeldSpeed(speed.to(dtype)), [line], GRID).forward
+    assert bool(torch.isfinite(found[torch.float32].abs()).all())
+    assert float((found[torch.float32] - found[torch.float64]).abs().max()) < 1e-4
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler here")
-def test_really_compiled(liner):
-    """With a compiler: float64 to rounding."""
-    speed = turbulence((64, 512), seed=3).abs()
-    wanted = run(liner, speed, "boxcar")
+@pytest.mark.parametrize("kind", ["formula", "table"])
+def test_really_compiled(liner, kind):
+    """With a compiler: float64 to rounding, and more shapes than torch recompiles one function."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # torch's own, while it compiles
-        found = run(liner, speed, "boxcar", compiled=True)
-    assert compiled.compile_line_sums.cache_info().currsize == 1
-    assert float((found.forward - wanted.forward).abs().max() / wanted.forward.abs().max()) < 1e-12
+        for probes in (64,) if kind == "table" else range(1, 11):
+            speed = turbulence((probes, 512), seed=3).abs()
+            wanted = run(liner, speed, "boxcar", kind=kind, compile_loops="never")
+            found = run(liner, speed, "boxcar", kind=kind, compile_loops="always")
+            error = (found.forward - wanted.forward).abs().max() / wanted.forward.abs().max()
+            assert float(error) < 1e-12
+    assert not compiled.failures
+    assert compiled.compile_loop.cache_info().currsize == (1 if kind == "table" else 10)

@@ -213,14 +213,15 @@ def test_running_rms_against_a_plain_loop(liner, window):
     """The streamed running rms is the centred mean square, cut at the ends."""
     from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
     from torchliner.eduction.survey import survey
+    from torchliner.records.slabs import bounds_of
 
     v = turbulence((2, 130), seed=12)
     plane = plane_of(v)
-    velocity = ProbeVelocity(plane, torch.zeros(2, 0, dtype=torch.float64), torch.float64,
-                             torch.device("cpu"))  # fmt: skip
+    velocity = ProbeVelocity(plane, None, torch.float64, torch.device("cpu"))
     seen = survey(velocity, torch.tensor([FREQUENCY]), RATE, torch.ones(130, dtype=torch.float64))
     drive = DriveSpeed(velocity, "running-rms", "kept", seen, window)
-    found = torch.cat([drive.read(i, min(i + 17, 130)) for i in range(0, 130, 17)]).T
+    slabs = drive.slabs(bounds_of(130, 17))
+    found = torch.cat([slab[0].speed for slab in slabs]).T
     wanted = torch.stack(
         [(v[:, max(0, i - 15) : i - 15 + window] ** 2).mean(1).sqrt() for i in range(130)], dim=1
     )
@@ -337,8 +338,8 @@ def test_wide_planes_are_cut_finer(liner, monkeypatch):
     v = turbulence((40, 480), seed=18)
     wanted = tl.educe(plane_of(v), liner).reflection
     assert slabs.slab_bounds(5, 10**9) == [(i, i + 1) for i in range(5)]
-    assert slabs.rows_per_slab(1) == slabs.SLAB_ROWS
-    monkeypatch.setattr(slabs, "SLAB_ELEMENTS", 50)
+    assert slabs.rows_per_slab(1, 4) == slabs.SLAB_ROWS
+    monkeypatch.setattr(slabs, "SLAB_BYTES", 50)
     found = tl.educe(plane_of(v), liner).reflection
     assert float((found - wanted).abs().max()) < 1e-13
 

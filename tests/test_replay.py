@@ -7,27 +7,18 @@ import torch
 from conftest import FREQUENCY, RATE, turbulence
 
 import torchliner as tl
+from torchliner.records.slabs import bounds_of
 from torchliner.replay.direct import direct_sums, replay_direct
-from torchliner.replay.edges import EDGE_RULES, EdgeTable, Record
+from torchliner.replay.edges import EDGE_RULES, Record
 from torchliner.replay.incident import Means, WindowSums
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
-from torchliner.replay.spectral import response_of, spectral_sums
+from torchliner.replay.sources import HeldSpeed
+from torchliner.replay.spectral import plan_line, spectral_sums
 from torchliner.signals.windows import make_window
 
 FREQUENCIES = torch.tensor([FREQUENCY, 2100.0], dtype=torch.float64)
 GRID = VelocityGrid(16.0)
-
-
-class Held:
-    """|v| in memory, (P, n), as the engines read it."""
-
-    def __init__(self, speed: torch.Tensor) -> None:
-        self.speed, (self.probes, self.samples) = speed, speed.shape
-        self.dtype, self.device = speed.dtype, speed.device
-
-    def read(self, begin: int, end: int) -> torch.Tensor:
-        return self.speed[:, begin:end].T
 
 
 def make_record(samples: int, window: str, edge: str, start: int = 0) -> Record:
@@ -35,13 +26,11 @@ def make_record(samples: int, window: str, edge: str, start: int = 0) -> Record:
 
 
 def run_spectral(liner, speed, record, kernels, of_kernel, **sizes):
-    standing = kernels if of_kernel else None
-    responses, tables = [], []
-    for f in FREQUENCIES.tolist():
-        responses.append(response_of(liner, record.line_frequencies(f)[0], GRID, standing))
-        tables.append(EdgeTable(kernels, record, f) if record.needs_table(f) else None)
-    return spectral_sums(Held(speed), responses, FREQUENCIES, record, tables, GRID,
-                         backward=True, **sizes)  # fmt: skip
+    lines = [
+        plan_line(liner, f, record, GRID, kernels, of_kernel=of_kernel)
+        for f in FREQUENCIES.tolist()
+    ]
+    return spectral_sums(HeldSpeed(speed), lines, GRID, **sizes)
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +140,7 @@ def test_slab_and_block_sizes_do_not_matter(liner, kernels, sizes):
     wanted = run_spectral(liner, speed, record, kernels, False)
     rows, elements = sizes
     found = run_spectral(liner, speed, record, kernels, False,
-                         slab_rows=rows, block_elements=elements)  # fmt: skip
+                         bounds=bounds_of(333, rows), block_elements=elements)  # fmt: skip
     assert float((found.forward - wanted.forward).abs().max() / wanted.forward.abs().max()) < 1e-13
     assert float((found.backward - wanted.backward).abs().max()) < 1e-11
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,11 +10,12 @@ import torch
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.eduction.drive import DRIVES, MEANS
+from torchliner.replay.compiled import COMPILE
 from torchliner.replay.edges import EDGE_RULES
 from torchliner.replay.incident import PHASE_RULES
 from torchliner.replay.kernels import BAND, KERNELS
 
-ENGINES = ("spectral", "direct")
+ENGINES = ("spectral", "unfold", "direct")
 RESPONSES = ("model", "kernel")
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -23,7 +25,8 @@ class Choices:
     """What the paper leaves open, and what it does not.
 
     Args:
-        engine: ``spectral`` (fast) or ``direct`` (the literal sum, in float64).
+        engine: ``spectral`` (fast), ``unfold`` (the whole reflected signal, for any incident
+            signal) or ``direct`` (the literal sum, in float64).
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known),
             ``self-consistent`` (from v's own part at f) or ``given``.
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``.
@@ -45,6 +48,13 @@ class Choices:
         missing: probes holding nan or inf: ``refuse`` the plane or ``exclude`` them.
         allow_short: accept fewer than four periods.
         device, dtype: where and in what precision R is evaluated; default those of the data.
+        memory: bytes, or text such as "2GB", for slabs and work arrays; what the program itself
+            (some 0.4 GB) and the result (some 200 B a probe) take comes on top. Default: what is
+            fast, about 0.2 GB.
+        compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
+            ``always``; the numbers stay the same.
+        rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
+            default 1e-6 in float32, 1e-11 in float64.
     """
 
     engine: str = "spectral"
@@ -67,6 +77,9 @@ class Choices:
     allow_short: bool = False
     device: str | torch.device | None = None
     dtype: str | torch.dtype | None = None
+    memory: int | str | None = None
+    compile: str = "auto"
+    rank_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         require_choice("engine", self.engine, ENGINES)
@@ -78,7 +91,7 @@ class Choices:
         require_choice("missing", self.missing, ("refuse", "exclude"))
         if self.response is not None:
             require_choice("response", self.response, RESPONSES)
-        if self.response == "model" and (self.kernel == "causal" or self.engine == "direct"):
+        if self.response == "model" and (self.kernel == "causal" or self.engine != "spectral"):
             raise ValueError(
                 f"response='model' bypasses the kernel, which engine={self.engine!r}, "
                 f"kernel={self.kernel!r} ask for; leave response out"
@@ -87,18 +100,33 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in ("velocity_max", "running_window"):
+        require_choice("compile", self.compile, COMPILE)
+        for name in ("velocity_max", "running_window", "rank_tolerance"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if not 0 <= self.minimum_coherence <= 1:
             raise ValueError(f"minimum_coherence is {self.minimum_coherence:g}; it is 0 to 1")
+        self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)
 
     @property
     def uses_kernel_response(self) -> bool:
         """Whether the lines come from the impulse responses rather than from the model."""
-        return self.response == "kernel" or self.kernel == "causal"
+        return self.response == "kernel" or self.kernel == "causal" or self.engine != "spectral"
+
+    @property
+    def memory_bytes(self) -> int | None:
+        """``memory`` in bytes."""
+        if self.memory is None:
+            return None
+        found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(self.memory).strip())
+        if found is None:
+            raise ValueError(
+                f"memory is {self.memory!r}; give bytes or a size such as '500MB' or '2GB'"
+            )
+        base = 1024 if found[3] else 1000
+        return int(float(found[1]) * base ** " kMGT".index(found[2] or " "))
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""
@@ -132,7 +160,5 @@ class Choices:
         for key in ("device", "dtype"):
             plain[key] = None if plain[key] is None else str(plain[key])
         plain["response"] = "kernel" if self.uses_kernel_response else "model"
-        if self.engine == "direct":
-            plain["response"] = "kernel"
         plain["window"] = self.window if isinstance(self.window, str) else list(self.window)
         return plain

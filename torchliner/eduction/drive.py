@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
+from torchliner.eduction.averaging import Cells
 from torchliner.eduction.survey import Survey
 from torchliner.records import VelocityPlane
+from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, rows_per_slab
+from torchliner.replay.sources import BLOCK_ELEMENTS, Columns, blocks
 
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
 
 
 class ProbeVelocity:
-    """v of the plane's probes, followed by the averages over its cells as further probes.
+    """v of the plane's probes, and the averages over its cells as a second group of columns.
 
     The averages are formed as the data stream by, so both orders of averaging cost one pass.
     """
@@ -21,31 +26,63 @@ class ProbeVelocity:
     def __init__(
         self,
         plane: VelocityPlane,
-        cells: Tensor,
+        cells: Cells | None,
         dtype: torch.dtype,
         device: torch.device,
         used: Tensor | None = None,
+        memory: int | None = None,
     ) -> None:
-        """``cells``: averaging matrix (P, C); ``used``: probes to keep, others read as 0."""
+        """``used``: probes to keep, (P,), others read as 0; ``memory``: bytes for slabs."""
+        if used is None:
+            used = torch.ones(plane.probes, dtype=torch.bool)
         self.plane = plane
         self.samples = plane.samples
-        self.probes = plane.probes + cells.shape[1]
-        self.cells = cells.to(device)
-        self.dtype = dtype
-        self.device = device
-        self.used = None if used is None or bool(used.all()) else used.to(device)
+        self.widths: tuple[int, ...] = (plane.probes,)
+        self.dtype, self.device = dtype, device
+        self.used = None if bool(used.all()) else used.to(device)
+        self.memory = memory
+        if cells is None:
+            return
+        self.widths = (plane.probes, cells.count)
+        # Probes of no cell, or left out, go to one more cell that is dropped.
+        inside = (cells.labels >= 0) & used
+        self.labels = torch.where(inside, cells.labels, cells.count).to(device)
+        sizes = torch.bincount(cells.labels[inside], minlength=cells.count)
+        self.weights = (1 / sizes.clamp(min=1).to(torch.float64)).to(device)
 
-    def read(self, begin: int, end: int) -> Tensor:
-        """Samples begin .. end - 1, m/s, (t, P + C)."""
-        slab = self.plane.read(begin, end).to(self.device)
-        if self.used is not None:
-            slab = torch.where(self.used, slab, torch.zeros((), dtype=slab.dtype))
-        average = slab.to(torch.float64) @ self.cells
-        return torch.cat([slab.to(self.dtype), average.to(self.dtype)], dim=1)
+    def bounds(self) -> Bounds:
+        """Slabs within the memory, whole tiles of the file where these fit."""
+        stored = self.plane.stored
+        tile = 1 if stored is None else getattr(stored, "tile_rows", 1)
+        size = self.plane.velocity.dtype.itemsize
+        if self.dtype.itemsize > size or self.device.type == "cuda":
+            size += self.dtype.itemsize
+        most = rows_per_slab(sum(self.widths), size, self.memory, most=max(SLAB_ROWS, tile))
+        return bounds_of(self.samples, most if tile > most else most - most % tile)
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:
+        """Probes (t, P) and cell averages (t, C) of each slab, m/s."""
+        stored = self.plane.stored
+        if stored is not None:
+            source = read_ahead(stored, bounds, self.device)
+        else:
+            source = (self.plane.read(*each).to(self.device) for each in bounds)
+        for slab in source:
+            if self.used is not None:
+                slab = torch.where(self.used, slab, torch.zeros((), dtype=slab.dtype))
+            found = [slab.to(self.dtype)]
+            yield found if len(self.widths) == 1 else [*found, self._averages(slab)]
+
+    def _averages(self, slab: Tensor) -> Tensor:
+        count = self.widths[1]
+        sums = torch.zeros(len(slab), count + 1, dtype=torch.float64, device=self.device)
+        for rows, columns in blocks(slab.shape[0], slab.shape[1], BLOCK_ELEMENTS):
+            sums[rows].index_add_(1, self.labels[columns], slab[rows, columns].to(torch.float64))
+        return (sums[:, :count] * self.weights).to(self.dtype)
 
 
 class DriveSpeed:
-    """|v| as the kernel sees it, for the engines."""
+    """|v| as the kernel sees it, for the engines; a ``SpeedSource``."""
 
     def __init__(
         self,
@@ -56,29 +93,45 @@ class DriveSpeed:
         running_samples: int,
     ) -> None:
         self.velocity = velocity
-        self.samples, self.probes = velocity.samples, velocity.probes
+        self.samples, self.widths = velocity.samples, velocity.widths
         self.dtype, self.device = velocity.dtype, velocity.device
         self.drive = drive
         self.running_samples = running_samples
-        self.offset = seen.mean.to(self.dtype) if mean == "removed" else None
+        self.offsets: list[Tensor] | list[None] = [None] * len(self.widths)
+        if mean == "removed":
+            self.offsets = list(seen.mean.to(self.dtype).split(self.widths))
         square = seen.mean_square - (seen.mean**2 if mean == "removed" else 0)
-        self.rms = square.clamp(min=0).sqrt().to(self.dtype)
+        self.rms = square.clamp(min=0).sqrt().to(self.dtype).split(self.widths)
 
-    def read(self, begin: int, end: int) -> Tensor:
-        """|v| of samples begin .. end - 1, m/s, (t, P + C)."""
+    def bounds(self) -> Bounds:
+        """Those of the velocity."""
+        return self.velocity.bounds()
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
+        """Velocity of each slab (begin, end), by group."""
         if self.drive == "rms":
-            return self.rms.expand(end - begin, -1)
-        if self.drive == "running-rms":
-            return self._running(begin, end)
-        slab = self.velocity.read(begin, end)
-        return (slab if self.offset is None else slab - self.offset).abs()
+            for begin, end in bounds:
+                yield [Columns(rms.expand(end - begin, -1)) for rms in self.rms]
+        elif self.drive == "running-rms":
+            half = self.running_samples // 2
+            wider = [(max(0, b - half), min(self.samples, e + half + 1)) for b, e in bounds]
+            for (begin, end), (low, _), groups in zip(
+                bounds, wider, self.velocity.slabs(wider), strict=True
+            ):
+                yield [
+                    Columns(self._running(slab, offset, begin, end, low))
+                    for slab, offset in zip(groups, self.offsets, strict=True)
+                ]
+        else:
+            for groups in self.velocity.slabs(bounds):
+                yield [Columns(v, offset) for v, offset in zip(groups, self.offsets, strict=True)]
 
-    def _running(self, begin: int, end: int) -> Tensor:
+    def _running(
+        self, slab: Tensor, offset: Tensor | None, begin: int, end: int, low: int
+    ) -> Tensor:
         """rms over a window of ``running_samples`` centred on each sample, cut at the ends."""
         half = self.running_samples // 2
-        low, high = max(0, begin - half), min(self.samples, end + half + 1)
-        slab = self.velocity.read(low, high)
-        slab = (slab if self.offset is None else slab - self.offset).to(torch.float64)
+        slab = (slab if offset is None else slab - offset).to(torch.float64)
         running = torch.cat([torch.zeros_like(slab[:1]), (slab**2).cumsum(0)])
         steps = torch.arange(begin, end, device=self.device)
         first = (steps - half).clamp(min=0) - low

@@ -119,7 +119,7 @@ def _survey(
     everything = torch.ones(plane.probes, dtype=torch.bool)
 
     def look(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
-        velocity = ProbeVelocity(plane, cells.membership(used), dtype, device, used)
+        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.memory_bytes)
         return velocity, survey(velocity, frequency, plane.sampling_rate, weights, report)
 
     velocity, seen = look(everything, progress)

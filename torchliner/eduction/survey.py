@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from torchliner.records.slabs import slab_bounds
+from torchliner.records.slabs import Bounds
+from torchliner.replay.sources import BLOCK_ELEMENTS, blocks
 
 PERIODS_PER_SEGMENT = 2.0
 
 
 class VelocitySource(Protocol):
-    """Velocity read by slabs: (t, P)."""
+    """Velocity in groups of columns, P in all, read by slabs."""
 
     samples: int
-    probes: int
+    widths: tuple[int, ...]
+    device: torch.device
 
-    def read(self, begin: int, end: int) -> Tensor:
-        """Samples begin .. end - 1, m/s, (t, P)."""
+    def bounds(self) -> Bounds:
+        """Slabs that suit the memory and the file."""
+        ...
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:
+        """The groups of each slab, m/s, (t, P_g)."""
         ...
 
 
@@ -66,67 +73,99 @@ def survey(
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
     Args:
-        source: n samples of P probes.
+        source: n samples of P columns.
         frequency: Hz, (F,).
         sampling_rate: Hz.
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
 
-    The coherence is that between v and a tone of constant phase, from S segments of two periods
-    with Hann windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
+    Within a block of some rows products are summed in the data's precision, across blocks in
+    float64. The coherence is that between v and a tone of constant phase, from S segments of two
+    periods with Hann windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
     """
-    n, probes = source.samples, source.probes
+    n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
-    first = source.read(0, 1)
-    device = first.device
-    total = torch.zeros(probes, dtype=torch.float64, device=device)
-    square = torch.zeros_like(total)
-    smallest, largest = torch.full_like(total, torch.inf), torch.full_like(total, -torch.inf)
-    bad = torch.zeros(probes, dtype=torch.int64, device=device)
-    first_bad = torch.full_like(bad, -1)
-    lines = torch.zeros(len(frequency), probes, dtype=torch.complex128, device=device)
-    coherence = _Coherence(analysis, probes, device)
-    for begin, end in slab_bounds(n, probes):
-        slab = source.read(begin, end).to(torch.float64)
-        finite = torch.isfinite(slab)
-        if not bool(finite.all()):
-            wrong = ~finite
-            new = wrong.any(0) & (first_bad < 0)
-            first_bad[new] = begin + wrong.to(torch.int8).argmax(0)[new]
-            bad += wrong.sum(0)
-            slab = torch.where(finite, slab, 0.0)
-        total += slab.sum(0)
-        square += (slab**2).sum(0)
-        smallest = torch.minimum(smallest, slab.amin(0))
-        largest = torch.maximum(largest, slab.amax(0))
-        lines += _project(analysis.lines(begin, end), slab)
-        coherence.add(begin, end, slab)
+    groups = [_Sums(analysis, width, source.device) for width in source.widths]
+    bounds = source.bounds()
+    for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
+        for low, high in analysis.pieces(begin, end):
+            rows = analysis.rows(low, high)
+            for group, slab in zip(groups, slabs, strict=True):
+                group.add(low, high, rows, slab[low - begin : high - begin])
         if progress is not None:
             progress(end - begin)
-    mean = total / n
-    lines = lines - analysis.window_lines().to(device)[:, None] * mean
-    return Survey(
-        mean,
-        square / n,
-        smallest,
-        largest,
-        bad,
-        first_bad,
-        lines.T,
-        coherence.result(mean, square / n).T,
-        analysis.segments,
-    )
+    return _join([group.result() for group in groups], analysis.segments)
 
 
-def _project(matrix: Tensor, slab: Tensor) -> Tensor:
-    matrix = matrix.to(slab.device)
-    return torch.complex(matrix.real @ slab, matrix.imag @ slab)
+def _join(parts: list[Survey], segments: int) -> Survey:
+    fields = [name for name in vars(parts[0]) if name != "segments"]
+    joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
+    return Survey(**joined, segments=segments)
+
+
+class _Sums:
+    """Running sums of one group of columns."""
+
+    def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
+        self.analysis = analysis
+        count = len(analysis.turn)
+        # Mean, then real and imaginary parts of the window's lines.
+        self.linear = torch.zeros(1 + 2 * count, width, dtype=torch.float64, device=device)
+        self.square = torch.zeros(width, dtype=torch.float64, device=device)
+        self.smallest = torch.full_like(self.square, torch.inf)
+        self.largest = torch.full_like(self.square, -torch.inf)
+        self.bad = torch.zeros(width, dtype=torch.int64, device=device)
+        self.first_bad = torch.full_like(self.bad, -1)
+        self.coherence = _Coherence(analysis, width, device)
+
+    def add(self, begin: int, end: int, rows: Tensor, slab: Tensor) -> None:
+        """Samples begin .. end - 1, of one coherence segment; ``rows`` are the analysis rows."""
+        rows = rows.to(slab.device, slab.dtype)
+        count = len(self.linear)
+        segment = torch.zeros(
+            len(rows) - count, slab.shape[1], dtype=torch.float64, device=slab.device
+        )
+        for part, columns in blocks(slab.shape[0], slab.shape[1], BLOCK_ELEMENTS):
+            block = slab[part, columns]
+            low, high = block.amin(0), block.amax(0)
+            if not bool(torch.isfinite(low + high).all()):
+                block = self._without_faults(block, begin + part.start, columns)
+                low, high = block.amin(0), block.amax(0)
+            self.smallest[columns] = torch.minimum(self.smallest[columns], low)
+            self.largest[columns] = torch.maximum(self.largest[columns], high)
+            self.square[columns] += (block * block).sum(0)
+            products = (rows[:, part] @ block).to(torch.float64)
+            self.linear[:, columns] += products[:count]
+            segment[:, columns] += products[count:]
+        self.coherence.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
+        if len(segment):
+            self.coherence.add(begin, end, segment)
+
+    def _without_faults(self, block: Tensor, begin: int, columns: slice) -> Tensor:
+        wrong = ~torch.isfinite(block)
+        first = self.first_bad[columns]  # a view
+        new = wrong.any(0) & (first < 0)
+        first[new] = begin + wrong.to(torch.int8).argmax(0)[new]
+        self.bad[columns] += wrong.sum(0)
+        return torch.where(wrong, 0.0, block)
+
+    def result(self) -> Survey:
+        n = self.analysis.samples
+        mean = self.linear[0] / n
+        lines = torch.complex(*self.linear[1:].chunk(2))
+        lines = lines - self.analysis.window_lines().to(mean.device)[:, None] * mean
+        coherence = self.coherence.result(mean, self.square / n).T
+        return Survey(
+            mean, self.square / n, self.smallest, self.largest, self.bad, self.first_bad,
+            lines.T, coherence, self.analysis.segments,
+        )  # fmt: skip
 
 
 class _Analysis:
     """Rows of e^{-j omega t} under the window and under the coherence segments."""
 
     def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
+        self.samples = n
         self.turn = 2 * torch.pi * frequency.cpu() / sampling_rate
         self.weights = weights
         period = sampling_rate / float(frequency.min())
@@ -135,28 +174,43 @@ class _Analysis:
         steps = torch.arange(self.segment_length, dtype=torch.float64)
         self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / self.segment_length)
 
+    def pieces(self, begin: int, end: int) -> list[tuple[int, int]]:
+        """begin .. end - 1 cut where coherence segments end."""
+        length, last = self.segment_length, self.segments * self.segment_length
+        cuts = [k for k in range(begin - begin % length + length, end, length) if k <= last]
+        marks = [begin, *cuts, end]
+        return list(itertools.pairwise(marks))
+
+    def rows(self, begin: int, end: int) -> Tensor:
+        """Ones; lines, real and imaginary; segment lines, none beyond the last segment."""
+        waves = self._waves(begin, end)
+        parts = [torch.ones(1, end - begin, dtype=torch.float64)]
+        lines = waves * self.weights[begin:end]
+        parts += [lines.real, lines.imag]
+        if begin < self.segments * self.segment_length:
+            segment = self.segment_lines(begin, end)
+            parts += [segment.real, segment.imag]
+        return torch.cat(parts)
+
     def _waves(self, begin: int, end: int) -> Tensor:
         steps = torch.arange(begin, end, dtype=torch.float64)
         return torch.exp(-1j * torch.outer(self.turn, steps))
 
-    def lines(self, begin: int, end: int) -> Tensor:
-        return self._waves(begin, end) * self.weights[begin:end]
-
     def window_lines(self) -> Tensor:
-        return self.lines(0, len(self.weights)).sum(1)
+        return (self._waves(0, self.samples) * self.weights).sum(1)
 
-    def segment_lines(self, s: int, begin: int, end: int) -> Tensor:
-        """e^{-j omega t} under the Hann window of segment s, for samples begin .. end - 1."""
-        inside = torch.arange(begin, end) - s * self.segment_length
+    def segment_lines(self, begin: int, end: int) -> Tensor:
+        """e^{-j omega t} under the Hann window of the segment that holds begin .. end - 1."""
+        inside = torch.arange(begin, end) % self.segment_length
         return self._waves(begin, end) * self.hann[inside]
 
 
 class _Coherence:
     """Running sums over segments; only the unfinished one is held."""
 
-    def __init__(self, analysis: _Analysis, probes: int, device: torch.device) -> None:
+    def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
         self.analysis = analysis
-        shape = (len(analysis.turn), probes)
+        shape = (len(analysis.turn), width)
         self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.total = torch.zeros_like(self.current)
         self.power = torch.zeros(shape, dtype=torch.float64, device=device)
@@ -165,23 +219,21 @@ class _Coherence:
         self.window_total = torch.zeros_like(self.window)
         self.window_power = torch.zeros(shape[0], 1, dtype=torch.float64, device=device)
         self.cross = torch.zeros_like(self.power)
+        self.rounding = 1e-12
 
-    def add(self, begin: int, end: int, slab: Tensor) -> None:
-        """Samples begin .. end - 1, in order."""
-        length = self.analysis.segment_length
-        for s in range(begin // length, min(self.analysis.segments, -(-end // length))):
-            low, high = max(begin, s * length), min(end, (s + 1) * length)
-            matrix = self.analysis.segment_lines(s, low, high)
-            self.current = self.current + _project(matrix, slab[low - begin : high - begin])
-            self.window = self.window + matrix.sum(1, keepdim=True).to(slab.device)
-            if high == (s + 1) * length:
-                self.total += self.current
-                self.power += self.current.abs() ** 2
-                self.window_total += self.window
-                self.window_power += self.window.abs() ** 2
-                self.cross += (self.current * self.window.conj()).real
-                self.current = torch.zeros_like(self.current)
-                self.window = torch.zeros_like(self.window)
+    def add(self, begin: int, end: int, products: Tensor) -> None:
+        """``products``: segment lines times samples begin .. end - 1, (2 F, P), in order."""
+        self.current += torch.complex(*products.chunk(2))
+        lines = self.analysis.segment_lines(begin, end)
+        self.window += lines.sum(1, keepdim=True).to(self.window.device)
+        if end % self.analysis.segment_length == 0:
+            self.total += self.current
+            self.power += self.current.abs() ** 2
+            self.window_total += self.window
+            self.window_power += self.window.abs() ** 2
+            self.cross += (self.current * self.window.conj()).real
+            self.current.zero_()
+            self.window.zero_()
 
     def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
         """|sum V_s|^2 / (S sum |V_s|^2) of v without its mean, (F, P)."""
@@ -190,5 +242,5 @@ class _Coherence:
         power = self.analysis.segments * power
         # A constant probe leaves rounding behind, which would be coherent with itself.
         length, segments = self.analysis.segment_length, self.analysis.segments
-        floor = segments**2 * 1e-24 * mean_square * length**2
+        floor = (segments * length * self.rounding) ** 2 * mean_square
         return torch.where(power > floor, total.abs() ** 2 / power.clamp(min=1e-300), 0.0)

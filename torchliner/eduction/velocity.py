@@ -15,7 +15,6 @@ from torchliner.eduction.prepare import Prepared, Progress, prepare
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.direct import direct_sums
-from torchliner.replay.edges import EdgeTable
 from torchliner.replay.incident import (
     LineSums,
     Means,
@@ -24,7 +23,7 @@ from torchliner.replay.incident import (
     self_consistent_reflection,
 )
 from torchliner.replay.kernels import Liner, impedance_of
-from torchliner.replay.spectral import interpolation_error, response_of, spectral_sums
+from torchliner.replay.spectral import interpolation_error, plan_line, spectral_sums
 
 
 def educe(
@@ -97,28 +96,23 @@ def replay(
 
 
 def _run(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
-    record, drive = ready.record, ready.drive
-    if ready.chosen.engine == "direct":
+    record, drive, chosen = ready.record, ready.drive, ready.chosen
+    if chosen.engine == "direct":
         assert ready.kernels is not None
-        speed = drive.read(0, drive.samples).T
-        sums = direct_sums(speed, ready.kernels, ready.frequency, record)
+        whole = [(0, drive.samples)]
+        speed = torch.cat([part.speed for slab in drive.slabs(whole) for part in slab], dim=1)
+        sums = direct_sums(speed.T, ready.kernels, ready.frequency, record)
         if progress is not None:
             progress(drive.samples)
         return sums if backward else LineSums(sums.forward, None)
-    standing = ready.kernels if ready.chosen.uses_kernel_response else None
-    responses = []
-    tables: list[EdgeTable | None] = []
-    for value in ready.frequency.tolist():
-        lines, _ = record.line_frequencies(value)
-        responses.append(response_of(ready.liner, lines, ready.grid, standing))
-        tables.append(None)
-        if record.needs_table(value):
-            assert ready.kernels is not None
-            tables[-1] = EdgeTable(ready.kernels, record, value)
-    return spectral_sums(
-        drive, responses, ready.frequency, record, tables, ready.grid,
-        backward=backward, progress=progress,
-    )  # fmt: skip
+    lines = [
+        plan_line(
+            ready.liner, value, record, ready.grid, ready.kernels,
+            of_kernel=chosen.uses_kernel_response, backward=backward,
+        )
+        for value in ready.frequency.tolist()
+    ]  # fmt: skip
+    return spectral_sums(drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress)
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,11 @@ as they are. Numbers beside the velocity are scalar variables with CF units.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import torch
-from torch import Tensor
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
@@ -31,6 +27,7 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
+from torchliner.io.stored import H5Velocity, numpy_kind
 from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
@@ -55,61 +52,6 @@ FLUID = {
     "heat_capacity_ratio": ("number", "1"),
     "prandtl": ("number", "1"),
 }
-
-
-@dataclass
-class H5Velocity:
-    """A velocity dataset that stays on disk; see ``records.StoredVelocity``.
-
-    Args:
-        path, key: file and dataset.
-        time_axis: 0 or -1.
-        factor: to m/s.
-    """
-
-    path: Path
-    key: str
-    time_axis: int
-    factor: float
-    _file: Any = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        dataset = self._dataset()
-        shape = tuple(int(n) for n in dataset.shape)
-        self.shape = (*shape[1:], shape[0]) if self.time_axis == 0 else shape
-        self.dtype = torch.float32 if dataset.dtype.itemsize <= 4 else torch.float64
-
-    def _dataset(self) -> h5py.Dataset:
-        if self._file is None or not self._file.id.valid:
-            self._file = open_file(self.path)
-        return self._file[self.key]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Handles do not travel to other processes; each opens its own."""
-        return {**self.__dict__, "_file": None}
-
-    def read(self, begin: int, end: int) -> Tensor:
-        """Samples begin .. end - 1 of every probe, m/s, (t, P)."""
-        dataset = self._dataset()
-        try:
-            part = dataset[begin:end] if self.time_axis == 0 else dataset[..., begin:end]
-        except OSError as error:
-            raise OSError(
-                f"{self.path}:/{self.key} cannot be read from sample {begin} to {end}: {error}"
-            ) from error
-        dtype = np.float32 if self.dtype == torch.float32 else np.float64
-        values = torch.from_numpy(np.ascontiguousarray(part, dtype=dtype))
-        values = values.movedim(self.time_axis, 0)
-        values = values.reshape(values.shape[0], math.prod(self.shape[:-1]))
-        return values if self.factor == 1 else values * self.factor
-
-    def load(self) -> Tensor:
-        """All of it, (..., T), a view of time-major memory."""
-        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
-        whole = torch.empty(samples, probes, dtype=self.dtype)
-        for begin, end in slab_bounds(samples, probes):
-            whole[begin:end] = self.read(begin, end)
-        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
 
 
 def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) -> None:
@@ -178,8 +120,7 @@ def _write_velocity(
     if compress:
         chunk = (min(plane.samples, COMPRESSED_ROWS), *(min(n, 64) for n in shape[1:]))
         extra = {"compression": "gzip", "compression_opts": 9, "shuffle": True, "chunks": chunk}
-    kind = np.float32 if plane.velocity.dtype == torch.float32 else np.float64
-    dataset = file.create_dataset(name, shape, kind, **extra)
+    dataset = file.create_dataset(name, shape, numpy_kind(plane.velocity), **extra)
     dataset.attrs["units"] = "m/s"
     for axis, dim in enumerate(("time", *dims)):
         dataset.dims[axis].attach_scale(file[dim])

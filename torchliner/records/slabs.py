@@ -2,16 +2,93 @@
 
 from __future__ import annotations
 
-SLAB_ELEMENTS = 1 << 23  # velocities: 64 MB in float64
-SLAB_ROWS = 1024
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+SLAB_BYTES = 1 << 26  # of one buffer unless a memory limit says less
+SLAB_ROWS = 256
+WORK_BYTES = 1 << 26  # temporaries of the engines, whatever the plane's size
+
+Bounds = Sequence[tuple[int, int]]
 
 
-def rows_per_slab(probes: int, most: int = SLAB_ROWS) -> int:
-    """Samples of a slab: as many as ``SLAB_ELEMENTS`` allows, 1 to ``most``."""
-    return max(1, min(most, SLAB_ELEMENTS // max(1, probes)))
+class Reader(Protocol):
+    """Velocity that stays in its file and is read by slabs."""
+
+    shape: tuple[int, ...]  # (..., T)
+    dtype: torch.dtype
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Samples begin .. end - 1 of every probe, (t, P), in ``out`` if it can be used."""
+        ...
 
 
-def slab_bounds(samples: int, probes: int, most: int = SLAB_ROWS) -> list[tuple[int, int]]:
-    """(begin, end) of the slabs of a record."""
-    rows = rows_per_slab(probes, most)
-    return [(begin, min(begin + rows, samples)) for begin in range(0, samples, rows)]
+def rows_per_slab(
+    probes: int, itemsize: int, memory: int | None = None, *, most: int = SLAB_ROWS
+) -> int:
+    """Samples of a slab, 1 to ``most``.
+
+    Args:
+        probes: P.
+        itemsize: bytes per velocity, of the file and of work copies together.
+        memory: bytes for two buffers and the work; default two of ``SLAB_BYTES``.
+        most: no more than this.
+    Raises:
+        ValueError: the limit does not hold one sample of every probe.
+    """
+    row = 2 * itemsize * max(1, probes)
+    if memory is None:
+        return max(1, min(most, 2 * SLAB_BYTES // row))
+    if memory < WORK_BYTES + row:
+        raise ValueError(
+            f"a memory limit of {memory / 1e6:.4g} MB is below one slab: one sample of {probes} "
+            f"probes, read ahead, and the work arrays take {(WORK_BYTES + row) / 1e6:.4g} MB; "
+            "raise memory"
+        )
+    return max(1, min(most, (memory - WORK_BYTES) // row))
+
+
+def bounds_of(samples: int, rows: int, begin: int = 0) -> list[tuple[int, int]]:
+    """(begin, end) of the slabs of ``rows`` samples that cover begin .. samples - 1."""
+    return [(low, min(low + rows, samples)) for low in range(begin, samples, rows)]
+
+
+def slab_bounds(samples: int, probes: int, most: int = 4 * SLAB_ROWS) -> list[tuple[int, int]]:
+    """Slabs for a plain copy of a plane."""
+    return bounds_of(samples, rows_per_slab(probes, 4, most=most))
+
+
+def read_ahead(reader: Reader, bounds: Bounds, device: torch.device) -> Iterator[Tensor]:
+    """Slabs of a file on ``device``, the next one being read while the last is worked on.
+
+    One thread reads, since HDF5 knows one lock, into two buffers, pinned for a GPU. A slab lives
+    until the one after the next is asked for: copy what must stay.
+    """
+    if not bounds:
+        return
+    rows = max(end - begin for begin, end in bounds)
+    probes = torch.Size(reader.shape[:-1]).numel()
+    on_gpu = device.type == "cuda"
+    buffers = [torch.empty(rows, probes, dtype=reader.dtype, pin_memory=on_gpu) for _ in range(2)]
+    copied = [torch.cuda.Event() if on_gpu else None for _ in range(2)]
+
+    with ThreadPoolExecutor(1, thread_name_prefix="read-ahead") as pool:
+        pending = pool.submit(reader.read, *bounds[0], buffers[0])
+        for i in range(len(bounds)):
+            slab = pending.result()
+            if i + 1 < len(bounds):
+                other = (i + 1) % 2
+                event = copied[other]
+                if event is not None:
+                    event.synchronize()
+                pending = pool.submit(reader.read, *bounds[i + 1], buffers[other])
+            if on_gpu:
+                slab = slab.to(device, non_blocking=True)
+                event = copied[i % 2]
+                assert event is not None
+                event.record()
+            yield slab

@@ -13,20 +13,14 @@ from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
+from torchliner.records.slabs import Reader
 
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 
 
 @runtime_checkable
-class StoredVelocity(Protocol):
-    """Velocity that stays in its file and is read by slabs."""
-
-    shape: tuple[int, ...]  # (..., T)
-    dtype: torch.dtype
-
-    def read(self, begin: int, end: int) -> Tensor:
-        """Samples begin .. end - 1 of every probe, (t, P)."""
-        ...
+class StoredVelocity(Reader, Protocol):
+    """Velocity that stays in its file; ``tile_rows`` samples are best read together."""
 
     def load(self) -> Tensor:
         """All of it, (..., T)."""
@@ -150,6 +144,11 @@ class VelocityPlane:
             x = None if x is None else x.repeat(rows)
             z = None if z is None else z.repeat_interleave(columns)
         return x, z
+
+    @property
+    def stored(self) -> StoredVelocity | None:
+        """The velocity if it is still in its file."""
+        return None if isinstance(self.velocity, Tensor) else self.velocity
 
     def read(self, begin: int, end: int) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P); a view where the layout allows."""

@@ -1,4 +1,4 @@
-"""The weighted sum of R over time as one fused loop, compiled when a job is large enough.
+"""The two inner sums of ``spectral`` as fused loops, compiled when a job is large enough.
 
 Compilation takes seconds, so small jobs never see it. Where there is no compiler, or it fails, one
 warning is given and the same numbers come from the eager path.
@@ -7,16 +7,23 @@ warning is given and the same numbers come from the eager path.
 from __future__ import annotations
 
 import functools
+import types
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from torchliner.liners.nonlinear import SpeedLaw, powers
-from torchliner.replay.reflect import reflection_parts
+from torchliner.liners.nonlinear import inverse_parts, powers
+from torchliner.records.slabs import SLAB_ROWS
+from torchliner.replay.levels import VelocityGrid, lagrange_weights
 
 PAYS_FROM = 1.5e9  # velocity samples x lines: some ten seconds of eager work
+COMPILE = ("auto", "never", "always")
+# Samples that one iteration sums. Inductor unrolls sums of up to eight, and then runs along the
+# contiguous columns; a longer sum it would run down the columns, one cache line a sample.
+GROUP = 8
 # Without these inductor writes full-size temporaries and the fused loop is four times slower.
 OPTIONS: dict[str, str | int | bool | Callable[..., object]] = {
     "realize_reads_threshold": 64,
@@ -25,53 +32,118 @@ OPTIONS: dict[str, str | int | bool | Callable[..., object]] = {
     "max_fusion_size": 400,
 }
 
-Fused = Callable[[Tensor, Tensor, Tensor], Tensor]
+Loop = Callable[..., list[Tensor]]
+
+failures: list[str] = []  # of compilations so far; only the first is warned of
 
 
-def fused_line_sums(speed: Tensor, coefficients: Tensor, weights: Tensor) -> Tensor:
-    """Sum over time and lines of weight times R.
+def law_sums(
+    velocity: Tensor, offset: Tensor | None, coefficients: Tensor, weights: Tensor
+) -> list[Tensor]:
+    """Sums over ``GROUP`` samples, and over the lines, of weight times (R - 1)/2.
 
     Args:
-        speed: |v|, m/s, (t, P).
-        coefficients: of ``SpeedLaw``, (lines, 6), in the precision of ``speed``.
+        velocity: m/s, (t, P), t a multiple of ``GROUP``.
+        offset: m/s, (P,), or None.
+        coefficients: of ``inverse_parts``, (lines, 6), in the precision of ``velocity``.
         weights: real and imaginary part per line and direction, (t, lines, 2 directions).
     Returns:
-        Real and imaginary part per direction, float64, (2 directions, P).
+        Real and imaginary part per direction, each (t/GROUP, P).
     """
+    speed = (velocity if offset is None else velocity - offset).abs()
     square, power = powers(speed)
     totals: list[Tensor | None] = [None] * weights.shape[2]
     for i in range(coefficients.shape[0]):
-        law = SpeedLaw(*coefficients[i].unbind())
-        real, imaginary = reflection_parts(*law.parts_from_powers(speed, square, power))
+        real, imaginary = inverse_parts(coefficients[i], speed, square, power)
         for j in range(0, weights.shape[2], 2):
             a, b = weights[:, i, j, None], weights[:, i, j + 1, None]
             for k, part in ((j, a * real - b * imaginary), (j + 1, a * imaginary + b * real)):
                 before = totals[k]
                 totals[k] = part if before is None else before + part
-    return torch.stack([part.sum(0, dtype=torch.float64) for part in totals if part is not None])
+    return [_by_groups(part) for part in totals if part is not None]
 
 
-@functools.lru_cache(maxsize=8)
-def compile_line_sums(
-    device: torch.device, dtype: torch.dtype, shape: tuple[int, int], lines: int, parts: int
-) -> Fused | None:
-    """``fused_line_sums`` compiled for one slab shape (t, P) and tried on zeros.
+def table_sums(
+    velocity: Tensor, offset: Tensor | None, rows: Tensor, scale: Tensor, grid: VelocityGrid
+) -> list[Tensor]:
+    """Sums over ``GROUP`` samples of a table over (time, level), interpolated at |v|.
 
-    One shape only: inductor falls back to eager after eight. None, with a warning, if it fails.
+    Args:
+        velocity, offset: as for ``law_sums``.
+        rows: (t, V, parts).
+        scale: 1/top of the grid, 0-d: a constant would have each grid compiled anew.
+        grid: its spacing, interpolation and number of levels.
+    Returns:
+        One (t/GROUP, P) per part.
     """
-    compiled: Fused = torch.compile(fused_line_sums, dynamic=False, options=OPTIONS)
-    speed = torch.zeros(shape, dtype=dtype, device=device)
-    coefficients = torch.ones(lines, 6, dtype=dtype, device=device)
-    weights = torch.ones(shape[0], lines, parts, dtype=dtype, device=device)
+    speed = (velocity if offset is None else velocity - offset).abs()
+    index, offset_in_cell = grid.position(speed * scale)
+    levels, parts = rows.shape[1:]
+    start = torch.arange(len(rows), dtype=torch.int32, device=rows.device) * levels
+    index = index.to(torch.int32) + start[:, None]
+    weights = lagrange_weights(grid.interpolation, offset_in_cell)
+    flat = rows.reshape(-1)
+    sums = []
+    for part in range(parts):
+        total: Tensor | None = None
+        for node, weight in enumerate(weights):
+            term = flat[(index + node) * parts + part] * weight
+            total = term if total is None else total + term
+        assert total is not None
+        sums.append(_by_groups(total))
+    return sums
+
+
+def _by_groups(values: Tensor) -> Tensor:
+    return values.reshape(-1, GROUP, values.shape[1]).sum(1)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a compiled loop is made for: one shape only, inductor gives up after eight."""
+
+    device: torch.device
+    dtype: torch.dtype
+    columns: int
+    has_offset: bool
+    parts: int
+    lines: int = 0  # of the formula; 0 for the table
+    grid: VelocityGrid | None = None  # of the table, its top set to 1
+
+    def arguments(self) -> list[Tensor | None]:
+        """Harmless numbers to try the loop on."""
+
+        def ones(*shape: int) -> Tensor:
+            return torch.ones(shape, dtype=self.dtype, device=self.device)
+
+        velocity, offset = ones(SLAB_ROWS, self.columns) / 2, None
+        if self.has_offset:
+            offset = ones(self.columns) / 4
+        if self.grid is None:
+            return [velocity, offset, ones(self.lines, 6), ones(SLAB_ROWS, self.lines, self.parts)]
+        return [velocity, offset, ones(SLAB_ROWS, self.grid.levels, self.parts), ones()]
+
+
+@functools.lru_cache(maxsize=32)
+def compile_loop(shape: Shape) -> Loop | None:
+    """The loop for slabs of ``SLAB_ROWS``; None, with a warning, if it cannot be compiled."""
+    function = law_sums if shape.grid is None else table_sums
+    # torch counts compilations by code object and gives up after eight: each shape has its own.
+    own: Loop = types.FunctionType(function.__code__.replace(), function.__globals__)
+    if shape.grid is not None:
+        own = functools.partial(own, grid=shape.grid)
     try:
-        compiled(speed, coefficients, weights)
+        compiled: Loop = torch.compile(own, dynamic=False, options=OPTIONS)
+        compiled(*shape.arguments())
     except Exception as error:
         reason = str(error).strip().splitlines()[0][:120] if str(error).strip() else repr(error)
-        warnings.warn(
-            f"torch.compile is not to be had ({type(error).__name__}: {reason}); the eager path "
-            "gives the same numbers, some ten times slower on large planes",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        if not failures:
+            warnings.warn(
+                f"torch.compile is not to be had ({type(error).__name__}: {reason}); the eager "
+                "path gives the same numbers, some ten times slower on large planes",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        failures.append(reason)
         return None
     return compiled

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive
 
-# Nodes of the local Lagrange polynomial, in grid steps from the lower neighbour.
+# Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
 
 
@@ -54,21 +54,33 @@ class VelocityGrid:
         Returns:
             index (int64, shape of ``speed``) and one weight tensor per stencil node.
         """
-        share = speed / self.maximum
-        position = (share.sqrt() if self.spacing == "sqrt" else share) * (self.levels - 1)
+        index, t = self.position(speed / self.maximum)
+        return index, lagrange_weights(self.interpolation, t)
+
+    def position(self, share: Tensor) -> tuple[Tensor, Tensor]:
+        """First level of the stencil (int64) and place between the inner levels, 0 to 1.
+
+        Args:
+            share: |v| over ``maximum``, 0 to 1, any shape.
+        """
+        place = (share.sqrt() if self.spacing == "sqrt" else share) * (self.levels - 1)
         nodes = STENCILS[self.interpolation]
-        low, high = -nodes[0], self.levels - 1 - nodes[-1]
-        base = position.floor().clamp(low, high)
-        t = position - base
-        index = base.to(torch.int64) + nodes[0]
-        weights = []
-        for node in nodes:
-            weight = torch.ones_like(t)
-            for other in nodes:
-                if other != node:
-                    weight = weight * ((t - other) / (node - other))
-            weights.append(weight)
-        return index, weights
+        base = place.floor().clamp(-nodes[0], self.levels - 1 - nodes[-1])
+        return base.to(torch.int64) + nodes[0], place - base
+
+
+def lagrange_weights(interpolation: str, t: Tensor) -> list[Tensor]:
+    """Weights of the stencil's levels at ``t``, in steps from the inner lower one."""
+    if interpolation == "linear":
+        return [1 - t, t]
+    below, above, beyond = t + 1, t - 1, t - 2
+    inner, outer = t * above, below * beyond
+    return [
+        inner * beyond * (-1 / 6),
+        outer * above * 0.5,
+        outer * t * (-0.5),
+        inner * below * (1 / 6),
+    ]
 
 
 def interpolate(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
@@ -80,3 +92,17 @@ def interpolate(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
         total = term if total is None else total + term
     assert total is not None
     return total
+
+
+def gather_rows(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
+    """``interpolate`` for a table of short rows, (V, C), by one fused gather: (N, C).
+
+    Args:
+        table: (V, C).
+        index: first level of each stencil, (N,).
+        weights: one (N,) per stencil node, in the precision of ``table``.
+    """
+    nodes = torch.arange(len(weights), device=index.device)
+    return torch.nn.functional.embedding_bag(
+        index[:, None] + nodes, table, per_sample_weights=torch.stack(weights, dim=1), mode="sum"
+    )

@@ -2,224 +2,107 @@ r"""The fast engine: the impedance at chosen frequencies in one pass over the da
 
 For a tone the windowed line of the reflected signal is a weighted sum over the emission times of
 R(f_q, |v_k|) at one to a few frequencies f_q (see ``edges``), so no reflected signal is formed:
-R is evaluated in place for liners that offer a ``speed_law``, gathered and interpolated from a
-small table for all others, weighted and reduced. This also says what the method is: the educed R
-is the window-weighted mean of R(f0, |v(t)|), plus its line at 2 f0 when a phase is stated.
+R is evaluated in place for liners that offer a ``speed_law``; what has no formula (other liners,
+the kernels' own response, the ends of a record) is a table over (time, level), gathered and
+interpolated; both are weighted and reduced. This also says what the method is: the educed R is the
+window-weighted mean of R(f0, |v(t)|), plus its line at 2 f0 when a phase is stated.
 
-Sums over slabs of time add up; a probe's sum never meets its neighbours'. Slabs are cut into blocks
-small enough for the cache; within a block products are summed in the data's precision, across
-blocks in float64.
+Sums over slabs of time add up; a column's sum never meets its neighbours'. Slabs are cut into
+blocks small enough for the cache; within a block products are summed in the data's precision,
+across blocks in float64.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance
-from torchliner.liners.nonlinear import SpeedLaw, powers
-from torchliner.records.slabs import rows_per_slab
-from torchliner.replay.compiled import PAYS_FROM, Fused, compile_line_sums
+from torchliner.liners.nonlinear import SpeedLaw, inverse_parts, powers
+from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
+from torchliner.replay.compiled import PAYS_FROM, Loop, Shape, compile_loop
 from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import KernelTable, Liner, reflection_at_levels
-from torchliner.replay.levels import VelocityGrid, interpolate
-from torchliner.replay.reflect import Parts, reflection_parts
+from torchliner.replay.kernels import KernelTable, Liner, impedance_of, reflection_at_levels
+from torchliner.replay.levels import VelocityGrid, gather_rows, interpolate
+from torchliner.replay.sources import BLOCK_ELEMENTS, Columns, SpeedSource, blocks
 
-SLAB_ROWS = 256
-BLOCK_ELEMENTS = 1 << 18  # floats: a few rows of a large plane, within the cache
-
-
-class SpeedSource(Protocol):
-    """|v| of many probes over time, read by slabs."""
-
-    samples: int
-    probes: int
-    dtype: torch.dtype
-    device: torch.device
-
-    def read(self, begin: int, end: int) -> Tensor:
-        """|v| in m/s of samples begin .. end - 1, shape (t, P)."""
-        ...
-
-
-class Response(Protocol):
-    """R at the lines of one frequency: |v| (t, P) -> real and imaginary part per line."""
-
-    def lines(self, speed: Tensor) -> list[Parts]:
-        """Real and imaginary part of R, each (t, P), line by line."""
-        ...
+FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
+SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares in float32
 
 
 @dataclass(frozen=True)
-class LawResponse:
-    """R evaluated in place from the liner's own formula."""
+class Line:
+    """One analysis frequency, ready to be summed.
 
-    law: SpeedLaw
+    Args:
+        law: formula of R at the frequency's lines, (lines,), or None.
+        weights: of each line at each emission time and direction, complex128,
+            (n, lines, directions).
+        response: R at the lines and levels where there is no formula, complex128, (V, lines).
+        edges: table of the record's ends, None where the lines are exact.
+    """
 
-    def lines(self, speed: Tensor) -> list[Parts]:
-        """Each line's R, split by hand into parts so that no complex temporary is made."""
-        fitting = self.law.to(speed.dtype, speed.device)
-        square, power = powers(speed)
-        found = []
-        for i in range(len(fitting.a)):
-            resistance, reactance = fitting.line(i).parts_from_powers(speed, square, power)
-            found.append(reflection_parts(resistance, reactance))
-        return found
+    law: SpeedLaw | None
+    weights: Tensor
+    response: Tensor | None
+    edges: EdgeTable | None
 
+    @property
+    def constant(self) -> Tensor:
+        """Sum of all weights, (directions,): the part of R = 1 + 2 (R - 1)/2 that is 1."""
+        return self.weights.sum((0, 1))
 
-@dataclass(frozen=True)
-class TableResponse:
-    """R gathered and interpolated from its values at the levels, complex128, (V, lines)."""
-
-    table: Tensor
-    grid: VelocityGrid
-
-    def lines(self, speed: Tensor) -> list[Parts]:
-        """Each line's R, by the grid's interpolation."""
-        index, weights = self.grid.locate(speed)
-        table = torch.view_as_real(self.table).to(speed.device, speed.dtype)
-        return [
-            (
-                interpolate(table[:, i, 0], index, weights),
-                interpolate(table[:, i, 1], index, weights),
-            )
-            for i in range(table.shape[1])
-        ]
+    def rows(self, begin: int, end: int) -> Tensor | None:
+        """Table over (time, level), complex128, (t, V, directions); None if there is none."""
+        directions = self.weights.shape[2]
+        found = None if self.edges is None else self.edges.rows(begin, end)
+        total = None if found is None else torch.stack(found[:directions], dim=-1)
+        if self.response is not None:
+            lines = torch.einsum("tld,vl->tvd", self.weights[begin:end], self.response)
+            total = lines if total is None else total + lines
+        return total
 
 
-def response_of(
-    liner: Liner, frequency: list[float], grid: VelocityGrid | None, kernels: KernelTable | None
-) -> Response:
-    """How R is had at ``frequency``: from the kernels if given, else from the liner.
+def plan_line(
+    liner: Liner,
+    frequency: float,
+    record: Record,
+    grid: VelocityGrid,
+    kernels: KernelTable | None = None,
+    *,
+    of_kernel: bool = False,
+    backward: bool = True,
+) -> Line:
+    """How the line at ``frequency`` (Hz) is had.
 
     Args:
         liner: with ``speed_law`` it is evaluated in place, else tabulated over ``grid``.
-        frequency: Hz, the lines of one analysis frequency.
-        grid: velocity levels for a liner without ``speed_law``.
-        kernels: if given, their response stands for the liner's.
-    """
-    wanted = torch.tensor(frequency, dtype=torch.float64)
-    if kernels is not None:
-        return TableResponse(kernels.response(wanted), kernels.grid)
-    law: Callable[[Tensor], SpeedLaw] | None = getattr(liner, "speed_law", None)
-    if law is not None:
-        return LawResponse(law(wanted))
-    if grid is None:
-        raise ValueError("a liner without speed_law needs a velocity grid")
-    return TableResponse(reflection_at_levels(liner, wanted, grid), grid)
-
-
-def interpolation_error(liner: Liner, frequency: float, grid: VelocityGrid) -> float:
-    """Largest error in R of the levels' interpolation, halfway between levels."""
-    speeds = grid.speeds
-    middle = (speeds[1:] + speeds[:-1]) / 2
-    at = torch.tensor([frequency], dtype=torch.float64)
-    table = reflection_at_levels(liner, at, grid)
-    found = interpolate(table, *grid.locate(middle))
-    exact = reflection_from_impedance(
-        torch.as_tensor(liner.impedance(at, middle[:, None])).to(torch.complex128)
-    )
-    return float((found - exact).abs().max())
-
-
-def spectral_sums(
-    source: SpeedSource,
-    responses: list[Response],
-    frequency: Tensor,
-    record: Record,
-    tables: list[EdgeTable | None],
-    grid: VelocityGrid | None,
-    *,
-    backward: bool,
-    slab_rows: int | None = None,
-    block_elements: int = BLOCK_ELEMENTS,
-    compiled: bool | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> LineSums:
-    """Windowed lines of the reflected signal at each frequency, without forming the signal.
-
-    Args:
-        source: |v|, read by slabs.
-        responses: R of the lines of each frequency, F of them.
-        frequency: Hz, shape (F,).
+        frequency: Hz.
         record: window and edge rule.
-        tables: edge table of each frequency, None where the lines are exact.
-        grid: velocity levels of ``tables``.
+        grid: velocity levels of all tables.
+        kernels: impulse responses, needed where the lines are not exact.
+        of_kernel: let the kernels' response stand for the liner's.
         backward: whether the reply to e^{-j omega t} is needed too.
-        slab_rows, block_elements: sizes; they change the result by rounding only. Default rows:
-            ``SLAB_ROWS``, fewer where a plane has so many probes that memory would grow with it.
-        compiled: fuse the formula into one loop; default only where that pays. A missing compiler
-            is warned of once and changes nothing but the time.
-        progress: called with the number of samples done.
-    Returns:
-        Sums, complex128, (P, F), on the source's device; differentiable in the liner.
     """
-    slab_rows = rows_per_slab(source.probes, SLAB_ROWS) if slab_rows is None else slab_rows
-    weights = [_weights(record, float(f), backward) for f in frequency]
-    fused = [
-        _fused(response, source, weight, slab_rows, compiled)
-        for response, weight in zip(responses, weights, strict=True)
-    ]
-    totals = [_zero(source, 2 if backward else 1) for _ in weights]
-    for begin in range(0, record.samples, slab_rows):
-        end = min(begin + slab_rows, record.samples)
-        slab = source.read(begin, end)
-        for i, (response, weight, table) in enumerate(zip(responses, weights, tables, strict=True)):
-            now = weight[begin:end]
-            rows = None if table is None else table.rows(begin, end)
-            loop = fused[i]
-            if loop is not None and isinstance(response, LawResponse):
-                totals[i] = totals[i] + _fused_sums(loop, response.law, slab, now, slab_rows)
-            if loop is None or rows is not None:
-                step = max(1, block_elements // max(1, slab.shape[1]))
-                for low in range(0, end - begin, step):
-                    part = slice(low, min(low + step, end - begin))
-                    if loop is None:
-                        totals[i] = totals[i] + _line_sums(response.lines(slab[part]), now[part])
-                    if rows is not None and grid is not None:
-                        located = grid.locate(slab[part])
-                        totals[i] = totals[i] + _edge_sums(rows, part, located, len(totals[i]))
-        if progress is not None:
-            progress(end - begin)
-    forward = torch.stack([total[0] for total in totals], dim=1)
-    if not backward:
-        return LineSums(forward, None)
-    return LineSums(forward, torch.stack([total[1] for total in totals], dim=1))
-
-
-def _zero(source: SpeedSource, directions: int) -> Tensor:
-    return torch.zeros(directions, source.probes, dtype=torch.complex128, device=source.device)
-
-
-def _fused(
-    response: Response, source: SpeedSource, weights: Tensor, rows: int, compiled: bool | None
-) -> Fused | None:
-    """The compiled loop for one frequency, or None for the eager one."""
-    if compiled is False or not isinstance(response, LawResponse):
-        return None
-    if any(value.requires_grad for value in vars(response.law).values()):
-        return None
-    lines, directions = weights.shape[1:]
-    if compiled is None and source.samples * source.probes * lines < PAYS_FROM:
-        return None
-    shape = (rows, source.probes)
-    return compile_line_sums(source.device, source.dtype, shape, lines, 2 * directions)
-
-
-def _fused_sums(loop: Fused, law: SpeedLaw, slab: Tensor, weights: Tensor, rows: int) -> Tensor:
-    """One slab through the compiled loop; a short last slab is padded with weight 0."""
-    parts = torch.view_as_real(weights).reshape(*weights.shape[:2], -1)
-    coefficients = torch.stack(list(vars(law).values()), dim=1)
-    if len(slab) < rows:
-        slab = torch.cat([slab, slab.new_zeros(rows - len(slab), slab.shape[1])])
-        parts = torch.cat([parts, parts.new_zeros(rows - len(parts), *parts.shape[1:])])
-    sums = loop(slab, coefficients.to(slab), parts.to(slab))
-    return torch.complex(sums[0::2], sums[1::2])
+    at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
+    law, response = None, None
+    if of_kernel:
+        assert kernels is not None
+        response = kernels.response(at)
+    elif hasattr(liner, "speed_law"):
+        law = liner.speed_law(at)
+    else:
+        response = reflection_at_levels(liner, at, grid)
+    edges = None
+    if record.needs_table(frequency):
+        assert kernels is not None
+        edges = EdgeTable(kernels, record, frequency)
+    return Line(law, _weights(record, frequency, backward), response, edges)
 
 
 def _weights(record: Record, frequency: float, backward: bool) -> Tensor:
@@ -232,36 +115,211 @@ def _weights(record: Record, frequency: float, backward: bool) -> Tensor:
     return torch.stack([forward, forward * turning[:, None]], dim=-1)
 
 
-def _line_sums(lines: list[Parts], weights: Tensor) -> Tensor:
-    """Sum over time and lines of weight times R, complex128, (directions, P)."""
-    total = None
-    for i, (real, imaginary) in enumerate(lines):
-        pair = torch.view_as_real(weights[:, i]).reshape(len(weights), -1).T
-        pair = pair.to(real.device, real.dtype)  # (2 directions, t): re, im, re, im
-        a, b = (pair @ real).to(torch.float64), (pair @ imaginary).to(torch.float64)
-        part = torch.complex(a[0::2] - b[1::2], a[1::2] + b[0::2])
-        total = part if total is None else total + part
-    assert total is not None
-    return total
+def interpolation_error(liner: Liner, frequency: float, grid: VelocityGrid) -> float:
+    """Largest error in R of the levels' interpolation, halfway between levels."""
+    speeds = grid.speeds
+    middle = (speeds[1:] + speeds[:-1]) / 2
+    at = torch.tensor([frequency], dtype=torch.float64)
+    table = reflection_at_levels(liner, at, grid)
+    found = interpolate(table, *grid.locate(middle))
+    exact = reflection_from_impedance(impedance_of(liner, at, middle[:, None]))
+    return float((found - exact).abs().max())
 
 
-def _edge_sums(
-    rows: tuple[Tensor, Tensor], part: slice, located: tuple[Tensor, list[Tensor]], count: int
-) -> Tensor:
-    """Sum over time of the edge tables at each probe's |v|, complex128, (directions, P).
+def spectral_sums(
+    source: SpeedSource,
+    lines: Sequence[Line],
+    grid: VelocityGrid,
+    *,
+    bounds: Bounds | None = None,
+    block_elements: int = BLOCK_ELEMENTS,
+    compile_loops: str = "auto",
+    progress: Callable[[int], None] | None = None,
+) -> LineSums:
+    """Windowed lines of the reflected signal at each frequency, without forming the signal.
 
     Args:
-        rows: forward and backward table of the slab, (t, V) each.
-        part: rows of the slab that ``located`` (t, P) stands for.
-        located: |v| on the grid.
-        count: 1 for the forward table alone, 2 for both.
+        source: velocity, read by slabs.
+        lines: of each frequency, F of them, all with the same directions.
+        grid: velocity levels of the tables.
+        bounds, block_elements: sizes; they change the result by rounding only.
+        compile_loops: ``auto``: fuse the inner loops where that pays; ``never``; ``always``. A
+            missing compiler is warned of once and changes nothing but the time.
+        progress: called with the number of samples done.
+    Returns:
+        Sums, complex128, (P, F), on the source's device; differentiable in the liner.
     """
-    index, weights = located
-    single = weights[0].dtype == torch.float32
-    kind = torch.complex64 if single else torch.complex128
-    sums = []
-    for table in rows[:count]:
-        flat = table[part].to(index.device, kind).reshape(-1)
-        offset = torch.arange(len(index), device=index.device)[:, None] * table.shape[1]
-        sums.append(interpolate(flat, index + offset, weights).to(torch.complex128).sum(0))
-    return torch.stack(sums)
+    bounds = source.bounds() if bounds is None else bounds
+    groups = [_Group(lines, grid, source, i, block_elements, compile_loops)
+              for i in range(len(source.widths))]  # fmt: skip
+    for (begin, end), slab in zip(bounds, source.slabs(bounds), strict=True):
+        # Long slabs, of files whose time runs fastest, are worked on in short ones.
+        for low, high in bounds_of(end - begin, SLAB_ROWS):
+            for first in range(0, len(lines), FREQUENCIES_AT_ONCE):
+                batch = range(first, min(first + FREQUENCIES_AT_ONCE, len(lines)))
+                tables = {i: lines[i].rows(begin + low, begin + high) for i in batch}
+                for group, columns in zip(groups, slab, strict=True):
+                    part = columns.part(slice(low, high), slice(None))
+                    group.add(part, begin + low, tables)
+        if progress is not None:
+            progress(end - begin)
+    totals = torch.cat([group.totals() for group in groups], dim=-1)  # (F, directions, P)
+    backward = totals[:, 1].T if totals.shape[1] == 2 else None
+    return LineSums(totals[:, 0].T, backward)
+
+
+class _Group:
+    """Running sums of one group of columns."""
+
+    def __init__(
+        self,
+        lines: Sequence[Line],
+        grid: VelocityGrid,
+        source: SpeedSource,
+        index: int,
+        block_elements: int,
+        compile_loops: str,
+    ) -> None:
+        self.lines, self.grid, self.elements = lines, grid, block_elements
+        self.width, self.samples = source.widths[index], source.samples
+        self.dtype, self.device = source.dtype, source.device
+        self.compile_loops = compile_loops
+        # Real and imaginary part per direction, float64, (2 directions, P_g).
+        parts = 2 * lines[0].weights.shape[2]
+        shape = (len(lines), parts, self.width)
+        self.law_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
+        self.table_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
+
+    def totals(self) -> Tensor:
+        """Complex sums of all lines, (F, directions, P_g)."""
+        found = []
+        for line, law, table in zip(self.lines, self.law_totals, self.table_totals, strict=True):
+            total = torch.complex(*(2 * law + table).unflatten(0, (-1, 2)).unbind(1))
+            if line.law is not None:
+                total = total + line.constant.to(total.device)[:, None]
+            found.append(total)
+        return torch.stack(found)
+
+    def add(self, columns: Columns, begin: int, tables: dict[int, Tensor | None]) -> None:
+        """At most ``SLAB_ROWS`` samples from ``begin`` on, for the lines of ``tables``."""
+        rows = len(columns.velocity)
+        eager: list[_Task] = []
+        for i, table in tables.items():
+            line = self.lines[i]
+            pairs = _pairs(line.weights[begin : begin + rows])
+            if line.law is not None:
+                task = self._law_task(i, line.law, pairs)
+                if not self._fused(task, columns):
+                    eager.append(task)
+            if table is not None:
+                flat = torch.view_as_real(table).flatten(2)  # (t, V, 2 directions)
+                task = _Task(i, None, flat.to(self.device, self.dtype))
+                if not self._fused(task, columns):
+                    eager.append(task)
+        if eager:
+            for part in blocks(rows, self.width, self.elements):
+                self._eager(eager, columns.part(*part), *part)
+
+    def _law_task(self, i: int, law: SpeedLaw, pairs: Tensor) -> _Task:
+        dtype = self.dtype
+        size = (law.b * law.d).detach()
+        if not SMALLEST_SINGLE < float(size.min()) <= float(size.max()) < 1 / SMALLEST_SINGLE:
+            dtype = torch.float64
+        coefficients = law.inverse_coefficients().to(self.device, dtype)
+        return _Task(i, coefficients, pairs.to(self.device, dtype))
+
+    def _fused(self, task: _Task, columns: Columns) -> bool:
+        """Whether a compiled loop has done the task."""
+        loop = self._loop(task, columns.offset is not None)
+        if loop is None:
+            return False
+        # Contiguous: inductor's loops over transposed columns write beyond their output when the
+        # columns are no multiple of its vectors (seen in torch 2.13).
+        velocity, data = columns.velocity.contiguous(), task.data.contiguous()
+        missing = SLAB_ROWS - len(velocity)
+        if missing:  # one shape only; what is padded has weight 0
+            velocity = torch.cat([velocity, velocity.new_zeros(missing, self.width)])
+            data = torch.cat([data, data.new_zeros(missing, *data.shape[1:])])
+        if task.coefficients is None:
+            scale = torch.tensor(1 / self.grid.maximum, dtype=self.dtype, device=self.device)
+            partial = loop(velocity, columns.offset, data, scale)
+        else:
+            partial = loop(velocity, columns.offset, task.coefficients, data)
+        self._keep(task, torch.stack([sums.sum(0) for sums in partial]), slice(None))
+        return True
+
+    def _loop(self, task: _Task, has_offset: bool) -> Loop | None:
+        lines = 0 if task.coefficients is None else len(task.coefficients)
+        gradient = task.data.requires_grad or (
+            task.coefficients is not None and task.coefficients.requires_grad
+        )
+        if self.compile_loops == "never" or gradient or task.data.dtype != self.dtype:
+            return None
+        work = self.samples * self.width * max(1, lines) * len(self.lines)
+        if self.compile_loops == "auto" and work < PAYS_FROM:
+            return None
+        grid = dataclasses.replace(self.grid, maximum=1.0) if lines == 0 else None
+        parts = task.data.shape[2]
+        return compile_loop(
+            Shape(self.device, self.dtype, self.width, has_offset, parts, lines, grid)
+        )
+
+    def _eager(self, tasks: list[_Task], block: Columns, rows: slice, columns: slice) -> None:
+        speed = block.speed
+        shared: dict[torch.dtype, tuple[Tensor, Tensor, Tensor]] = {}
+        located: tuple[Tensor, list[Tensor]] | None = None
+        for task in tasks:
+            data = task.data[rows]
+            if task.coefficients is None:
+                if located is None:
+                    index, weights = self.grid.locate(speed)
+                    start = torch.arange(len(index), device=index.device) * data.shape[1]
+                    located = (index + start[:, None]).flatten(), [w.flatten() for w in weights]
+                gathered = gather_rows(data.flatten(0, 1), *located)
+                sums = gathered.reshape(*speed.shape, -1).sum(0).T
+            else:
+                if data.dtype not in shared:
+                    values = speed.to(data.dtype)
+                    shared[data.dtype] = (values, *powers(values))
+                sums = self._law_sums(task.coefficients, shared[data.dtype], data)
+            self._keep(task, sums, columns)
+
+    @staticmethod
+    def _law_sums(
+        coefficients: Tensor, speeds: tuple[Tensor, Tensor, Tensor], pairs: Tensor
+    ) -> Tensor:
+        """Sum over time and lines, (2 directions, P_b)."""
+        total = None
+        for i, each in enumerate(coefficients):
+            real, imaginary = inverse_parts(each, *speeds)
+            weights = pairs[:, i].T  # (2 directions, t): re, im, re, im
+            a, b = weights @ real, weights @ imaginary
+            part = torch.stack([a[0::2] - b[1::2], a[1::2] + b[0::2]], dim=1).flatten(0, 1)
+            total = part if total is None else total + part
+        assert total is not None
+        return total
+
+    def _keep(self, task: _Task, sums: Tensor, columns: slice) -> None:
+        """Add to the running sums; out of place where a gradient must pass."""
+        store = self.table_totals if task.coefficients is None else self.law_totals
+        before = store[task.index]
+        if not (sums.requires_grad or before.requires_grad):
+            before[:, columns] += sums
+            return
+        left, right, _ = columns.indices(self.width)
+        around = (left, self.width - right)
+        store[task.index] = before + torch.nn.functional.pad(sums.to(torch.float64), around)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A sum over a slab: by formula with ``data`` (t, lines, parts), or of the table ``data``."""
+
+    index: int
+    coefficients: Tensor | None
+    data: Tensor
+
+
+def _pairs(weights: Tensor) -> Tensor:
+    """Complex (t, lines, directions) as real and imaginary parts, (t, lines, 2 directions)."""
+    return torch.view_as_real(weights.resolve_conj()).flatten(2)

@@ -34,8 +34,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     a rigid wall, or over whole cells, the mean wall-normal velocity is near 0 (section 5.5.1).
     """
     frequency = torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
-    nothing = torch.zeros(plane.probes, 0, dtype=torch.float64)
-    velocity = ProbeVelocity(plane, nothing, torch.float64, torch.device("cpu"))
+    velocity = ProbeVelocity(plane, None, torch.float64, torch.device("cpu"))
     hann = torch.hann_window(plane.samples, dtype=torch.float64)
     seen = survey(velocity, frequency, plane.sampling_rate, hann)
     facts: dict[str, Any] = {

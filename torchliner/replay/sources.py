@@ -1,0 +1,105 @@
+"""Velocity as the engines see it: slabs of time over columns.
+
+Columns are the probes of a plane and whatever is replayed beside them (averages over cells). They
+come in groups that are never joined, so that no copy of a plane is made, and the modulus |v| is
+only taken block by block, within the cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
+
+BLOCK_ELEMENTS = 1 << 18  # velocities of a block: within the cache, temporaries included
+BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Some columns of a slab.
+
+    Args:
+        velocity: m/s, signed, (t, P_g).
+        offset: m/s, (P_g,), taken off before the modulus; None for 0.
+    """
+
+    velocity: Tensor
+    offset: Tensor | None = None
+
+    def part(self, rows: slice, columns: slice) -> Columns:
+        """A block of it, a view."""
+        offset = None if self.offset is None else self.offset[columns]
+        return Columns(self.velocity[rows, columns], offset)
+
+    @property
+    def speed(self) -> Tensor:
+        """|v|, m/s, (t, P_g)."""
+        return (self.velocity if self.offset is None else self.velocity - self.offset).abs()
+
+
+class SpeedSource(Protocol):
+    """Velocity of P columns in groups, n samples of it, on one device."""
+
+    samples: int
+    widths: tuple[int, ...]  # columns of each group
+    dtype: torch.dtype
+    device: torch.device
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
+        """The groups of each slab (begin, end); a slab lives until the one after the next."""
+        ...
+
+    def bounds(self) -> Bounds:
+        """Slabs that suit the memory and the file."""
+        ...
+
+
+@dataclass(frozen=True)
+class HeldSpeed:
+    """|v| in memory, (P, n), as a source of one group."""
+
+    speed: Tensor
+
+    @property
+    def samples(self) -> int:
+        """n."""
+        return self.speed.shape[1]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """One group of P columns."""
+        return (self.speed.shape[0],)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """That of the data."""
+        return self.speed.dtype
+
+    @property
+    def device(self) -> torch.device:
+        """Where the data are."""
+        return self.speed.device
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
+        """Views."""
+        for begin, end in bounds:
+            yield [Columns(self.speed[:, begin:end].T)]
+
+    def bounds(self) -> Bounds:
+        """``SLAB_ROWS`` at once."""
+        return bounds_of(self.samples, SLAB_ROWS)
+
+
+def blocks(rows: int, columns: int, elements: int) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of blocks of at most ``elements``, of up to ``BLOCK_COLUMNS`` columns."""
+    wide = max(1, min(columns, elements, BLOCK_COLUMNS))
+    deep = max(1, elements // wide)
+    for low in range(0, rows, deep):
+        for left in range(0, columns, wide):
+            yield slice(low, min(low + deep, rows)), slice(left, min(left + wide, columns))
