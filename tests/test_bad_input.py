@@ -46,7 +46,10 @@ OPTIONS = [
     ({"frequency": 21000.0}, "21000 Hz is at or above Nyquist, 21000 Hz.*sampling rate of 42000"),
     ({"frequency": -1400.0}, "frequency.*-1400"),
     ({"frequency": []}, "no frequency"),
-    ({"frequency": 5000.0}, "5000 Hz is outside the kernel's band, 300-3500.*band="),
+    (
+        {"frequency": 5000.0, "band": (300.0, 3500.0)},
+        "5000 Hz is outside the kernel's band, 300-3500.*band=",
+    ),
     ({"frequency": 100.0}, "holds 1.43 periods of 100 Hz, fewer than 4; pass allow_short=True"),
     ({"frequency": 1410.0, "edge": "wrap"}, "needs whole periods: .* holds 20.14.*edge='finite'"),
     (

@@ -15,6 +15,7 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.replay.sources import HeldSpeed
 from torchliner.replay.spectral import plan_line, spectral_sums
+from torchliner.replay.waves import ComplexTones
 from torchliner.signals.windows import make_window
 
 FREQUENCIES = torch.tensor([FREQUENCY, 2100.0], dtype=torch.float64)
@@ -103,8 +104,8 @@ def test_the_kernel_belongs_to_the_emission(liner):
     speed[:, step:] = 8.0
     record = make_record(n, "boxcar", "silent")
     low = torch.full_like(speed, 0.5)
-    replayed = replay_direct(speed, kernels, FREQUENCIES[:1], record)[0, 0]
-    steady = replay_direct(low, kernels, FREQUENCIES[:1], record)[0, 0]
+    replayed = replay_direct(speed, kernels, ComplexTones(FREQUENCIES[:1], RATE), record)[0, 0]
+    steady = replay_direct(low, kernels, ComplexTones(FREQUENCIES[:1], RATE), record)[0, 0]
     # The difference is what the samples from the step on emit through the other kernel, no more.
     tone = torch.exp(2j * torch.pi * FREQUENCY / RATE * torch.arange(n, dtype=torch.float64))
     slow = interpolate(kernels.taps, *GRID.locate(speed[0, :1]))[0]
@@ -140,7 +141,7 @@ def test_slab_and_block_sizes_do_not_matter(liner, kernels, sizes):
     wanted = run_spectral(liner, speed, record, kernels, False)
     rows, elements = sizes
     found = run_spectral(liner, speed, record, kernels, False,
-                         bounds=bounds_of(333, rows), block_elements=elements)  # fmt: skip
+                         bounds=bounds_of(333, rows), elements=elements)  # fmt: skip
     assert float((found.forward - wanted.forward).abs().max() / wanted.forward.abs().max()) < 1e-13
     assert float((found.backward - wanted.backward).abs().max()) < 1e-11
 

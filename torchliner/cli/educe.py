@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,10 @@ CHOICES = [
     "device",
     "dtype",
     "band",
+    "memory",
+    "compile",
+    "rank_tolerance",
+    "segment",
 ]
 
 
@@ -45,13 +50,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options; their defaults are those of ``torchliner.educe``."""
     parser.add_argument("planes", nargs="+", type=Path, help="plane files (several: heights)")
     parser.add_argument("--liner", help="preset name, .toml or .csv; default: named in the file")
-    parser.add_argument(
-        "--frequency", nargs="+", type=float, metavar="HZ", help="default: the tone"
-    )
+    parser.add_argument("--frequency", nargs="+", type=frequencies, metavar="HZ", help="values or "
+                        "ranges LOW:HIGH:STEP; default: the tone, or the lines of --incident"
+                        )  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, help="map file, .h5/.nc or .csv; several "
                         "planes: their names are appended")  # fmt: skip
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
-    parser.add_argument("--engine", choices=["spectral", "direct"])
+    parser.add_argument("--engine", choices=["auto", "spectral", "unfold", "direct"])
+    parser.add_argument("--incident", metavar="SIGNAL", help="instead of tones: tones:500,900, "
+                        "sweep:300:6000:logarithmic, noise:300:6000:SEED, or a .wav or .npy file"
+                        )  # fmt: skip
+    parser.add_argument("--incident-rate", type=float, metavar="HZ", help="of a .npy file")
+    parser.add_argument("--segment", type=float, metavar="S", help="of --incident's estimate")
+    parser.add_argument("--reflected", type=Path, metavar="FILE", help="write the reflected signal "
+                        "of every probe (netCDF-4)")  # fmt: skip
     parser.add_argument("--phase", choices=["averaged", "self-consistent", "given"])
     parser.add_argument("--reference-phase", type=float, metavar="RAD", help="for --phase given: "
                         "x(t) = cos(2 pi f t + RAD)")  # fmt: skip
@@ -59,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
     parser.add_argument("--kernel", choices=["two-sided", "causal"])
     parser.add_argument("--response", choices=["model", "kernel"])
-    parser.add_argument("--edge", choices=["finite", "wrap", "silent"])
+    parser.add_argument("--edge", choices=["auto", "finite", "wrap", "silent"])
     parser.add_argument("--window", help="window of scipy, e.g. hann, boxcar, kaiser,8")
     parser.add_argument("--band", nargs=2, type=float, metavar="HZ", help="band of the kernel")
     parser.add_argument("--levels", type=int, help="velocity levels of the tables")
@@ -74,38 +86,78 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="accept fewer than four periods")  # fmt: skip
     parser.add_argument("--device", help="cpu, cuda, cuda:1")
     parser.add_argument("--dtype", choices=["float32", "float64"])
+    parser.add_argument("--memory", metavar="SIZE", help="for slabs and work, e.g. 500MB, 2GB")
+    parser.add_argument("--compile", choices=["auto", "never", "always"], help="fuse inner loops")
+    parser.add_argument("--rank-tolerance", type=float, metavar="R", help="error in R allowed to "
+                        "the low-rank kernels of --engine unfold")  # fmt: skip
     add_output_options(parser)
+
+
+def frequencies(text: str) -> list[float]:
+    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
+    numbers = [float(part) for part in text.split(":")]
+    if len(numbers) == 1:
+        return numbers
+    low, high, step = numbers
+    if not (step > 0 and low <= high < float("inf")):
+        raise ValueError(text)
+    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
 
 
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.eduction.velocity import educe
     from torchliner.io.plane_file import read_plane
+    from torchliner.io.signal_file import read_signal
     from torchliner.liners.catalogue import load_liner
+    from torchliner.replay.waves import parse_signal
 
     chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
+    if options.incident is not None:
+        chosen["incident"] = parse_signal(options.incident) or read_signal(
+            options.incident, options.incident_rate
+        )
+    wanted = None if options.frequency is None else list(chain(*options.frequency))
     liner = load_liner(options.liner) if options.liner else None
     outputs = _outputs(options.output, options.planes)
-    found, planes = [], []
+    _check_reflected(options)
+    planes: list[VelocityPlane] = []
     with warnings_on_stderr(options.quiet):
+        models: dict[str | None, tuple[Any, list[int]]] = {}
         for path in options.planes:
-            plane = read_plane(path, lazy=True)
-            model = liner or load_liner(liner_name(plane, path))
-            with progress_bar(2 * plane.samples, path.name, options.quiet) as step:
-                result = educe(
-                    plane, model, options.frequency, progress=step,
-                    reference_phase=options.reference_phase, **chosen,
+            planes.append(read_plane(path, lazy=True))
+            name = None if liner else liner_name(planes[-1], path)
+            models.setdefault(name, (liner or load_liner(str(name)), []))[1].append(len(planes) - 1)
+        results: dict[int, ImpedanceMap] = {}
+        for model, members in models.values():
+            # Planes of one liner share levels and kernels.
+            total = sum(2 * planes[i].samples for i in members)
+            label = options.planes[members[0]].name
+            with progress_bar(total, label, options.quiet) as step:
+                several = educe(
+                    [planes[i] for i in members] if len(members) > 1 else planes[members[0]],
+                    model, wanted, progress=step, reference_phase=options.reference_phase,
+                    reflected=options.reflected, **chosen,
                 )  # fmt: skip
+            results |= dict(zip(members, several if len(members) > 1 else [several], strict=True))
+        found = [results[i] for i in range(len(planes))]
+        for path, result in zip(options.planes, found, strict=True):
             if path in outputs:
                 result.write(outputs[path])
-            found.append(result)
-            planes.append(plane)
         if options.figures is not None:
             _draw(found, planes, options.figures)
     _print(found, options)
     return 0
+
+
+def _check_reflected(options: argparse.Namespace) -> None:
+    if options.reflected is None:
+        return
+    inputs = {plane.resolve() for plane in options.planes}
+    if options.reflected.resolve() in inputs or options.reflected == options.output:
+        raise ValueError(f"--reflected {options.reflected} is another file's name; choose one")
 
 
 def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
@@ -13,7 +13,8 @@ from torchliner.eduction.drive import DRIVES, MEANS
 from torchliner.replay.compiled import COMPILE
 from torchliner.replay.edges import EDGE_RULES
 from torchliner.replay.incident import PHASE_RULES
-from torchliner.replay.kernels import BAND, KERNELS
+from torchliner.replay.kernels import KERNELS
+from torchliner.replay.waves import parse_signal
 
 ENGINES = ("spectral", "unfold", "direct")
 RESPONSES = ("model", "kernel")
@@ -25,19 +26,28 @@ class Choices:
     """What the paper leaves open, and what it does not.
 
     Args:
-        engine: ``spectral`` (fast), ``unfold`` (the whole reflected signal, for any incident
-            signal) or ``direct`` (the literal sum, in float64).
+        engine: ``spectral`` (fast, tones), ``unfold`` (the whole reflected signal) or ``direct``
+            (the literal sum, in float64); ``auto``: ``spectral``, with an incident signal
+            ``unfold``.
+        incident: signal that is sent at the liner instead of tones: ``Tones``, ``Sweep``,
+            ``BandNoise``, ``Recorded``, or text such as "noise:300:6000". R(f) is then the
+            H1 estimate, sum Y X* / sum |X|^2 over the segments.
+        segment: s of a segment of the estimate, overlapping by half; default the whole record.
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known),
             ``self-consistent`` (from v's own part at f) or ``given``.
-        edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``.
-        window: any window of scipy, applied to the reflected signal.
+        edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
+            ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
+            with ``Recorded``.
+        window: any window of scipy, applied to the reflected signal. Default ``hann``; with
+            ``Sweep``, ``BandNoise`` and ``Recorded`` over the whole record ``boxcar``.
         drive: |v| that drives the kernel: ``instantaneous``, ``rms`` over the record, or
             ``running-rms`` over ``running_window``.
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
         kernel: ``two-sided`` or ``causal``.
         response: ``model`` (R of the liner itself) or ``kernel`` (that of the impulse responses);
             by default the model's for the two-sided kernel, whose error is reported.
-        band: Hz, where the kernel stands for the liner.
+        band: Hz, where the kernel stands for the liner; default 300-3500 Hz, widened to the
+            frequencies asked for and to the incident signal's band.
         levels, spacing, interpolation: velocity grid of the tables.
         velocity_max: top of the grid, m/s; default from the whole record, rounded up.
         pre_roll: s at the start of the record that only emit; the window comes after.
@@ -54,18 +64,18 @@ class Choices:
         compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
             ``always``; the numbers stay the same.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
-            default 1e-6 in float32, 1e-11 in float64.
+            default 5e-6 in float32, 3e-11 in float64.
     """
 
-    engine: str = "spectral"
+    engine: str = "auto"
     phase: str = "averaged"
-    edge: str = "finite"
-    window: Any = "hann"
+    edge: str = "auto"
+    window: Any = None
     drive: str = "instantaneous"
     mean: str = "kept"
     kernel: str = "two-sided"
     response: str | None = None
-    band: tuple[float, float] = BAND
+    band: tuple[float, float] | None = None
     levels: int = 200
     spacing: str = "sqrt"
     interpolation: str = "cubic"
@@ -80,8 +90,11 @@ class Choices:
     memory: int | str | None = None
     compile: str = "auto"
     rank_tolerance: float | None = None
+    incident: Any = None
+    segment: float | None = None
 
     def __post_init__(self) -> None:
+        self._fill_in()
         require_choice("engine", self.engine, ENGINES)
         require_choice("phase rule", self.phase, PHASE_RULES)
         require_choice("edge rule", self.edge, EDGE_RULES)
@@ -101,7 +114,7 @@ class Choices:
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
         require_choice("compile", self.compile, COMPILE)
-        for name in ("velocity_max", "running_window", "rank_tolerance"):
+        for name in ("velocity_max", "running_window", "rank_tolerance", "segment"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if not 0 <= self.minimum_coherence <= 1:
@@ -109,6 +122,40 @@ class Choices:
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)
+
+    def _fill_in(self) -> None:
+        """Defaults that hang on the incident signal, and what does not go with one."""
+        wave = self.incident
+        if isinstance(wave, str):
+            wave = parse_signal(wave)
+            if wave is None:
+                raise ValueError(
+                    f"incident signal {self.incident!r} is no generated one; read a file with "
+                    "torchliner.read_signal"
+                )
+            object.__setattr__(self, "incident", wave)
+        if wave is not None and not hasattr(wave, "sampled"):
+            raise TypeError(
+                f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)"
+            )
+        if wave is not None and self.engine == "spectral":
+            raise ValueError(
+                "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"
+            )
+        if wave is not None and self.phase != "averaged":
+            raise ValueError(
+                f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"
+            )
+        if wave is None and self.segment is not None:
+            raise ValueError("segment is only used with an incident signal")
+        defaults = {
+            "engine": "spectral" if wave is None else "unfold",
+            "edge": "finite" if wave is None else wave.edge,
+            "window": "hann" if wave is None or self.segment is not None else wave.window,
+        }
+        for name, value in defaults.items():
+            if getattr(self, name) in (None, "auto"):
+                object.__setattr__(self, name, value)
 
     @property
     def uses_kernel_response(self) -> bool:
@@ -156,7 +203,8 @@ class Choices:
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""
-        plain = asdict(self)
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        plain["incident"] = None if self.incident is None else self.incident.label
         for key in ("device", "dtype"):
             plain[key] = None if plain[key] is None else str(plain[key])
         plain["response"] = "kernel" if self.uses_kernel_response else "model"

@@ -11,7 +11,7 @@ from torchliner.eduction.averaging import Cells
 from torchliner.eduction.survey import Survey
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, rows_per_slab
-from torchliner.replay.sources import BLOCK_ELEMENTS, Columns, blocks
+from torchliner.replay.sources import Columns, block_elements, blocks
 
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
@@ -41,6 +41,7 @@ class ProbeVelocity:
         self.dtype, self.device = dtype, device
         self.used = None if bool(used.all()) else used.to(device)
         self.memory = memory
+        self.most_rows: int | None = None  # set where a device turned out to be too small
         if cells is None:
             return
         self.widths = (plane.probes, cells.count)
@@ -58,7 +59,8 @@ class ProbeVelocity:
         if self.dtype.itemsize > size or self.device.type == "cuda":
             size += self.dtype.itemsize
         most = rows_per_slab(sum(self.widths), size, self.memory, most=max(SLAB_ROWS, tile))
-        return bounds_of(self.samples, most if tile > most else most - most % tile)
+        rows = most if tile > most else most - most % tile
+        return bounds_of(self.samples, min(rows, self.most_rows or rows))
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:
         """Probes (t, P) and cell averages (t, C) of each slab, m/s."""
@@ -76,7 +78,7 @@ class ProbeVelocity:
     def _averages(self, slab: Tensor) -> Tensor:
         count = self.widths[1]
         sums = torch.zeros(len(slab), count + 1, dtype=torch.float64, device=self.device)
-        for rows, columns in blocks(slab.shape[0], slab.shape[1], BLOCK_ELEMENTS):
+        for rows, columns in blocks(slab.shape[0], slab.shape[1], block_elements(self.device)):
             sums[rows].index_add_(1, self.labels[columns], slab[rows, columns].to(torch.float64))
         return (sums[:, :count] * self.weights).to(self.dtype)
 

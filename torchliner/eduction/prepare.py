@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +18,15 @@ from torchliner.eduction.review import needs_kernels, review_liner, review_recor
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, Liner, build_kernels
+from torchliner.replay.incident import WindowSums
+from torchliner.replay.kernels import BAND, KernelTable, Liner, build_kernels
 from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.waves import Tones
+from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 
 Progress = Callable[[int], None]
+MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,7 @@ class Prepared:
         drive: |v| for the engines.
         grid: velocity levels.
         kernels: None where no impulse response is needed.
+        sent: incident signal on the record, (n,); None for tones.
         notes: doubts so far.
     """
 
@@ -53,23 +58,88 @@ class Prepared:
     drive: DriveSpeed
     grid: VelocityGrid
     kernels: KernelTable | None
+    sent: Tensor | None
     notes: tuple[str, ...]
+
+    def window_sums(self, device: torch.device) -> WindowSums:
+        """The window's own sums at each frequency."""
+        window = WindowSums.of(
+            self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate
+        )
+        return WindowSums(window.zero.to(device), window.twice.to(device))
+
+    @property
+    def velocity_amplitude(self) -> Tensor:
+        """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
+        return self.window_sums(self.seen.line.device).tone_amplitude(-self.seen.line)
+
+    def whole_speed(self) -> Tensor:
+        """All of |v| at once, (P + C, n), for the reference engine."""
+        slabs = self.drive.slabs([(0, self.drive.samples)])
+        return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T
+
+
+@dataclass(frozen=True)
+class _Examined:
+    """A plane after the first pass."""
+
+    plane: VelocityPlane
+    frequency: Tensor
+    record: Record
+    cells: Cells
+    used: Tensor
+    seen: Survey
+    drive: DriveSpeed
+    sent: Tensor | None
+    notes: list[str]
 
 
 def prepare(
-    plane: VelocityPlane,
+    planes: Sequence[VelocityPlane],
     liner: Liner,
     frequency: Any,
     chosen: Choices,
     progress: Progress | None = None,
-) -> Prepared:
-    """Check the data, survey them once, build levels and kernels.
+) -> list[Prepared]:
+    """Check the data, survey them once, build levels and kernels, which all planes share.
 
     Raises:
         ValueError: see ``velocity.educe``.
     """
-    wanted = _frequencies(plane, frequency)
+    examined = [_examine(plane, liner, frequency, chosen, progress) for plane in planes]
+    grid = _velocity_grid(examined, liner, chosen)
+    band = _band(liner, examined, chosen)
+    made: dict[float, KernelTable] = {}
+    ready = []
+    for one in examined:
+        kernels = None
+        if needs_kernels(one.record, one.frequency, chosen):
+            rate = one.record.sampling_rate
+            if rate not in made:
+                made[rate] = build_kernels(liner, grid, rate, kind=chosen.kernel, band=band)
+            kernels = made[rate]
+            kernels.require_band(one.frequency)
+            _require_signal_in_band(kernels, chosen)
+        ready.append(
+            Prepared(
+                liner=liner,
+                chosen=chosen,
+                grid=grid,
+                kernels=kernels,
+                **{**vars(one), "notes": tuple(one.notes)},
+            )
+        )
+    return ready
+
+
+def _examine(
+    plane: VelocityPlane, liner: Liner, frequency: Any, chosen: Choices, progress: Progress | None
+) -> _Examined:
     record = _record(plane, chosen)
+    sent = None
+    if chosen.incident is not None:
+        sent = chosen.incident.sampled(plane.samples, plane.sampling_rate)
+    wanted = _frequencies(plane, frequency, record, chosen)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, getattr(liner, "cell_pitch", None))
     velocity, seen, used = _survey(plane, cells, wanted, record, chosen, progress)
@@ -77,19 +147,44 @@ def prepare(
     running = chosen.running_window or 1 / float(wanted.min())
     samples = max(1, round(running * plane.sampling_rate))
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
-    grid = _velocity_grid(plane, liner, seen, chosen)
-    kernels = _kernels(liner, grid, wanted, record, chosen)
-    return Prepared(
-        plane, liner, chosen, wanted, record, cells, used, seen, drive, grid, kernels, tuple(notes)
-    )
+    return _Examined(plane, wanted, record, cells, used, seen, drive, sent, notes)
 
 
-def _frequencies(plane: VelocityPlane, frequency: Any) -> Tensor:
+def _frequencies(plane: VelocityPlane, frequency: Any, record: Record, chosen: Choices) -> Tensor:
+    if frequency is None and chosen.incident is not None:
+        frequency = _signal_lines(plane, record, chosen)
     if frequency is None:
         frequency = plane.frequency
     if frequency is None:
         raise ValueError(f"{plane.name} states no frequency; give frequency=..., in Hz")
     return frequency_tensor(frequency, plane.sampling_rate).cpu()
+
+
+def _signal_lines(plane: VelocityPlane, record: Record, chosen: Choices) -> Tensor | None:
+    """Lines of the segments in the incident signal's band, evenly thinned to ``MOST_LINES``."""
+    wave = chosen.incident
+    if isinstance(wave, Tones):
+        return wave.frequency
+    if wave.band is None:
+        return None
+    _, length = segment_starts(plane.samples, record.start, chosen.segment, plane.sampling_rate)
+    spacing = plane.sampling_rate / length
+    first = math.ceil(wave.band[0] / spacing - 1e-9)
+    last = math.floor(wave.band[1] / spacing + 1e-9)
+    step = max(1, math.ceil((last - first + 1) / MOST_LINES))
+    return spacing * torch.arange(first, last + 1, step, dtype=torch.float64)
+
+
+def _require_signal_in_band(kernels: KernelTable, chosen: Choices) -> None:
+    if chosen.incident is None or chosen.incident.band is None:
+        return
+    low, high = chosen.incident.band
+    if low < kernels.band[0] or high > kernels.band[1]:
+        raise ValueError(
+            f"incident signal {chosen.incident.label} reaches beyond the kernel's band, "
+            f"{kernels.band[0]:g}-{kernels.band[1]:g} Hz, where the kernel is not the liner; widen "
+            "it with band=(low, high) or narrow the signal"
+        )
 
 
 def _record(plane: VelocityPlane, chosen: Choices) -> Record:
@@ -145,16 +240,17 @@ def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen:
         raise ValueError(f"{text}; no probe is left")
 
 
-def _velocity_grid(
-    plane: VelocityPlane, liner: Liner, seen: Survey, chosen: Choices
-) -> VelocityGrid:
-    """Levels over the whole record's range; the top is rounded up so that the tables, and with
-    them the last digits of a probe, rarely depend on which other probes are in the plane."""
-    peak = torch.maximum(seen.largest.abs(), seen.smallest.abs())
-    if chosen.mean == "removed":
-        peak = peak + seen.mean.abs()
-    fastest = int(peak[: plane.probes].argmax())
-    top = float(peak[fastest])
+def _velocity_grid(examined: Sequence[_Examined], liner: Liner, chosen: Choices) -> VelocityGrid:
+    """Levels over the range of all planes; the top is rounded up so that the tables, and with
+    them the last digits of a probe, rarely depend on which other probes are in the data."""
+    top, fastest, plane = -1.0, 0, examined[0].plane
+    for one in examined:
+        peak = torch.maximum(one.seen.largest.abs(), one.seen.smallest.abs())
+        if chosen.mean == "removed":
+            peak = peak + one.seen.mean.abs()
+        here = int(peak[: one.plane.probes].argmax())
+        if float(peak[here]) > top:
+            top, fastest, plane = float(peak[here]), here, one.plane
     limit = chosen.velocity_max
     table_limit = getattr(liner, "speed_max", None)
     if limit is None:
@@ -172,15 +268,16 @@ def _velocity_grid(
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def _kernels(
-    liner: Liner, grid: VelocityGrid, frequency: Tensor, record: Record, chosen: Choices
-) -> KernelTable | None:
-    if not needs_kernels(record, frequency, chosen):
-        return None
-    low, high = chosen.band
+def _band(liner: Liner, examined: Sequence[_Examined], chosen: Choices) -> tuple[float, float]:
+    """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
+    if chosen.band is not None:
+        low, high = chosen.band
+    else:
+        asked = torch.cat([one.frequency for one in examined])
+        low, high = min(BAND[0], float(asked.min())), max(BAND[1], float(asked.max()))
+        if chosen.incident is not None and chosen.incident.band is not None:
+            low, high = min(low, chosen.incident.band[0]), max(high, chosen.incident.band[1])
     known = getattr(liner, "frequency_range", None)
     if known is not None:
         low, high = max(low, known[0]), min(high, known[1])
-    kernels = build_kernels(liner, grid, record.sampling_rate, kind=chosen.kernel, band=(low, high))
-    kernels.require_band(frequency)
-    return kernels
+    return low, high

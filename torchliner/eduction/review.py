@@ -20,7 +20,7 @@ FLUID_TOLERANCE = 1e-3
 def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
     """Whether impulse responses enter at all: wrapped short-cosine windows do without."""
     return (
-        chosen.engine == "direct"
+        chosen.engine != "spectral"
         or chosen.uses_kernel_response
         or any(record.needs_table(f) for f in frequency.tolist())
     )
@@ -42,11 +42,15 @@ def review_record(
         if record.edge == "wrap" and (
             round(periods) < 1 or abs(periods - round(periods)) > WHOLE_PERIOD_TOLERANCE
         ):
+            remedy = _whole_cut(record, f) if chosen.incident is None else _nearest_line(record, f)
             raise ValueError(
                 f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods "
-                f"of {f:g} Hz; {_whole_cut(record, f)}"
+                f"of {f:g} Hz; {remedy}"
             )
-        if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
+        # One period of a broadband signal is long enough; its lines are the record's.
+        if chosen.incident is None and (
+            periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short
+        ):
             raise ValueError(
                 f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
@@ -64,6 +68,12 @@ def review_record(
             f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"
         )
     return notes
+
+
+def _nearest_line(record: Record, frequency: float) -> str:
+    spacing = record.sampling_rate / (record.samples - record.start)
+    line = max(1, round(frequency / spacing)) * spacing
+    return f"the record's lines are {spacing:.6g} Hz apart, the nearest is {line:.9g} Hz"
 
 
 def _whole_cut(record: Record, frequency: float) -> str:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.records.slabs import Bounds
-from torchliner.replay.sources import BLOCK_ELEMENTS, blocks
+from torchliner.replay.sources import block_elements, blocks
 
 PERIODS_PER_SEGMENT = 2.0
 
@@ -125,7 +125,7 @@ class _Sums:
         segment = torch.zeros(
             len(rows) - count, slab.shape[1], dtype=torch.float64, device=slab.device
         )
-        for part, columns in blocks(slab.shape[0], slab.shape[1], BLOCK_ELEMENTS):
+        for part, columns in blocks(slab.shape[0], slab.shape[1], block_elements(slab.device)):
             block = slab[part, columns]
             low, high = block.amin(0), block.amax(0)
             if not bool(torch.isfinite(low + high).all()):

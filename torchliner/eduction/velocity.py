@@ -2,117 +2,123 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, plain_number, real_tensor
+from torchliner.checks import DataWarning, real_tensor
+from torchliner.eduction.assemble import assemble
+from torchliner.eduction.broadband import educe_signal
 from torchliner.eduction.choices import Choices
+from torchliner.eduction.engines import tone_sums, with_smaller_slabs
 from torchliner.eduction.prepare import Prepared, Progress, prepare
-from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.direct import direct_sums
 from torchliner.replay.incident import (
     LineSums,
     Means,
-    WindowSums,
     given_reflection,
     self_consistent_reflection,
 )
-from torchliner.replay.kernels import Liner, impedance_of
-from torchliner.replay.spectral import interpolation_error, plan_line, spectral_sums
+from torchliner.replay.kernels import Liner
 
 
 def educe(
-    plane: VelocityPlane,
+    plane: Any,
     liner: Liner,
     frequency: Any = None,
     *,
     reference_phase: Any = None,
+    reflected: str | Path | None = None,
     progress: Progress | None = None,
     **choices: Any,
-) -> ImpedanceMap:
-    """Impedance map of a plane: a known tone replayed through a liner driven by |v(t)|.
+) -> Any:
+    """Impedance map of a plane: a known wave replayed through a liner driven by |v(t)|.
 
     The educed reflection is the window-weighted mean of the liner model's own R(f, |v(t)|) (plus
     its 2 f line once a phase is stated): it is the response of YOUR model to YOUR velocity data.
 
     Args:
-        plane: wall-normal velocity, (..., T) m/s.
+        plane: wall-normal velocity, (..., T) m/s; or several planes, which then share velocity
+            levels and kernels, so that their maps can be compared to the last digit.
         liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
-        frequency: Hz, one or several; default the plane's own tone.
+        frequency: Hz, one or several; default the plane's own tone; with an incident signal the
+            lines of its segments in its band, 200 at most.
         reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at
             the first sample; broadcast over the probe axes (add a last axis for several
             frequencies).
-        progress: called with numbers of samples done, 2 T in all.
+        reflected: file to write the reflected signal of every probe to (docs/formats.md); needs an
+            incident signal.
+        progress: called with numbers of samples done, 2 T a plane in all.
         choices: see ``torchliner.eduction.choices.Choices``.
     Returns:
-        The map, on the probe axes of the plane, with cell and liner averages in both orders.
+        The map, on the probe axes of the plane, with cell and liner averages in both orders; a
+        list of maps for several planes.
     Raises:
         ValueError: data or options that cannot give an answer; the message says what would.
         TypeError: a value of the wrong kind.
     Warns:
         DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
     Source: Roncen et al. (2026), section 3. Departures: two-sided kernels, edge rules, phase rules
-        and drives are named (docs/method.md), and the errors of kernel and levels is reported.
+        and drives are named (docs/method.md), and the errors of kernel and levels are reported.
     """
-    if not isinstance(plane, VelocityPlane):
-        raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
+    several = isinstance(plane, (list, tuple))
+    planes = list(plane) if several else [plane]
+    for each in planes:
+        if not isinstance(each, VelocityPlane):
+            raise TypeError(
+                f"plane is {type(each).__name__}; make a VelocityPlane of your data first"
+            )
+    if not planes:
+        raise ValueError("no plane is given")
     if not hasattr(liner, "impedance"):
         raise TypeError(
             f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
             "by load_liner"
         )
     chosen = Choices(**choices)
-    needs_backward = chosen.phase != "averaged"
-    replayed = replay(plane, liner, frequency, chosen, backward=needs_backward, progress=progress)
-    result = replayed.map(chosen.phase, reference_phase)
-    for note in result.notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
-    return result
+    _check_signal_output(chosen, reference_phase, reflected, several)
+    found = []
+    for ready in prepare(planes, liner, frequency, chosen, progress):
+        if chosen.incident is not None:
+            result = educe_signal(ready, reflected, progress)
+        else:
+            replayed = replay(ready, backward=chosen.phase != "averaged", progress=progress)
+            result = replayed.map(chosen.phase, reference_phase)
+        for note in result.notes:
+            warnings.warn(note, DataWarning, stacklevel=2)
+        found.append(result)
+    return found if several else found[0]
 
 
-def replay(
-    plane: VelocityPlane,
-    liner: Liner,
-    frequency: Any,
-    chosen: Choices,
-    *,
-    backward: bool = True,
-    progress: Progress | None = None,
-) -> Replayed:
-    """The pass over the data that ``educe`` makes; any phase rule can then be read off it.
+def _check_signal_output(
+    chosen: Choices, reference_phase: Any, reflected: Any, several: bool
+) -> None:
+    if chosen.incident is None and reflected is not None:
+        raise ValueError(
+            "a reflected signal needs an incident one; name it, e.g. incident='noise:300:3500' or "
+            "Tones(1400.0)"
+        )
+    if reflected is not None and several:
+        raise ValueError("several planes would share one reflected file; educe them one by one")
+    if chosen.incident is not None and reference_phase is not None:
+        raise ValueError("reference_phase is for tones; an incident signal has its own phase")
+
+
+def replay(ready: Prepared, *, backward: bool = True, progress: Progress | None = None) -> Replayed:
+    """The pass over the data that ``educe`` makes for tones; any phase rule is then read off it.
 
     Args:
-        plane, liner, frequency, progress: as for ``educe``.
-        chosen: all choices but the phase rule.
+        ready: of ``prepare``.
         backward: False saves half the sums if only ``averaged`` is wanted.
+        progress: called with numbers of samples done.
     """
-    ready = prepare(plane, liner, frequency, chosen, progress)
-    return Replayed(ready, _run(ready, backward, progress))
-
-
-def _run(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
-    record, drive, chosen = ready.record, ready.drive, ready.chosen
-    if chosen.engine == "direct":
-        assert ready.kernels is not None
-        whole = [(0, drive.samples)]
-        speed = torch.cat([part.speed for slab in drive.slabs(whole) for part in slab], dim=1)
-        sums = direct_sums(speed.T, ready.kernels, ready.frequency, record)
-        if progress is not None:
-            progress(drive.samples)
-        return sums if backward else LineSums(sums.forward, None)
-    lines = [
-        plan_line(
-            ready.liner, value, record, ready.grid, ready.kernels,
-            of_kernel=chosen.uses_kernel_response, backward=backward,
-        )
-        for value in ready.frequency.tolist()
-    ]  # fmt: skip
-    return spectral_sums(drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress)
+    sums, notes = with_smaller_slabs(ready, lambda: tone_sums(ready, backward, progress))
+    return Replayed(dataclasses.replace(ready, notes=(*ready.notes, *notes)), sums)
 
 
 @dataclass(frozen=True)
@@ -132,13 +138,8 @@ class Replayed:
             ValueError: the phase is missing, not asked for, or of a wrong shape.
         """
         ready = self.ready
-        rate, device = ready.plane.sampling_rate, self.sums.forward.device
-        window = WindowSums.of(
-            ready.record.window.weights, ready.record.start, ready.frequency, rate
-        )
-        window = WindowSums(window.zero.to(device), window.twice.to(device))
-        # v into the liner is -v.
-        amplitude = window.tone_amplitude(-ready.seen.line)
+        device = self.sums.forward.device
+        window, amplitude = ready.window_sums(device), ready.velocity_amplitude
         psi = _reference_phase(ready, phase, reference_phase)
         sums = self.sums if phase != "averaged" else LineSums(self.sums.forward, None)
         means = Means.of(sums, window)
@@ -155,7 +156,7 @@ class Replayed:
             reflection = torch.where(held, found, averaged)
             notes += _fallback_note(held[: ready.plane.probes], ready.chosen)
             notes += _chance_note(ready)
-        return _assemble(ready, phase, reflection, held, 2 * amplitude, notes)
+        return assemble(ready, phase, reflection, held, 2 * amplitude, notes)
 
 
 def _fallback_note(held: Tensor, chosen: Choices) -> list[str]:
@@ -202,89 +203,4 @@ def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "
         f"{shape} (and {count} frequencies)"
-    )
-
-
-def _facts(ready: Prepared, phase: str) -> dict[str, Any]:
-    """Every choice, and what followed from it."""
-    from torchliner import __version__
-
-    plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
-    facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
-    describe = getattr(ready.liner, "describe", None)
-    facts["liner"] = describe() if describe else {"model": type(ready.liner).__name__}
-    facts |= {
-        "velocity_max": ready.grid.maximum,
-        "coherence_segments": ready.seen.segments,
-        "sampling_rate": plane.sampling_rate,
-        "samples": plane.samples,
-        "source": plane.name,
-        "surface": plane.liner,
-        "data": dict(plane.provenance),
-    }
-    if kernels is not None:
-        facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
-        facts["kernel_band"] = list(kernels.band)
-    if facts["response"] == "kernel" or not hasattr(ready.liner, "speed_law"):
-        with torch.no_grad():
-            facts["level_error"] = max(
-                interpolation_error(ready.liner, f, ready.grid) for f in ready.frequency.tolist()
-            )
-    return facts
-
-
-def _goodrich(ready: Prepared) -> Tensor | None:
-    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
-    plane, porosity = ready.plane, getattr(ready.liner, "surface_porosity", None)
-    diameter = getattr(ready.liner, "orifice_diameter", None)
-    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
-        return None
-    added = goodrich_resistance(
-        plane.mach, porosity, plane.displacement_thickness, plain_number(diameter)
-    )
-    with torch.no_grad():
-        return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
-
-
-def _assemble(
-    ready: Prepared,
-    phase: str,
-    reflection: Tensor,
-    held: Tensor,
-    peak: Tensor,
-    notes: list[str],
-) -> ImpedanceMap:
-    plane, cells, seen = ready.plane, ready.cells, ready.seen
-    kept = ready.used.to(reflection.device)
-
-    def on_probes(value: Tensor) -> Tensor:
-        return value[: plane.probes].reshape((*plane.probe_shape, *value.shape[1:]))
-
-    probes = reflection[: plane.probes]
-    return ImpedanceMap(
-        frequency=ready.frequency,
-        reflection=on_probes(
-            torch.where(kept[:, None], probes, torch.full_like(probes, torch.nan))
-        ),
-        mean_velocity=on_probes(seen.mean),
-        velocity_rms=on_probes(seen.rms),
-        velocity_amplitude=on_probes(peak),
-        coherence=on_probes(seen.coherence),
-        phase_rule=on_probes(held),
-        cell_x=cells.x,
-        cell_z=cells.z,
-        cell_reflection=cells.average_reflection(probes, kept),
-        cell_reflection_velocity_first=reflection[plane.probes :],
-        x=plane.x,
-        z=plane.z,
-        height=plane.height,
-        fluid=plane.fluid,
-        reference=dict(plane.reference),
-        mach=plane.mach,
-        incident_level=plane.incident_level,
-        source_side=plane.source_side,
-        goodrich=_goodrich(ready),
-        title=plane.title,
-        choices=_facts(ready, phase),
-        notes=tuple(notes),
     )

@@ -9,48 +9,55 @@ from torchliner.replay.edges import Record
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import interpolate
+from torchliner.replay.sinks import ToneSink
+from torchliner.replay.waves import ComplexTones, Emission
 
 PROBES_AT_ONCE = 128
 
 
-def replay_direct(speed: Tensor, kernels: KernelTable, frequency: Tensor, record: Record) -> Tensor:
-    """Reflected signal of every probe for the incident wave exp(+j omega t).
+def replay_direct(
+    speed: Tensor, kernels: KernelTable, emission: Emission, record: Record
+) -> Tensor:
+    """Reflected signal of every column for an incident wave.
 
     Each emission time k adds x_k h[m; |v_k|] at k + m: the kernel belongs to the emission, not to
-    the reception. The wave cos(omega t + psi) gives Re(e^{j psi} y).
+    the reception. For exp(+j omega t) the wave cos(omega t + psi) gives Re(e^{j psi} y).
 
     Args:
         speed: |v|, m/s, float64, shape (P, n).
         kernels: impulse responses over |v|.
-        frequency: Hz, shape (F,).
+        emission: incident wave, S channels.
         record: its edge rule says what is emitted outside the record.
     Returns:
-        y, complex128, shape (F, P, n).
+        y, complex128 or float64 as the wave, shape (S, P, n).
     Source: Roncen et al. (2026), eq. (3.2), extended to taps before zero.
     """
     parts = [
-        _replay_batch(batch, kernels, frequency, record)
+        _replay_batch(batch, kernels, emission, record)
         for batch in speed.to(torch.float64).split(PROBES_AT_ONCE)
     ]
     return torch.cat(parts, dim=1)
 
 
-def _replay_batch(speed: Tensor, kernels: KernelTable, frequency: Tensor, record: Record) -> Tensor:
+def _replay_batch(
+    speed: Tensor, kernels: KernelTable, emission: Emission, record: Record
+) -> Tensor:
     probes, n = speed.shape
     taps = kernels.taps.to(speed.device)
     length, first = taps.shape[1], kernels.first
-    turn = 2j * torch.pi / record.sampling_rate * frequency.to(speed.device)
+    outside = max(0, first + length - 1)
+    waves = emission.values(-outside, n - first).to(speed.device)
     # Receptions -K .. n + K - 1, cut or wrapped to the record at the end.
     received = torch.zeros(
-        len(frequency), probes, n + 2 * length, dtype=torch.complex128, device=speed.device
+        len(waves), probes, n + 2 * length, dtype=waves.dtype, device=speed.device
     )
 
     def emit(k: int, kernel: Tensor) -> None:
         at = k + first + length
         begin, end = max(at, 0), min(at + length, n + 2 * length)
         if begin < end:
-            tone = torch.exp(turn * k)
-            received[:, :, begin:end] += tone[:, None, None] * kernel[:, begin - at : end - at]
+            now = waves[:, k + outside]
+            received[:, :, begin:end] += now[:, None, None] * kernel[:, begin - at : end - at]
 
     index, weights = kernels.grid.locate(speed)
     zone = min(n, length)
@@ -67,7 +74,7 @@ def _replay_batch(speed: Tensor, kernels: KernelTable, frequency: Tensor, record
         where = torch.arange(-length, n + length, device=speed.device) % n
         return wrapped.index_add(2, where, received)
     if record.edge == "finite":
-        for k in range(-(first + length - 1), 0):
+        for k in range(-outside, 0):
             emit(k, early)
         for k in range(n, n - first):
             emit(k, late)
@@ -75,13 +82,9 @@ def _replay_batch(speed: Tensor, kernels: KernelTable, frequency: Tensor, record
 
 
 def direct_sums(speed: Tensor, kernels: KernelTable, frequency: Tensor, record: Record) -> LineSums:
-    """Windowed lines of ``replay_direct`` at each frequency; see ``incident.LineSums``."""
-    reflected = replay_direct(speed, kernels, frequency, record)
-    steps = torch.arange(record.samples, dtype=torch.float64, device=speed.device)
-    weights = torch.zeros(record.samples, dtype=torch.float64, device=speed.device)
-    weights[record.start :] = record.window.weights.to(speed.device)
-    turn = 2j * torch.pi / record.sampling_rate * frequency.to(speed.device)
-    analysis = weights * torch.exp(-turn[:, None] * steps)
-    forward = torch.einsum("fpn,fn->pf", reflected, analysis)
-    backward = torch.einsum("fpn,fn->pf", reflected.conj(), analysis)
-    return LineSums(forward, backward)
+    """Windowed lines of the replies to complex tones; see ``incident.LineSums``."""
+    tones = ComplexTones(frequency, record.sampling_rate)
+    reflected = replay_direct(speed, kernels, tones, record)
+    sink = ToneSink(frequency, record, len(speed), speed.device)
+    sink.add(torch.cat([reflected.real, reflected.imag]), slice(0, len(speed)), 0)
+    return sink.sums(backward=True)

@@ -17,6 +17,7 @@ from torch import Tensor
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 
 BLOCK_ELEMENTS = 1 << 18  # velocities of a block: within the cache, temporaries included
+GPU_ELEMENTS = 1 << 25
 BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
 
 
@@ -96,9 +97,14 @@ class HeldSpeed:
         return bounds_of(self.samples, SLAB_ROWS)
 
 
+def block_elements(device: torch.device) -> int:
+    """Velocities of a block: those that fit the cache, or that keep a GPU busy."""
+    return BLOCK_ELEMENTS if device.type == "cpu" else GPU_ELEMENTS
+
+
 def blocks(rows: int, columns: int, elements: int) -> Iterator[tuple[slice, slice]]:
     """Rows and columns of blocks of at most ``elements``, of up to ``BLOCK_COLUMNS`` columns."""
-    wide = max(1, min(columns, elements, BLOCK_COLUMNS))
+    wide = max(1, min(columns, elements, max(BLOCK_COLUMNS, elements // SLAB_ROWS)))
     deep = max(1, elements // wide)
     for low in range(0, rows, deep):
         for left in range(0, columns, wide):

@@ -29,7 +29,7 @@ from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable, Liner, impedance_of, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid, gather_rows, interpolate
-from torchliner.replay.sources import BLOCK_ELEMENTS, Columns, SpeedSource, blocks
+from torchliner.replay.sources import Columns, SpeedSource, block_elements, blocks
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
 SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares in float32
@@ -132,7 +132,7 @@ def spectral_sums(
     grid: VelocityGrid,
     *,
     bounds: Bounds | None = None,
-    block_elements: int = BLOCK_ELEMENTS,
+    elements: int | None = None,
     compile_loops: str = "auto",
     progress: Callable[[int], None] | None = None,
 ) -> LineSums:
@@ -142,7 +142,7 @@ def spectral_sums(
         source: velocity, read by slabs.
         lines: of each frequency, F of them, all with the same directions.
         grid: velocity levels of the tables.
-        bounds, block_elements: sizes; they change the result by rounding only.
+        bounds, elements: of slabs and blocks; they change the result by rounding only.
         compile_loops: ``auto``: fuse the inner loops where that pays; ``never``; ``always``. A
             missing compiler is warned of once and changes nothing but the time.
         progress: called with the number of samples done.
@@ -150,7 +150,8 @@ def spectral_sums(
         Sums, complex128, (P, F), on the source's device; differentiable in the liner.
     """
     bounds = source.bounds() if bounds is None else bounds
-    groups = [_Group(lines, grid, source, i, block_elements, compile_loops)
+    elements = block_elements(source.device) if elements is None else elements
+    groups = [_Group(lines, grid, source, i, elements, compile_loops)
               for i in range(len(source.widths))]  # fmt: skip
     for (begin, end), slab in zip(bounds, source.slabs(bounds), strict=True):
         # Long slabs, of files whose time runs fastest, are worked on in short ones.
@@ -177,10 +178,10 @@ class _Group:
         grid: VelocityGrid,
         source: SpeedSource,
         index: int,
-        block_elements: int,
+        elements: int,
         compile_loops: str,
     ) -> None:
-        self.lines, self.grid, self.elements = lines, grid, block_elements
+        self.lines, self.grid, self.elements = lines, grid, elements
         self.width, self.samples = source.widths[index], source.samples
         self.dtype, self.device = source.dtype, source.device
         self.compile_loops = compile_loops

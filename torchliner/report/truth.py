@@ -10,6 +10,7 @@ import torch
 
 from torchliner.conversions import reflection_from_impedance
 from torchliner.eduction.choices import Choices
+from torchliner.eduction.prepare import prepare
 from torchliner.eduction.velocity import replay
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.kernels import Liner
@@ -72,7 +73,7 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         raise ValueError(f"{plane.name} states no true impedance (reference 'true')")
     case = str(plane.provenance.get("case", plane.title))
     for drive, mean in DRIVES:
-        replayed = replay(plane, liner, None, Choices(drive=drive, mean=mean))
+        replayed = replay(prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0])
         averaged = replayed.map("averaged")
         for phase in PHASES:
             known = true_wave_phase(plane, averaged) if phase == "given" else None

@@ -1,0 +1,110 @@
+"""A map from what a replay gave, with every choice that led to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import plain_number
+from torchliner.eduction.prepare import Prepared
+from torchliner.liners.grazing import goodrich_resistance
+from torchliner.records import ImpedanceMap
+from torchliner.replay.kernels import impedance_of
+from torchliner.replay.spectral import interpolation_error
+
+
+def _facts(ready: Prepared, phase: str) -> dict[str, Any]:
+    """Every choice, and what followed from it."""
+    from torchliner import __version__
+
+    plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
+    facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
+    describe = getattr(ready.liner, "describe", None)
+    facts["liner"] = describe() if describe else {"model": type(ready.liner).__name__}
+    facts |= {
+        "velocity_max": ready.grid.maximum,
+        "coherence_segments": ready.seen.segments,
+        "sampling_rate": plane.sampling_rate,
+        "samples": plane.samples,
+        "source": plane.name,
+        "surface": plane.liner,
+        "data": dict(plane.provenance),
+    }
+    if kernels is not None:
+        facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
+        facts["kernel_band"] = list(kernels.band)
+    if facts["response"] == "kernel" or not hasattr(ready.liner, "speed_law"):
+        with torch.no_grad():
+            facts["level_error"] = max(
+                interpolation_error(ready.liner, f, ready.grid) for f in ready.frequency.tolist()
+            )
+    return facts
+
+
+def _goodrich(ready: Prepared) -> Tensor | None:
+    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
+    plane, porosity = ready.plane, getattr(ready.liner, "surface_porosity", None)
+    diameter = getattr(ready.liner, "orifice_diameter", None)
+    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
+        return None
+    added = goodrich_resistance(
+        plane.mach, porosity, plane.displacement_thickness, plain_number(diameter)
+    )
+    with torch.no_grad():
+        return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
+
+
+def assemble(
+    ready: Prepared,
+    phase: str,
+    reflection: Tensor,
+    held: Tensor,
+    peak: Tensor,
+    notes: list[str],
+) -> ImpedanceMap:
+    """The map.
+
+    Args:
+        ready: prepared plane.
+        phase: rule that was used.
+        reflection: R of probes and cell averages, (P + C, F).
+        held: whether the rule held there, (P + C, F).
+        peak: complex peak amplitude of v into the liner, (P + C, F).
+        notes: all doubts.
+    """
+    plane, cells, seen = ready.plane, ready.cells, ready.seen
+    kept = ready.used.to(reflection.device)
+
+    def on_probes(value: Tensor) -> Tensor:
+        return value[: plane.probes].reshape((*plane.probe_shape, *value.shape[1:]))
+
+    probes = reflection[: plane.probes]
+    return ImpedanceMap(
+        frequency=ready.frequency,
+        reflection=on_probes(
+            torch.where(kept[:, None], probes, torch.full_like(probes, torch.nan))
+        ),
+        mean_velocity=on_probes(seen.mean),
+        velocity_rms=on_probes(seen.rms),
+        velocity_amplitude=on_probes(peak),
+        coherence=on_probes(seen.coherence),
+        phase_rule=on_probes(held),
+        cell_x=cells.x,
+        cell_z=cells.z,
+        cell_reflection=cells.average_reflection(probes, kept),
+        cell_reflection_velocity_first=reflection[plane.probes :],
+        x=plane.x,
+        z=plane.z,
+        height=plane.height,
+        fluid=plane.fluid,
+        reference=dict(plane.reference),
+        mach=plane.mach,
+        incident_level=plane.incident_level,
+        source_side=plane.source_side,
+        goodrich=_goodrich(ready),
+        title=plane.title,
+        choices=_facts(ready, phase),
+        notes=tuple(notes),
+    )

@@ -1,0 +1,85 @@
+"""The engines on a prepared plane, with a way out where a device is too small."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import torch
+
+from torchliner.eduction.prepare import Prepared, Progress
+from torchliner.replay.direct import direct_sums
+from torchliner.replay.incident import LineSums
+from torchliner.replay.sinks import ToneSink
+from torchliner.replay.spectral import plan_line, spectral_sums
+from torchliner.replay.unfold import replay_unfold
+from torchliner.replay.waves import ComplexTones
+
+T = TypeVar("T")
+
+
+def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
+    """Windowed lines of the replies to complex tones, by the engine chosen."""
+    record, drive, chosen = ready.record, ready.drive, ready.chosen
+    if chosen.engine == "spectral":
+        lines = [
+            plan_line(
+                ready.liner, value, record, ready.grid, ready.kernels,
+                of_kernel=chosen.uses_kernel_response, backward=backward,
+            )
+            for value in ready.frequency.tolist()
+        ]  # fmt: skip
+        return spectral_sums(
+            drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress
+        )
+    assert ready.kernels is not None
+    if chosen.engine == "direct":
+        sums = direct_sums(ready.whole_speed(), ready.kernels, ready.frequency, record)
+        if progress is not None:
+            progress(drive.samples)
+        return sums if backward else LineSums(sums.forward, None)
+    sink = ToneSink(ready.frequency, record, sum(drive.widths), drive.device)
+    tones = ComplexTones(ready.frequency, record.sampling_rate)
+    replay_unfold(
+        drive, ready.kernels, tones, record, [sink], tolerance=chosen.rank_tolerance,
+        memory=chosen.memory_bytes, progress=progress,
+    )  # fmt: skip
+    return sink.sums(backward)
+
+
+def with_smaller_slabs(ready: Prepared, work: Callable[[], T]) -> tuple[T, list[str]]:
+    """Run ``work``; where memory runs out, again with slabs half as long.
+
+    Returns: its result, and a note for each time it had to be started again.
+    Raises:
+        RuntimeError: the device does not even hold slabs of one sample.
+    """
+    velocity = ready.drive.velocity
+    notes: list[str] = []
+    while True:
+        try:
+            return work(), notes
+        except (RuntimeError, MemoryError) as error:
+            if not _out_of_memory(error):
+                raise
+            first, last = velocity.bounds()[0]
+            rows = last - first
+            if rows == 1:
+                raise RuntimeError(
+                    f"{velocity.device} is out of memory even with slabs of one sample of "
+                    f"{sum(velocity.widths)} probes ({error}); use another device, or fewer probes"
+                ) from error
+            velocity.most_rows = rows // 2
+            notes.append(
+                f"{velocity.device} ran out of memory with slabs of {rows} samples; slabs of "
+                f"{rows // 2} were used"
+            )
+        if velocity.device.type == "cuda":
+            torch.cuda.empty_cache()
+
+
+def _out_of_memory(error: Exception) -> bool:
+    text = str(error)
+    return isinstance(error, (torch.OutOfMemoryError, MemoryError)) or (
+        "out of memory" in text or "can't allocate memory" in text
+    )

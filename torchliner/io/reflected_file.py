@@ -1,0 +1,66 @@
+"""The reflected signal of every probe, written as it is formed (docs/formats.md)."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+from torch import Tensor
+
+from torchliner.io.hdf5 import to_json, write_dimension, write_variable, written_whole
+from torchliner.records import VelocityPlane
+
+SCHEMA = "torchliner reflected 1"
+
+
+class ReflectedFile:
+    """netCDF-4 with ``incident`` (time) and ``reflected`` (time, probe), in the same unit.
+
+    A crash leaves the old file, if any, as it was.
+    """
+
+    def __init__(
+        self, path: str | Path, plane: VelocityPlane, incident: Tensor, choices: dict[str, Any]
+    ) -> None:
+        self.path, self.plane, self.incident, self.choices = path, plane, incident, choices
+        self.stack = ExitStack()
+
+    def __enter__(self) -> ReflectedFile:
+        plane = self.plane
+        file = self.stack.enter_context(
+            h5py.File(self.stack.enter_context(written_whole(self.path)), "w")
+        )
+        file.attrs["Conventions"] = "CF-1.8"
+        file.attrs["schema"] = SCHEMA
+        file.attrs["title"] = plane.title
+        file.attrs["choices"] = to_json(self.choices)
+        write_dimension(file, "time", np.arange(plane.samples) / plane.sampling_rate, "s")
+        write_dimension(file, "probe", np.arange(plane.probes), "1")
+        for name, values in zip(("x", "z"), plane.probe_coordinates(), strict=True):
+            if values is not None:
+                write_variable(file, name, values.numpy(), "m", ("probe",))
+        write_variable(file, "incident", self.incident.numpy(), "1", ("time",))
+        self.data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
+        self.data.attrs["units"] = "1"
+        for axis, name in enumerate(("time", "probe")):
+            self.data.dims[axis].attach_scale(file[name])
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stack.__exit__(kind, error, trace)
+
+    def store(self, signal: Tensor, columns: slice, begin: int) -> None:
+        """Samples ``begin`` .. of some columns, (t, p); those beyond the probes are averages."""
+        stop = min(columns.stop, self.plane.probes)
+        if columns.start < stop:
+            part = signal[:, : stop - columns.start].cpu().numpy()
+            self.data[begin : begin + len(part), columns.start : stop] = part

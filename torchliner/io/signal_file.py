@@ -1,0 +1,66 @@
+"""Recorded incident signals: WAV, or a plain array whose rate the user states."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+from scipy.io import wavfile
+
+from torchliner.io.arrays import read_array
+from torchliner.replay.waves import Recorded
+
+
+def read_signal(
+    path: str | Path, sampling_rate: float | None = None, channel: int | None = None
+) -> Recorded:
+    """A recorded incident signal.
+
+    Args:
+        path: .wav (integers become fractions of full scale; only ratios matter), or .npy, .mat, .h5
+            holding one array.
+        sampling_rate: Hz; a .wav states its own, other files do not.
+        channel: of several; may be left out if there is one.
+    Raises:
+        FileNotFoundError, ValueError: missing, not readable, no rate, several channels.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.suffix.lower() == ".wav":
+        rate, values = _read_wav(path)
+        if sampling_rate is not None and abs(sampling_rate / rate - 1) > 1e-6:
+            raise ValueError(
+                f"{path} says {rate:g} Hz, sampling_rate {sampling_rate:g} Hz; one of them is wrong"
+            )
+    else:
+        if sampling_rate is None:
+            raise ValueError(f"{path} does not state its sampling rate; give it in Hz")
+        rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
+        values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
+    if values.ndim == 2 and channel is not None:
+        if not 0 <= channel < values.shape[1]:
+            raise ValueError(f"{path} has channels 0 to {values.shape[1] - 1}, not {channel}")
+        values = values[:, channel]
+    if values.ndim != 1:
+        raise ValueError(
+            f"{path} has shape {values.shape}, (samples, channels); choose one channel"
+        )
+    return Recorded(values, rate, str(path))
+
+
+def _read_wav(path: Path) -> tuple[float, np.ndarray]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # scipy only warns of a file that ends too soon
+            warnings.filterwarnings("ignore", message="Chunk .* not understood")
+            rate, values = wavfile.read(path)
+    except (ValueError, EOFError, UserWarning, OSError, struct.error) as error:
+        raise ValueError(f"{path} is not a whole .wav file: {error}") from error
+    if values.dtype == np.uint8:
+        return float(rate), (values.astype(np.float64) - 128) / 128
+    if values.dtype.kind == "i":
+        return float(rate), values / -float(np.iinfo(values.dtype).min)
+    return float(rate), values.astype(np.float64)

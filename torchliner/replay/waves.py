@@ -1,0 +1,348 @@
+"""Incident signals: what is sent at the liner, at any sample before, in and after the record.
+
+All are pressures (or velocities: only ratios matter) of the incident wave at the liner. The engines
+ask for values at sample indices that may lie outside the record: there tones go on, sweeps and
+noise repeat the record's, a recorded signal is zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from scipy.signal import chirp
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
+
+SWEEPS = ("linear", "logarithmic")
+
+
+class Emission(Protocol):
+    """S channels of an incident wave, real or complex."""
+
+    def values(self, begin: int, end: int) -> Tensor:
+        """Samples begin .. end - 1, also outside the record, (S, end - begin), 64-bit."""
+        ...
+
+
+@dataclass(frozen=True)
+class ComplexTones:
+    """exp(+j omega t) for each frequency (Hz, (F,)): what phase averaging replays."""
+
+    frequency: Tensor
+    sampling_rate: float
+
+    def values(self, begin: int, end: int) -> Tensor:
+        """complex128, (F, t)."""
+        steps = torch.arange(begin, end, dtype=torch.float64)
+        turn = 2 * torch.pi / self.sampling_rate * self.frequency.cpu()
+        return torch.exp(1j * torch.outer(turn, steps))
+
+
+class IncidentSignal(Protocol):
+    """A real incident signal that can be sampled for any record."""
+
+    edge: str  # the rule that suits it
+    window: str  # and the window, over the whole record
+
+    @property
+    def label(self) -> str:
+        """For messages and results."""
+        ...
+
+    @property
+    def band(self) -> tuple[float, float] | None:
+        """Hz that it covers; None if unknown."""
+        ...
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """Its values on a record, float64, (samples,)."""
+        ...
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """The same, with what it is before and after the record."""
+        ...
+
+
+def _below_nyquist(label: str, highest: float, sampling_rate: float) -> None:
+    if highest >= sampling_rate / 2:
+        raise ValueError(
+            f"{label} reaches {highest:g} Hz, at or above Nyquist, {sampling_rate / 2:g} Hz for a "
+            f"sampling rate of {sampling_rate:g} Hz; lower it or use finer data"
+        )
+
+
+@dataclass(frozen=True)
+class Sent:
+    """An incident signal on a record: one real channel.
+
+    Args:
+        signal: float64, (n,).
+        periodic: whether it goes on outside; else it is zero there.
+    """
+
+    signal: Tensor
+    periodic: bool
+
+    def values(self, begin: int, end: int) -> Tensor:
+        """float64, (1, t)."""
+        steps = torch.arange(begin, end)
+        n = len(self.signal)
+        values = self.signal[steps % n]
+        if not self.periodic:
+            values = torch.where((steps >= 0) & (steps < n), values, 0.0)
+        return values[None]
+
+
+@dataclass(frozen=True)
+class _Steady:
+    """Tones that were on before the record and stay on."""
+
+    tones: Tones
+    sampling_rate: float
+
+    def values(self, begin: int, end: int) -> Tensor:
+        """float64, (1, t)."""
+        turn = 2 * torch.pi / self.sampling_rate * self.tones.frequency
+        steps = torch.arange(begin, end, dtype=torch.float64)
+        waves = torch.cos(torch.outer(turn, steps) + self.tones.phase[:, None])
+        return (self.tones.amplitude @ waves)[None]
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Several tones at once: sum of A cos(2 pi f t + phase).
+
+    Args:
+        frequency: Hz, one or several.
+        amplitude: one or one each.
+        phase: rad; default Schroeder's, which keep the peak of the sum low.
+    """
+
+    frequency: Any
+    amplitude: Any = 1.0
+    phase: Any = None
+    edge: str = field(default="finite", init=False)
+    window: str = field(default="hann", init=False)
+
+    def __post_init__(self) -> None:
+        frequency = frequency_tensor(self.frequency)
+        count = len(frequency)
+        order = torch.arange(count, dtype=torch.float64)
+        default = -torch.pi * order * (order + 1) / count
+        phase = default if self.phase is None else real_tensor(self.phase)
+        object.__setattr__(self, "frequency", frequency)
+        for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", phase)):
+            if value.numel() not in (1, count):
+                raise ValueError(f"{name} has {value.numel()} values for {count} tones")
+            object.__setattr__(self, name, value.reshape(-1).expand(count))
+
+    @property
+    def label(self) -> str:
+        """tones and their frequencies."""
+        return f"tones {', '.join(f'{f:g}' for f in self.frequency.tolist())} Hz"
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest tone."""
+        return float(self.frequency.min()), float(self.frequency.max())
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """(samples,)."""
+        _below_nyquist(self.label, self.band[1], sampling_rate)
+        return _Steady(self, sampling_rate).values(0, samples)[0]
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """Steady before, in and after the record."""
+        return _Steady(self, sampling_rate)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One sweep over the record, of unit amplitude.
+
+    Args:
+        low, high: Hz, at the first and the last sample.
+        spacing: ``linear`` or ``logarithmic``.
+
+    Each frequency passes once: Z at f then hangs on |v| around that moment alone. For a Z of the
+    whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
+    """
+
+    low: float
+    high: float
+    spacing: str = "linear"
+    edge: str = field(default="wrap", init=False)
+    window: str = field(default="boxcar", init=False)
+
+    def __post_init__(self) -> None:
+        require_choice("sweep", self.spacing, SWEEPS)
+        require_positive("sweep: lowest frequency (Hz)", self.low)
+        if not self.low < self.high < math.inf:
+            raise ValueError(
+                f"sweep runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
+            )
+
+    @property
+    def label(self) -> str:
+        """Kind and range."""
+        return f"{self.spacing} sweep {self.low:g}-{self.high:g} Hz"
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Its range."""
+        return self.low, self.high
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """(samples,)."""
+        _below_nyquist(self.label, self.high, sampling_rate)
+        times = np.arange(samples) / sampling_rate
+        duration = samples / sampling_rate
+        method: Any = self.spacing
+        values = chirp(times, self.low, duration, self.high, method=method, phi=-90.0)
+        return torch.from_numpy(np.asarray(values, dtype=np.float64))
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """Repeated for ever."""
+        return Sent(self.sampled(samples, sampling_rate), True)
+
+
+@dataclass(frozen=True)
+class BandNoise:
+    """Noise with a flat spectrum: every line k fs/n of the record in the band, random phases.
+
+    Args:
+        low, high: Hz.
+        seed: of the phases; another seed is another draw.
+
+    rms 1. The record is one period of it, so that with the edge rule ``wrap`` no line leaks.
+    """
+
+    low: float
+    high: float
+    seed: int = 0
+    edge: str = field(default="wrap", init=False)
+    window: str = field(default="boxcar", init=False)
+
+    def __post_init__(self) -> None:
+        require_positive("band noise: lowest frequency (Hz)", self.low)
+        if not self.low < self.high < math.inf:
+            raise ValueError(
+                f"band noise runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
+            )
+
+    @property
+    def label(self) -> str:
+        """Range and seed."""
+        return f"band noise {self.low:g}-{self.high:g} Hz, seed {self.seed}"
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Its range."""
+        return self.low, self.high
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """(samples,)."""
+        _below_nyquist(self.label, self.high, sampling_rate)
+        spacing = sampling_rate / samples
+        first, last = math.ceil(self.low / spacing - 1e-9), math.floor(self.high / spacing + 1e-9)
+        if last < first:
+            raise ValueError(
+                f"{self.label}: the record's lines are {spacing:g} Hz apart and none lies in the "
+                "band; widen it or use a longer record"
+            )
+        generator = torch.Generator().manual_seed(self.seed)
+        phase = (
+            2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
+        )
+        spectrum = torch.zeros(samples // 2 + 1, dtype=torch.complex128)
+        spectrum[first : last + 1] = torch.polar(torch.ones_like(phase), phase)
+        values = torch.fft.irfft(spectrum, n=samples)
+        return values / values.square().mean().sqrt()
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """Repeated for ever: the record is one period."""
+        return Sent(self.sampled(samples, sampling_rate), True)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded signal.
+
+    Args:
+        signal: (n,), as long as the plane's record, in any unit.
+        sampling_rate: Hz, that of the plane.
+        label: for messages, the file it came from.
+    """
+
+    signal: Any
+    sampling_rate: float
+    label: str = "recorded signal"
+    edge: str = field(default="silent", init=False)
+    window: str = field(default="boxcar", init=False)
+
+    def __post_init__(self) -> None:
+        require_positive(f"{self.label}: sampling_rate (Hz)", self.sampling_rate)
+        values = real_tensor(self.signal).detach().cpu()
+        if values.ndim != 1:
+            raise ValueError(
+                f"{self.label} has shape {tuple(values.shape)}; one channel is needed, choose it"
+            )
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{self.label} holds nan or inf; repair it first")
+        object.__setattr__(self, "signal", values)
+
+    @property
+    def band(self) -> None:
+        """Unknown."""
+        return None
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """(samples,)."""
+        if abs(self.sampling_rate / sampling_rate - 1) > 1e-6:
+            raise ValueError(
+                f"{self.label} is sampled at {self.sampling_rate:g} Hz, the plane at "
+                f"{sampling_rate:g} Hz; resample one of them (scipy.signal.resample_poly)"
+            )
+        if len(self.signal) != samples:
+            raise ValueError(
+                f"{self.label} has {len(self.signal)} samples, the plane's record {samples}; cut "
+                "or pad it, so that nothing is dropped unseen"
+            )
+        return self.signal
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """Nothing before and after."""
+        return Sent(self.sampled(samples, sampling_rate), False)
+
+
+def parse_signal(text: str) -> Tones | Sweep | BandNoise | None:
+    """A generated signal from its text; None for anything else (a file name).
+
+    Args:
+        text: ``tones:500,900``, ``sweep:300:6000[:logarithmic]``, ``noise:300:6000[:seed]``.
+
+    Raises:
+        ValueError: the kind is known, its numbers are not.
+    """
+    kind, _, rest = text.partition(":")
+    if kind not in ("tones", "sweep", "noise"):
+        return None
+    try:
+        if kind == "tones":
+            return Tones([float(f) for f in rest.split(",")])
+        low, high, *more = rest.split(":")
+        if len(more) > 1:
+            raise ValueError("too many parts")
+        if kind == "noise":
+            return BandNoise(float(low), float(high), int(more[0]) if more else 0)
+        return Sweep(float(low), float(high), more[0] if more else "linear")
+    except ValueError as error:
+        raise ValueError(
+            f"incident signal {text!r} cannot be read ({error}); write tones:500,900, "
+            "sweep:300:6000:logarithmic, noise:300:6000:0 or the name of a .wav or .npy file"
+        ) from error
