@@ -48,14 +48,11 @@ def test_noise_tends_to_what_spectral_gives_at_once(liner):
     """Over draws of a noise the H1 estimate tends to <R(f, |v|)>, with 1/sqrt(draws)."""
     plane = plane_of(turbulence((1, SAMPLES), seed=3))
     wanted = tl.educe(plane, liner, LINES, edge="wrap", window="boxcar").reflection[0]
-    draws = torch.stack(
-        [
-            tl.educe(plane_of(v), liner, LINES, incident=tl.BandNoise(300, 5000, seed)).reflection[
-                0
-            ]
-            for seed in range(48)
-        ]
-    )
+
+    def draw(seed):
+        return tl.educe(plane, liner, LINES, incident=tl.BandNoise(300, 5000, seed)).reflection[0]
+
+    draws = torch.stack([draw(seed) for seed in range(48)])
     error = (draws.mean(0) - wanted).abs()
     spread = draws.std(0) / 48**0.5
     assert bool((error < 3.5 * spread).all())
@@ -115,13 +112,11 @@ def test_reflected_signal_is_written(liner, tmp_path):
     with xarray.open_dataset(path, engine="h5netcdf") as data:
         assert data["reflected"].shape == (SAMPLES, 6)
         assert data["reflected"].dims == ("time", "probe")
-        ratio = (
-            np.fft.rfft(data["reflected"].values, axis=0)
-            / np.fft.rfft(data["incident"].values)[:, None]
-        )
         at = [round(f / 50) for f in LINES]
+        reflected = np.fft.rfft(data["reflected"].values, axis=0)[at]
+        ratio = reflected / np.fft.rfft(data["incident"].values)[at, None]
         wanted = found.reflection.reshape(6, -1).T.numpy()
-        assert np.abs(ratio[at] - wanted).max() < 1e-5
+        assert np.abs(ratio - wanted).max() < 1e-5
         assert data["x"].values.tolist() == pytest.approx([0.0, 0.01, 0.02] * 2)
     before = path.read_bytes()
     with pytest.raises(ValueError, match="no energy at 100 Hz"):
@@ -150,7 +145,7 @@ def test_reflected_signal_is_written(liner, tmp_path):
         (tl.BandNoise(300, 5000), {"phase": "given"}, "rule for tones"),
         (tl.BandNoise(300, 5000), {"reference_phase": 0.3}, "for tones"),
         ("speech.wav", {}, "no generated one; read a file with"),
-        ("noise:300", {}, "cannot be read.*noise:300:5000:0"),
+        ("noise:300", {}, "cannot be read.*noise:300:6000:0"),
         ("sweep:300:5000:square", {}, "unknown sweep 'square'"),
         ("tones:a,b", {}, "cannot be read"),
         (None, {"segment": 0.01}, "segment is only used"),
@@ -229,7 +224,7 @@ def test_sent_signals_are_what_they_say():
     assert float(lines[6:101].std() / lines[6:101].mean()) < 1e-12
     assert float(lines[:6].max()) < 1e-9
     assert float((noise - tl.BandNoise(300, 5000, seed=3).sampled(SAMPLES, RATE)).abs().max()) > 1
-    for spacing, middle in (("linear", 3150.0), ("logarithmic", (300 * 5000) ** 0.5)):
+    for spacing, middle in (("linear", 2650.0), ("logarithmic", (300 * 5000) ** 0.5)):
         sweep = tl.Sweep(300, 5000, spacing).sampled(8400, RATE).numpy()
         from scipy.signal import hilbert
 
