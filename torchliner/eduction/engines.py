@@ -50,32 +50,36 @@ def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> Lin
 def with_smaller_slabs(ready: Prepared, work: Callable[[], T]) -> tuple[T, list[str]]:
     """Run ``work``; where memory runs out, again with slabs half as long.
 
-    Returns: its result, and a note for each time it had to be started again.
+    Returns: its result, and a note if it had to be started again.
     Raises:
         RuntimeError: the device does not even hold slabs of one sample.
     """
     velocity = ready.drive.velocity
-    notes: list[str] = []
+    first_rows = None
     while True:
+        begin, end = velocity.bounds()[0]
+        rows = end - begin
         try:
-            return work(), notes
+            found = work()
         except (RuntimeError, MemoryError) as error:
             if not _out_of_memory(error):
                 raise
-            first, last = velocity.bounds()[0]
-            rows = last - first
             if rows == 1:
                 raise RuntimeError(
                     f"{velocity.device} is out of memory even with slabs of one sample of "
                     f"{sum(velocity.widths)} probes ({error}); use another device, or fewer probes"
                 ) from error
+            first_rows = rows if first_rows is None else first_rows
             velocity.most_rows = rows // 2
-            notes.append(
-                f"{velocity.device} ran out of memory with slabs of {rows} samples; slabs of "
-                f"{rows // 2} were used"
-            )
-        if velocity.device.type == "cuda":
-            torch.cuda.empty_cache()
+            if velocity.device.type == "cuda":
+                torch.cuda.empty_cache()
+            continue
+        if first_rows is None:
+            return found, []
+        return found, [
+            f"{velocity.device} ran out of memory with slabs of {first_rows} samples; slabs of "
+            f"{rows} were used"
+        ]
 
 
 def _out_of_memory(error: Exception) -> bool:
