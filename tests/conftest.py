@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 
@@ -44,3 +45,12 @@ def frozen_plane(speed: float, probes: int = 3, periods: float = 16.0, **about: 
 
 def relative_error(found: torch.Tensor, wanted: torch.Tensor) -> float:
     return float(((found - wanted).abs() / wanted.abs()).max())
+
+
+def load_script(name: str):
+    """A file of scripts/ as a module."""
+    path = DATA.parent / "scripts" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

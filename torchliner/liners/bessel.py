@@ -20,17 +20,23 @@ class _RatioI2I0(torch.autograd.Function):
         exact = torch.as_tensor(ive(2, values) / ive(0, values))
         ratio = torch.where(host.abs() > ASYMPTOTIC_FROM, large, exact).to(s.device)
         ctx.save_for_backward(s, ratio)
+        ctx.save_for_forward(s, ratio)
         return ratio
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        s, ratio = ctx.saved_tensors
-        # From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; at s = 0 the slope is 0.
-        safe = torch.where(s == 0, torch.ones_like(s), s)
-        slope = torch.where(
-            s == 0, torch.zeros_like(s), s * (1 - ratio) ** 2 / 2 - 2 * ratio / safe
-        )
-        return gradients[0] * slope.conj()
+        return gradients[0] * _slope(*ctx.saved_tensors).conj()
+
+    @staticmethod
+    def jvp(ctx: Any, *tangents: Tensor) -> Tensor:
+        return tangents[0] * _slope(*ctx.saved_tensors)
+
+
+def _slope(s: Tensor, ratio: Tensor) -> Tensor:
+    """From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; 0 at s = 0."""
+    safe = torch.where(s == 0, torch.ones_like(s), s)
+    slope = s * (1 - ratio) ** 2 / 2 - 2 * ratio / safe
+    return torch.where(s == 0, torch.zeros_like(s), slope)
 
 
 def ratio_i2_i0(s: Tensor) -> Tensor:

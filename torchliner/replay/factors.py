@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid
 
@@ -51,7 +52,12 @@ def factor_taps(kernels: KernelTable, tolerance: float | None) -> Factors:
         kernels: V levels, K taps.
         tolerance: of R, absolute; None for the table itself (rank V, factors of one level each).
     """
-    taps = kernels.taps.detach()
+    if carries_gradient(kernels.taps):
+        raise ValueError(
+            "the liner carries a gradient, which the low-rank factors of engine 'unfold' would "
+            "lose; use engine 'spectral' or 'direct', or detach the parameters"
+        )
+    taps = kernels.taps
     if tolerance is None:
         whole = torch.eye(len(taps), dtype=taps.dtype, device=taps.device)
         return Factors(whole, taps, kernels.first, kernels.grid, 0.0)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive
+from torchliner.replay.gradients import carries_gradient
 
 # Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
@@ -102,6 +103,8 @@ def gather_rows(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
         index: first level of each stencil, (N,).
         weights: one (N,) per stencil node, in the precision of ``table``.
     """
+    if carries_gradient(table):  # embedding_bag knows no forward derivative
+        return interpolate(table, index, weights)
     nodes = torch.arange(len(weights), device=index.device)
     return torch.nn.functional.embedding_bag(
         index[:, None] + nodes, table, per_sample_weights=torch.stack(weights, dim=1), mode="sum"

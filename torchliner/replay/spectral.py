@@ -26,6 +26,7 @@ from torchliner.liners.nonlinear import SpeedLaw, inverse_parts, powers
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 from torchliner.replay.compiled import PAYS_FROM, Loop, Shape, compile_loop
 from torchliner.replay.edges import EdgeTable, Record
+from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable, Liner, impedance_of, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid, gather_rows, interpolate
@@ -251,8 +252,8 @@ class _Group:
 
     def _loop(self, task: _Task, has_offset: bool) -> Loop | None:
         lines = 0 if task.coefficients is None else len(task.coefficients)
-        gradient = task.data.requires_grad or (
-            task.coefficients is not None and task.coefficients.requires_grad
+        gradient = carries_gradient(task.data) or (
+            task.coefficients is not None and carries_gradient(task.coefficients)
         )
         if self.compile_loops == "never" or gradient or task.data.dtype != self.dtype:
             return None
@@ -304,7 +305,7 @@ class _Group:
         """Add to the running sums; out of place where a gradient must pass."""
         store = self.table_totals if task.coefficients is None else self.law_totals
         before = store[task.index]
-        if not (sums.requires_grad or before.requires_grad):
+        if not (carries_gradient(sums) or carries_gradient(before)):
             before[:, columns] += sums
             return
         left, right, _ = columns.indices(self.width)

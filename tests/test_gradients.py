@@ -1,0 +1,115 @@
+"""Derivatives of the educed reflection in every parameter of a liner."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
+from torch.autograd import forward_ad
+
+import torchliner as tl
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
+    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
+]
+PARAMETERS = {
+    "facesheet_thickness": 1e-3,
+    "orifice_diameter": 1e-3,
+    "porosity": 0.06,
+    "cavity_depth": 38e-3,
+    "cavity_hydraulic_radius": 4e-3,
+    "cavity_porosity": 0.9,
+    "open_area_fraction": 0.8,
+    "vena_contracta": 0.78,
+    "impedance_offset": 0.03 - 0.02j,
+}
+STEP = 1e-5  # relative
+
+
+def make(name=None, value=None):
+    given = {**PARAMETERS, **({} if name is None else {name: value})}
+    return tl.SDoFLiner(**given, velocity_reading="conserved")
+
+
+def reflection(liner, edge, engine="spectral", frequencies=(FREQUENCY,), phase="averaged"):
+    plane = plane_of(turbulence((4, 300), seed=2))
+    options = {"reference_phase": 0.3} if phase == "given" else {}
+    found = tl.educe(plane, liner, list(frequencies), edge=edge, engine=engine,
+                     velocity_max=16.0, phase=phase, **options)  # fmt: skip
+    return found.reflection
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("edge", ["wrap", "finite"])
+def test_every_parameter_against_differences(name, edge):
+    """Forward differentiation gives dR of all probes in one pass; central differences agree."""
+    value = torch.tensor(PARAMETERS[name])
+    value = value.to(torch.complex128 if value.is_complex() else torch.float64)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(value, torch.ones_like(value))
+        slope = forward_ad.unpack_dual(reflection(make(name, dual), edge)).tangent
+    step = STEP * float(value.abs())
+    above, below = (reflection(make(name, value + sign * step), edge) for sign in (1, -1))
+    wanted = (above - below) / (2 * step)
+    assert slope.shape == (4, 1)
+    # The kernel's fit amplifies rounding: 1e-9 over a step of 1e-5.
+    limit = 1e-6 if edge == "wrap" else 1e-3
+    assert float((slope - wanted).abs().max()) < limit * float(wanted.abs().max())
+    assert float(wanted.abs().min()) > 0
+
+
+@pytest.mark.parametrize("edge", ["wrap", "finite"])
+@pytest.mark.parametrize("phase", ["averaged", "given", "self-consistent"])
+def test_backward_is_forward(edge, phase):
+    """Reverse differentiation of one probe is its row of the forward derivative."""
+    value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+    found = reflection(make("vena_contracta", value), edge, phase=phase, frequencies=(1400, 2100))
+    backward = torch.stack(
+        [torch.autograd.grad(part.flatten()[i], value, retain_graph=True)[0]
+         for part in (found.real, found.imag) for i in range(8)]
+    )  # fmt: skip
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(value.detach(), torch.ones_like(value))
+        again = reflection(
+            make("vena_contracta", dual), edge, phase=phase, frequencies=(1400, 2100)
+        )
+        slope = forward_ad.unpack_dual(again).tangent
+    wanted = torch.cat([slope.real.flatten(), slope.imag.flatten()])
+    assert float((backward - wanted).abs().max()) < 1e-9 * float(wanted.abs().max())
+
+
+def test_engines_share_the_derivative():
+    """``direct`` differentiates to what ``spectral`` of the kernels does."""
+    slopes = []
+    for engine in ("direct", "spectral"):
+        value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+        found = reflection(make("vena_contracta", value), "finite", engine)
+        slopes.append(torch.autograd.grad(found.real.sum(), value)[0])
+    assert float((slopes[0] / slopes[1] - 1).abs()) < 1e-4
+
+
+def test_second_derivative():
+    """Smooth enough for Newton's method."""
+    value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradgradcheck(
+        lambda c: torch.view_as_real(reflection(make("vena_contracta", c), "wrap")).sum(), value
+    )
+
+
+def test_unfold_refuses_to_lose_a_gradient():
+    value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+    with pytest.raises(ValueError, match="use engine 'spectral' or 'direct', or detach"):
+        reflection(make("vena_contracta", value), "finite", "unfold")
+
+
+def test_the_fit_of_the_vena_contracta(capsys):
+    """The script recovers the coefficient it is given, and prints what n130 says."""
+    script = load_script("fit_vena_contracta")
+    plane = tl.read_plane(DATA / "slit_n130_y2.5mm.h5")
+    model = tl.load_liner("lbm_slit")
+    wanted = script.resistance(plane, model.replace(vena_contracta=0.71))
+    found = script.fit(plane, model, wanted)
+    assert found == pytest.approx(0.71, abs=1e-5)
+    script.main([])
+    assert "0.168" in capsys.readouterr().out
