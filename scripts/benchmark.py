@@ -1,112 +1,315 @@
-"""Time and error of the engines on one synthetic plane.
+"""Time and error of the engines, and of whole files, on one synthetic plane.
 
-    python scripts/benchmark.py [--probes 1712] [--samples 2280] [--full]
+    python scripts/benchmark.py [--full] [--device cuda] [--only engines,slopes,files,memory,start]
 
---full is the paper's plane: 548 x 50 probes x 2280 samples, 200 kHz, float32. Times are ns per
-velocity sample, the best of three; errors are the largest in R against float64 `direct` on the
-same kernels (or, for wrapped records, against the formula in float64).
+The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, float32); --full takes the
+paper's, 548 x 50 probes. Times are ns per velocity sample, the best of three runs after one that is
+not counted; engines that need longer than --seconds get fewer probes. Each row's error is the
+largest in R against float64 `direct` (for wrapped records: the formula in float64) on the same
+kernels. Rows marked * are compiled, without the compiler's own time, which the line below them
+states.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
+import importlib.util
 import platform
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+import torchliner as tl
 from torchliner.eduction.velocity import educe
-from torchliner.liners.catalogue import load_liner
-from torchliner.records import VelocityPlane
-from torchliner.replay import spectral
+from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
+from torchliner.replay.direct import replay_direct
 from torchliner.replay.edges import Record
-from torchliner.replay.spectral import response_of, spectral_sums
+from torchliner.replay.kernels import build_kernels
+from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.sinks import CrossSpectra
+from torchliner.replay.sources import Columns
+from torchliner.replay.spectral import plan_line, spectral_sums
+from torchliner.replay.unfold import replay_unfold
+from torchliner.replay.waves import Sent
 from torchliner.signals.windows import make_window
 
-RATE, FREQUENCY = 200e3, 1400.0
+RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
+PARTS = ("engines", "slopes", "files", "memory", "start")
 
 
+@dataclass(frozen=True)
 class Held:
-    """A slab source over a tensor in memory, time first."""
+    """A slab source over signed velocity in memory, time first."""
 
-    def __init__(self, speed: Tensor) -> None:
-        self.speed, (self.samples, self.probes) = speed, speed.shape
-        self.dtype, self.device = speed.dtype, speed.device
+    velocity: Tensor
 
-    def read(self, begin: int, end: int) -> Tensor:
-        return self.speed[begin:end]
+    @property
+    def samples(self) -> int:
+        return self.velocity.shape[0]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        return (self.velocity.shape[1],)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.velocity.dtype
+
+    @property
+    def device(self) -> torch.device:
+        return self.velocity.device
+
+    def bounds(self) -> Bounds:
+        return bounds_of(self.samples, SLAB_ROWS)
+
+    def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
+        for begin, end in bounds:
+            yield [Columns(self.velocity[begin:end])]
 
 
-def best_time(work: Callable[[], Any], repeats: int = 3) -> tuple[float, Any]:
-    """Seconds of the fastest of some runs, after one that is not counted."""
-    result, fastest = None, float("inf")
-    if repeats > 1:
-        work()
-    for _ in range(repeats):
+class Bench:
+    """The plane, the floor and how rows are printed."""
+
+    def __init__(self, probes: int, seconds: float, device: str) -> None:
+        generator = torch.Generator().manual_seed(0)
+        velocity = 2 * torch.randn(SAMPLES, probes, generator=generator)
+        self.velocity = velocity.clamp(-15.9, 15.9).to(device)
+        self.seconds, self.device = seconds, torch.device(device)
+        self.liner = tl.load_liner("polito")
+        self.grid = VelocityGrid(16.0)
+        self.kernels = build_kernels(self.liner, self.grid, RATE)
+        self.floor = self.best(self.velocity.sum)[0] / self.velocity.numel()
+
+    def best(self, work: Callable[[], Any], repeats: int = 3) -> tuple[float, Any]:
+        """Seconds of the fastest of some runs, after one that is not counted."""
+        result, fastest = None, float("inf")
+        for number in range(repeats + 1):
+            start = time.perf_counter()
+            result = work()
+            if self.device.type == "cuda":
+                torch.cuda.synchronize()
+            spent = time.perf_counter() - start
+            fastest = min(fastest, spent) if number else fastest
+            if spent > self.seconds:
+                return min(fastest, spent), result
+        return fastest, result
+
+    def row(self, name: str, seconds: float, samples: int, error: float | None) -> None:
+        each = seconds / samples
+        shown = "" if error is None else f"{error:.1e}"
+        print(f"{name:52s} {1e9 * each:11.2f} {each / self.floor:10.1f} {shown:>10s}", flush=True)
+
+    def fitting(self, seconds_per_probe: float) -> int:
+        """As many probes as the time allows."""
+        return max(1, min(self.velocity.shape[1], int(self.seconds / seconds_per_probe)))
+
+
+def engines(bench: Bench) -> None:
+    """Rows (a) to (g)."""
+    print(f"{'':52s} {'ns/sample':>11s} {'of floor':>10s} {'error in R':>10s}")
+    count = bench.velocity.numel()
+    bench.row("(g) plane.sum(), the floor", bench.floor * count, count, None)
+    if bench.device.type == "cuda":
+        copied = torch.empty_like(bench.velocity)
+        seconds, _ = bench.best(lambda: copied.copy_(bench.velocity))
+        rate = 2 * 4e-9 * count / seconds
+        bench.row(f"    copy of the plane ({rate:.0f} GB/s)", seconds, count, None)
+    spectral_rows(bench)
+    unfold_rows(bench)
+    loops(bench)
+    plane = tl.VelocityPlane(bench.velocity.T, sampling_rate=RATE, frequency=FREQUENCY)
+    seconds, found = bench.best(lambda: educe(plane, bench.liner))
+    part = tl.VelocityPlane(
+        bench.velocity[:, :3].T.double(), sampling_rate=RATE, frequency=FREQUENCY
+    )
+    top = float(found.choices["velocity_max"])
+    wanted = educe(part, bench.liner, engine="direct", velocity_max=top)
+    error = float((found.reflection[:3] - wanted.reflection).abs().max())
+    bench.row("educe, all defaults (finite, survey, cells), eager", seconds, count, error)
+
+
+def spectral_rows(bench: Bench) -> None:
+    """(e) formula and (f) table, over one wrapped record; and with the ends of a finite one."""
+    count = bench.velocity.numel()
+    for name, window, edge, of_kernel in (
+        ("(e) spectral, formula, rectangular", "boxcar", "wrap", False),
+        ("(e) spectral, formula, Hann", "hann", "wrap", False),
+        ("(f) spectral, table", "hann", "wrap", True),
+        ("    spectral, formula and ends, Hann", "hann", "finite", False),
+    ):
+        record = Record(SAMPLES, 0, make_window(window, SAMPLES), edge, RATE)
+        line = plan_line(
+            bench.liner, FREQUENCY, record, bench.grid, bench.kernels,
+            of_kernel=of_kernel, backward=False,
+        )  # fmt: skip
+        run = functools.partial(spectral_sums, lines=[line], grid=bench.grid)
+        exact = run(Held(bench.velocity[:, :64].double())).forward
+        for compiled in ("never", "always"):
+            start = time.perf_counter()
+            run(Held(bench.velocity), compile_loops=compiled)
+            first = time.perf_counter() - start
+            again = functools.partial(run, Held(bench.velocity), compile_loops=compiled)
+            seconds, sums = bench.best(again)
+            error = (sums.forward[:64] - exact).abs().max() / record.window.weights.sum()
+            star = " *" if compiled == "always" else ", eager"
+            bench.row(name + star, seconds, count, float(error))
+            if compiled == "always":
+                print(f"{'':6s}(compiling it: {first - seconds:.1f} s)")
+
+
+def unfold_rows(bench: Bench) -> None:
+    """(d) by method, and (c): one real tone on the default kernels, literal edges."""
+    record = Record(SAMPLES, 0, make_window("hann", SAMPLES), "silent", RATE)
+    steps = torch.arange(SAMPLES, dtype=torch.float64)
+    emission = Sent(torch.cos(2 * torch.pi * FREQUENCY / RATE * steps), False)
+    at = torch.tensor([FREQUENCY], dtype=torch.float64)
+    weights = record.window.weights
+
+    def reflection(velocity: Tensor, method: str) -> Tensor:
+        source = Held(velocity)
+        sink = CrossSpectra(
+            emission.signal, weights, [0], at, RATE, sum(source.widths), source.device
+        )
+        replay_unfold(source, bench.kernels, emission, record, [sink], method=method)
+        return sink.reflection()
+
+    few = bench.velocity[:, :2].double().abs().T
+    start = time.perf_counter()
+    signal = replay_direct(few, bench.kernels, emission, record)
+    seconds = time.perf_counter() - start
+    probes = min(bench.fitting(seconds / 2 / 20), 128)  # direct batches its probes
+    many = bench.velocity[:, :probes].double().abs().T
+    start = time.perf_counter()
+    replay_direct(many, bench.kernels, emission, record)
+    seconds = time.perf_counter() - start
+    bench.row(f"(c) direct, float64, {probes} probes", seconds, many.numel(), 0.0)
+    sink = CrossSpectra(emission.signal, weights, [0], at, RATE, 2, bench.device)
+    sink.add(signal, slice(0, 2), 0)
+    exact = sink.reflection()
+    for name, method, dtype, probes in (
+        ("(d) unfold, gathered kernels, batched matmul", "gather", torch.float32, 64),
+        ("(d) unfold, low rank, batched matmul", "matmul", torch.float32, 256),
+        ("(d) unfold, low rank, FFT", "fft", torch.float32, bench.velocity.shape[1]),
+        ("(d) unfold, FFT, float64, rank for 3e-11", "fft", torch.float64, 256),
+    ):
+        part = bench.velocity[:, :probes].to(dtype)
+        seconds, found = bench.best(functools.partial(reflection, part, method))
+        error = float((found[:2] - exact).abs().max())
+        bench.row(f"{name}, {part.shape[1]} probes", seconds, part.numel(), error)
+
+
+def loops(bench: Bench) -> None:
+    """(a) and (b): the published recipe on its own kernels (causal, uniform levels, linear)."""
+    from benchmark_recipes import numba_recipe, numpy_recipe
+
+    grid = VelocityGrid(16.0, spacing="uniform", interpolation="linear")
+    kernels = build_kernels(bench.liner, grid, RATE, kind="causal")
+    steps = torch.arange(SAMPLES, dtype=torch.float64)
+    wave = torch.cos(2 * torch.pi * FREQUENCY / RATE * steps)
+    record = Record(SAMPLES, 0, make_window("hann", SAMPLES), "silent", RATE)
+    turning = torch.exp(-2j * torch.pi * FREQUENCY / RATE * steps)
+    analysis = record.window.weights * turning
+    sent = complex((analysis * wave).sum())
+    speed = bench.velocity.cpu().double().abs().T.contiguous()
+    exact = (
+        replay_direct(speed[:2], kernels, Sent(wave, False), record)[0].to(torch.complex128)
+        @ analysis
+    )
+
+    def run(recipe: Any, probes: int, taps: Tensor) -> tuple[float, float]:
+        arguments = speed[:probes].numpy(), taps.numpy(), 16.0, wave.numpy(), analysis.numpy()
         start = time.perf_counter()
-        result = work()
-        fastest = min(fastest, time.perf_counter() - start)
-    return fastest, result
+        lines = recipe(*arguments)
+        seconds = time.perf_counter() - start
+        found = torch.from_numpy(lines[:2])
+        return seconds, float((found - exact[: len(found)]).abs().max() / abs(sent))
+
+    probes = bench.fitting(run(numpy_recipe, 1, kernels.taps)[0])
+    seconds, error = run(numpy_recipe, probes, kernels.taps)
+    bench.row(f"(a) NumPy loop, float64, {probes} probes", seconds, probes * SAMPLES, error)
+    if importlib.util.find_spec("numba") is None:
+        print("(b) not measured: numba is missing (pip install -e .[benchmark])")
+        return
+    for name, fast, taps in (
+        ("(b) numba, the same, float64", False, kernels.taps),
+        ("(b) numba, fastmath, float32", True, kernels.taps.float()),
+    ):
+        recipe = numba_recipe(fast=fast)
+        run(recipe, 2, taps)
+        probes = bench.fitting(run(recipe, 64, taps)[0] / 64)
+        seconds, error = run(recipe, probes, taps)
+        bench.row(f"{name}, {probes} probes", seconds, probes * SAMPLES, error)
 
 
-def line(name: str, seconds: float, samples: int, floor: float, error: float | None) -> None:
-    each = 1e9 * seconds / samples
-    shown = "" if error is None else f"{error:9.1e}"
-    print(f"{name:44s} {each:11.2f} {each / floor:9.1f} {shown:>10s}", flush=True)
+def slopes(bench: Bench) -> None:
+    """Cost against the number of frequencies and the length of the record."""
+    width = min(bench.velocity.shape[1], 1712)
+    print("ns per sample against the number of frequencies, and of the record's length:")
+    for window in ("boxcar", "hann"):
+        record = Record(SAMPLES, 0, make_window(window, SAMPLES), "wrap", RATE)
+        shown = []
+        for count in (1, 2, 4, 8, 16, 60):
+            lines = [
+                plan_line(bench.liner, 300 + 90.0 * i, record, bench.grid, backward=False)
+                for i in range(count)
+            ]
+            held = Held(bench.velocity[:, :width])
+            run = functools.partial(spectral_sums, held, lines, bench.grid, compile_loops="never")
+            shown.append(f"{count}: {1e9 * bench.best(run)[0] / held.velocity.numel():.1f}")
+        print(f"  spectral, eager, {window}, frequencies  " + "  ".join(shown), flush=True)
+    for engine in ("spectral", "unfold"):
+        shown = []
+        for times in (1, 2, 4, 8):
+            velocity = bench.velocity[:, : width // 4].repeat(times, 1)
+            plane = tl.VelocityPlane(velocity.T, sampling_rate=RATE, frequency=FREQUENCY)
+            seconds, _ = bench.best(functools.partial(educe, plane, bench.liner, engine=engine), 2)
+            shown.append(f"{times * SAMPLES}: {1e9 * seconds / velocity.numel():.0f}")
+        print(f"  educe, {engine}, samples  " + "  ".join(shown), flush=True)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--probes", type=int, default=1712, help="a sixteenth of the paper's plane")
-    parser.add_argument("--samples", type=int, default=2280)
-    parser.add_argument("--full", action="store_true", help="the paper's 27 400 probes")
-    options = parser.parse_args()
-    warnings.simplefilter("ignore", DataWarning)
-    probes, samples = 27400 if options.full else options.probes, options.samples
-    generator = torch.Generator().manual_seed(0)
-    velocity = 2 * torch.randn(samples, probes, generator=generator)
-    liner, count = load_liner("polito"), samples * probes
-    machine = f"{platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}"
-    print(f"{machine}; {probes} probes x {samples} samples, float32, liner polito, 1400 Hz")
-    print(f"{'':44s} {'ns/sample':>11s} {'of floor':>9s} {'error in R':>10s}")
-    seconds, _ = best_time(velocity.sum)
-    floor = 1e9 * seconds / count
-    line("plane.sum(), the floor", seconds, count, floor, None)
-
-    speed = velocity.abs()
-    frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
-    for window in ("boxcar", "hann"):
-        record = Record(samples, 0, make_window(window, samples), "wrap", RATE)
-        response = response_of(liner, record.line_frequencies(FREQUENCY)[0], None, None)
-        run = functools.partial(
-            spectral_sums, responses=[response], frequency=frequency, record=record,
-            tables=[None], grid=None, backward=False,
-        )  # fmt: skip
-        exact = run(Held(speed[:, :64].to(torch.float64))).forward
-        total = record.window.weights.sum()
-        for compiled in (False, True):
-            seconds, sums = best_time(functools.partial(run, Held(speed), compiled=compiled))
-            error = float(((sums.forward[:64] - exact) / total).abs().max())
-            kind = "compiled" if compiled else "eager"
-            line(f"spectral, wrap, {window}, {kind}", seconds, count, floor, error)
-
-    plane = VelocityPlane(velocity.T, sampling_rate=RATE, frequency=FREQUENCY)
-    seconds, found = best_time(lambda: educe(plane, liner), 1)
-    part = VelocityPlane(velocity[:, :4].T, sampling_rate=RATE, frequency=FREQUENCY)
-    top = float(found.choices["velocity_max"])
-    direct_seconds, wanted = best_time(
-        lambda: educe(part, liner, engine="direct", velocity_max=top), 1
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    error = float((found.reflection[:4] - wanted.reflection).abs().max())
-    line("educe, default (finite, hann, survey, cells)", seconds, count, floor, error)
-    line("educe, engine direct, 4 probes", direct_seconds, 4 * samples, floor, 0.0)
-    print(f"slabs of {spectral.SLAB_ROWS} rows, blocks of {spectral.BLOCK_ELEMENTS} elements")
+    parser.add_argument("--full", action="store_true", help="the paper's 27 400 probes")
+    parser.add_argument("--seconds", type=float, default=20.0, help="limit for slow rows")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts, by comma")
+    parser.add_argument("--folder", type=Path, default=Path("."), help="for large files")
+    parser.add_argument("--gigabytes", default="1", help="plane sizes of the part memory: 1,4,16")
+    options = parser.parse_args()
+    parts = options.only.split(",")
+    if set(parts) - set(PARTS):
+        parser.error(f"--only takes {', '.join(PARTS)}")
+    warnings.simplefilter("ignore", tl.DataWarning)
+    if {"engines", "slopes"} & set(parts):
+        bench = Bench(27400 if options.full else 1712, options.seconds, options.device)
+        name = torch.cuda.get_device_name() if bench.device.type == "cuda" else platform.machine()
+        print(f"{name}, {torch.get_num_threads()} threads, torch {torch.__version__}; "
+              f"{bench.velocity.shape[1]} probes x {SAMPLES} samples, float32, liner polito, "
+              f"{FREQUENCY:g} Hz")  # fmt: skip
+        if "engines" in parts:
+            engines(bench)
+        if "slopes" in parts:
+            slopes(bench)
+        del bench
+    import benchmark_files
+
+    if "files" in parts:
+        benchmark_files.cold_read(options.folder)
+    if "memory" in parts:
+        benchmark_files.peak_memory(
+            options.folder, [float(g) for g in options.gigabytes.split(",")]
+        )
+    if "start" in parts:
+        benchmark_files.start_up()
 
 
 if __name__ == "__main__":

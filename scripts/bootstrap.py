@@ -112,7 +112,9 @@ def demo() -> None:
 
 
 def benchmark() -> None:
-    """Time and error of the engines."""
+    """Time and error of the engines, beside the published recipe compiled by numba."""
+    pip: list[str | Path] = [PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+    run(*pip, "-c", "constraints.txt", "numba")
     run(PYTHON, "scripts/benchmark.py")
 
 

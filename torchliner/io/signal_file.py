@@ -7,7 +7,6 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from scipy.io import wavfile
 
 from torchliner.io.arrays import read_array
 from torchliner.replay.waves import Recorded
@@ -52,6 +51,8 @@ def read_signal(
 
 
 def _read_wav(path: Path) -> tuple[float, np.ndarray]:
+    from scipy.io import wavfile
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # scipy only warns of a file that ends too soon

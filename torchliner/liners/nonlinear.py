@@ -62,8 +62,8 @@ class SpeedLaw:
                 self.resistance + 1,
                 torch.where(gone, 0.0, self.a),
                 torch.where(gone, 1.0, self.b),
-                self.reactance - self.c,
-                self.c * self.d,
+                self.reactance,
+                self.c,
                 self.d,
             ],
             dim=-1,
@@ -91,10 +91,10 @@ def inverse_parts(
         coefficients: of ``SpeedLaw.inverse_coefficients``, (6,).
         speed, square, power: |v|, |v|^2, |v|^2.5, of one shape.
     """
-    above, a, b, reactance, shift, d = coefficients.unbind()
+    above, a, b, reactance, c, d = coefficients.unbind()
     first, second = speed + b, power + d
     real = (above * first + a * square) * second
-    imaginary = (reactance * second + shift) * first
+    imaginary = (reactance * second - c * power) * first
     scale = first * second / (real * real + imaginary * imaginary)
     return -real * scale, imaginary * scale
 

@@ -47,10 +47,25 @@ class Columns:
 class SpeedSource(Protocol):
     """Velocity of P columns in groups, n samples of it, on one device."""
 
-    samples: int
-    widths: tuple[int, ...]  # columns of each group
-    dtype: torch.dtype
-    device: torch.device
+    @property
+    def samples(self) -> int:
+        """n."""
+        ...
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Columns of each group."""
+        ...
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Precision of the work."""
+        ...
+
+    @property
+    def device(self) -> torch.device:
+        """Where the work is done."""
+        ...
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
         """The groups of each slab (begin, end); a slab lives until the one after the next."""

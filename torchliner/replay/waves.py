@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from scipy.signal import chirp
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
@@ -200,6 +199,8 @@ class Sweep:
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """(samples,)."""
         _below_nyquist(self.label, self.high, sampling_rate)
+        from scipy.signal import chirp  # takes half a second or more to import
+
         times = np.arange(samples) / sampling_rate
         duration = samples / sampling_rate
         method: Any = self.spacing

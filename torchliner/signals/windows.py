@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.signal import get_window
 from torch import Tensor
 
 from torchliner.words import did_you_mean
@@ -17,6 +16,8 @@ NAMES = [
     *("blackmanharris", "nuttall", "barthann", "cosine", "tukey", "lanczos", "kaiser", "gaussian"),
     *("general_hamming", "chebwin", "dpss", "taylor"),
 ]
+# The two that nearly all use, as (mean, cosine).
+PLAIN = {"hann": (0.5, 0.5), "boxcar": (1.0, 0.0)}
 MOST_LINES = 11  # a sum of more cosines is cheaper through the kernel tables
 
 
@@ -48,6 +49,12 @@ def make_window(name: Any, samples: int) -> Window:
     """
     label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
     kind, *parameters = label.split(",")
+    if label in PLAIN:
+        steps = np.arange(samples) / samples
+        weights = PLAIN[label][0] - PLAIN[label][1] * np.cos(2 * np.pi * steps)
+        return Window(torch.from_numpy(weights), _cosine_lines(weights), label)
+    from scipy.signal import get_window  # takes half a second or more to import
+
     try:
         arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
         weights = np.asarray(get_window(arguments, samples, fftbins=True), dtype=np.float64)
