@@ -31,13 +31,14 @@ from torchliner.eduction.velocity import educe
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.edges import Record
+from torchliner.replay.emissions import Sent
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import CrossSpectra
 from torchliner.replay.sources import Columns
-from torchliner.replay.spectral import plan_line, spectral_sums
+from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
-from torchliner.replay.waves import Sent
 from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
@@ -145,11 +146,11 @@ def spectral_rows(bench: Bench) -> None:
         ("    spectral, formula and ends, Hann", "hann", "finite", False),
     ):
         record = Record(SAMPLES, 0, make_window(window, SAMPLES), edge, RATE)
-        line = plan_line(
-            bench.liner, FREQUENCY, record, bench.grid, bench.kernels,
+        lines = plan_lines(
+            bench.liner, [FREQUENCY], record, bench.grid, bench.kernels,
             of_kernel=of_kernel, backward=False,
         )  # fmt: skip
-        run = functools.partial(spectral_sums, lines=[line], grid=bench.grid)
+        run = functools.partial(spectral_sums, lines=lines, grid=bench.grid)
         exact = run(Held(bench.velocity[:, :64].double())).forward
         for compiled in ("never", "always"):
             start = time.perf_counter()
@@ -256,10 +257,8 @@ def slopes(bench: Bench) -> None:
         record = Record(SAMPLES, 0, make_window(window, SAMPLES), "wrap", RATE)
         shown = []
         for count in (1, 2, 4, 8, 16, 60):
-            lines = [
-                plan_line(bench.liner, 300 + 90.0 * i, record, bench.grid, backward=False)
-                for i in range(count)
-            ]
+            wanted = [300 + 90.0 * i for i in range(count)]
+            lines = plan_lines(bench.liner, wanted, record, bench.grid, backward=False)
             held = Held(bench.velocity[:, :width])
             run = functools.partial(spectral_sums, held, lines, bench.grid, compile_loops="never")
             shown.append(f"{count}: {1e9 * bench.best(run)[0] / held.velocity.numel():.1f}")

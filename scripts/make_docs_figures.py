@@ -14,6 +14,7 @@ from torchliner.eduction.velocity import educe
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.report import figures
+from torchliner.report.spectra import draw_spectrum
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES = ROOT / "data", ROOT / "docs" / "figures"
@@ -28,6 +29,9 @@ def main() -> None:
         figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
         figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
         figures.draw_velocity(planes, FIGURES / f"{case}_velocity.png")
+    plane = read_plane(DATA / "slit_n130_y2.5mm.h5")
+    wide = [300 + 50.0 * i for i in range(115)]
+    draw_spectrum([educe(plane, load_liner(plane.liner), wide)], FIGURES / "slit_n130_spectrum.png")
     figures.draw_map(maps[1], FIGURES / "orifice_o145_map.png")
     channel = read_plane(DATA / "channel_y1.04mm.h5")
     null_test = educe(channel, load_liner("polito"), 1400.0)

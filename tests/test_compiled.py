@@ -12,8 +12,9 @@ from test_replay import GRID, make_record
 
 from torchliner.replay import compiled
 from torchliner.replay.kernels import build_kernels
+from torchliner.replay.lines import plan_lines
 from torchliner.replay.sources import Columns, HeldSpeed
-from torchliner.replay.spectral import plan_line, spectral_sums
+from torchliner.replay.spectral import spectral_sums
 
 KINDS = ("formula", "table", "formula and ends")
 
@@ -30,8 +31,8 @@ class Shifted(HeldSpeed):
 def run(liner, velocity, window="hann", kind="formula", source=HeldSpeed, **options):
     record = make_record(velocity.shape[1], window, "finite" if "ends" in kind else "wrap")
     kernels = None if kind == "formula" else build_kernels(liner, GRID, RATE)
-    line = plan_line(liner, FREQUENCY, record, GRID, kernels, of_kernel=kind == "table")
-    return spectral_sums(source(velocity), [line], GRID, **options)
+    lines = plan_lines(liner, [FREQUENCY], record, GRID, kernels, of_kernel=kind == "table")
+    return spectral_sums(source(velocity), lines, GRID, **options)
 
 
 @pytest.fixture(autouse=True)
@@ -100,8 +101,8 @@ def test_laws_beyond_single_precision_are_summed_in_double(liner):
     speed = torch.linspace(0, 4, 300).repeat(2, 1)
     found = {}
     for dtype in (torch.float32, torch.float64):
-        line = plan_line(liner, 1e-2, record, GRID)
-        found[dtype] = spectral_sums(HeldSpeed(speed.to(dtype)), [line], GRID).forward
+        lines = plan_lines(liner, [1e-2], record, GRID)
+        found[dtype] = spectral_sums(HeldSpeed(speed.to(dtype)), lines, GRID).forward
     assert bool(torch.isfinite(found[torch.float32].abs()).all())
     assert float((found[torch.float32] - found[torch.float64]).abs().max()) < 1e-4
 

@@ -10,12 +10,13 @@ import torchliner as tl
 from torchliner.records.slabs import bounds_of
 from torchliner.replay.direct import direct_sums, replay_direct
 from torchliner.replay.edges import EDGE_RULES, Record
+from torchliner.replay.emissions import ComplexTones
 from torchliner.replay.incident import Means, WindowSums
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
+from torchliner.replay.lines import plan_lines
 from torchliner.replay.sources import HeldSpeed
-from torchliner.replay.spectral import plan_line, spectral_sums
-from torchliner.replay.waves import ComplexTones
+from torchliner.replay.spectral import spectral_sums
 from torchliner.signals.windows import make_window
 
 FREQUENCIES = torch.tensor([FREQUENCY, 2100.0], dtype=torch.float64)
@@ -27,10 +28,8 @@ def make_record(samples: int, window: str, edge: str, start: int = 0) -> Record:
 
 
 def run_spectral(liner, speed, record, kernels, of_kernel, **sizes):
-    lines = [
-        plan_line(liner, f, record, GRID, kernels, of_kernel=of_kernel)
-        for f in FREQUENCIES.tolist()
-    ]
+    frequency = FREQUENCIES.tolist()
+    lines = plan_lines(liner, frequency, record, GRID, kernels, of_kernel=of_kernel)
     return spectral_sums(HeldSpeed(speed), lines, GRID, **sizes)
 
 

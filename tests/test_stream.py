@@ -61,7 +61,7 @@ def test_every_layout_gives_the_same_map(liner, plane, path, engine, layout):
     relayout(path, layout)
     wanted = tl.educe(plane, liner, engine=engine)
     lazy = tl.read_plane(path, lazy=True)
-    memory = WORK_BYTES + 2 * 4 * (15 + 1) * 37
+    memory = WORK_BYTES + 2 * 4 * (15 + 1) * 37 + (0 if engine == "spectral" else 100_000)
     found = tl.educe(lazy, liner, engine=engine, memory=memory)
     assert float((found.reflection - wanted.reflection).abs().max()) < 1e-6
     assert float((found.velocity_rms - wanted.velocity_rms).abs().max()) < 1e-5

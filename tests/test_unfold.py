@@ -11,13 +11,14 @@ from torchliner.records.slabs import bounds_of
 from torchliner.replay.convolve import METHODS
 from torchliner.replay.direct import direct_sums, replay_direct
 from torchliner.replay.edges import EDGE_RULES
+from torchliner.replay.emissions import ComplexTones, Sent
 from torchliner.replay.factors import factor_taps
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.sinks import CrossSpectra, ToneSink, WholeSignal
 from torchliner.replay.sources import Columns, HeldSpeed
 from torchliner.replay.unfold import replay_unfold
-from torchliner.replay.waves import BandNoise, ComplexTones, Sent
+from torchliner.replay.waves import BandNoise
 
 ERROR = {torch.float64: 1e-10, torch.float32: 2e-5}  # issue: against direct on the same kernels
 

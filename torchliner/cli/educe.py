@@ -180,6 +180,7 @@ def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:
 def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
     from torchliner.report import figures
     from torchliner.report.numbers import impedance_along_x, velocity_along_x
+    from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
 
     folder.mkdir(parents=True, exist_ok=True)
     frequencies = results[0].frequency.tolist()
@@ -193,6 +194,11 @@ def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path
         figures.draw_along_x(results, folder / f"along_x{end}.png", i)
         if len(results) > 1:
             figures.draw_against_height(results, folder / f"height{end}.png", i)
+    if len(frequencies) > 1:
+        draw_spectrum(results, folder / "spectrum.png")
+        for result, plane in zip(results, planes, strict=True):
+            stem = Path(plane.name.split(":/")[0]).stem
+            impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
     for plane in planes:
         stem = Path(plane.name.split(":/")[0]).stem
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")

@@ -12,7 +12,7 @@ from torchliner.eduction.prepare import Prepared
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap
 from torchliner.replay.kernels import impedance_of
-from torchliner.replay.spectral import interpolation_error
+from torchliner.replay.lines import interpolation_error
 
 
 def _facts(ready: Prepared, phase: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchliner.eduction.assemble import assemble
-from torchliner.eduction.engines import with_smaller_slabs
+from torchliner.eduction.engines import tail_memory, with_smaller_slabs
 from torchliner.eduction.prepare import Prepared, Progress
 from torchliner.io.reflected_file import ReflectedFile
 from torchliner.records import ImpedanceMap
@@ -87,7 +87,7 @@ def _replay(ready: Prepared, sinks: list[Sink], progress: Progress | None) -> No
         return
     replay_unfold(
         drive, ready.kernels, emission, ready.record, sinks, tolerance=chosen.rank_tolerance,
-        memory=chosen.memory_bytes, progress=progress,
+        memory=tail_memory(chosen), progress=progress,
     )  # fmt: skip
 
 

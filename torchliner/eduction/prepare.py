@@ -17,6 +17,7 @@ from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
 from torchliner.eduction.review import needs_kernels, review_liner, review_record, review_survey
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
+from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.edges import Record
 from torchliner.replay.incident import WindowSums
 from torchliner.replay.kernels import BAND, KernelTable, Liner, build_kernels
@@ -211,10 +212,13 @@ def _survey(
     dtype = chosen.working_dtype(like.dtype)
     weights = torch.zeros(plane.samples, dtype=torch.float64)
     weights[record.start :] = record.window.weights
+    memory = chosen.memory_bytes
+    if memory is not None and chosen.engine == "unfold":
+        memory = memory - max(0, memory - WORK_BYTES) // 2  # the rest is for its tails
     everything = torch.ones(plane.probes, dtype=torch.bool)
 
     def look(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
-        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.memory_bytes)
+        velocity = ProbeVelocity(plane, cells, dtype, device, used, memory)
         return velocity, survey(velocity, frequency, plane.sampling_rate, weights, report)
 
     velocity, seen = look(everything, progress)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.records.slabs import Bounds
-from torchliner.replay.sources import block_elements, blocks
+from torchliner.replay.sources import block_elements, blocks, weighted_sums
 
 PERIODS_PER_SEGMENT = 2.0
 
@@ -79,9 +79,9 @@ def survey(
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
 
-    Within a block of some rows products are summed in the data's precision, across blocks in
-    float64. The coherence is that between v and a tone of constant phase, from S segments of two
-    periods with Hann windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
+    Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
+    is that between v and a tone of constant phase, from S segments of two periods with Hann
+    windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
     """
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
@@ -133,8 +133,8 @@ class _Sums:
                 low, high = block.amin(0), block.amax(0)
             self.smallest[columns] = torch.minimum(self.smallest[columns], low)
             self.largest[columns] = torch.maximum(self.largest[columns], high)
-            self.square[columns] += (block * block).sum(0)
-            products = (rows[:, part] @ block).to(torch.float64)
+            self.square[columns] += (block * block).sum(0, dtype=torch.float64)
+            products = weighted_sums(rows[:, part], block)
             self.linear[:, columns] += products[:count]
             segment[:, columns] += products[count:]
         self.coherence.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)

@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from torchliner.replay.edges import Record
+from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import interpolate
 from torchliner.replay.sinks import ToneSink
-from torchliner.replay.waves import ComplexTones, Emission
 
 PROBES_AT_ONCE = 128
 

@@ -63,51 +63,65 @@ class Record:
             return [frequency - q * spacing for q, _ in lines], [c for _, c in lines]
         return [frequency], []
 
-    def line_weights(self, frequency: float) -> Tensor:
-        """Weight of each line at each emission time: complex128, shape (n, lines)."""
-        steps = torch.arange(self.samples, dtype=torch.float64) - self.start
-        under = (steps >= 0).to(torch.complex128)
+    def line_weights(self, frequency: float, begin: int, end: int) -> Tensor:
+        """Weight of each line at emissions begin .. end - 1: complex128, shape (t, lines)."""
         _, coefficients = self.line_frequencies(frequency)
+        steps = torch.arange(begin, end, dtype=torch.float64) - self.start
+        under = steps >= 0
         if not coefficients:
-            full = torch.zeros(self.samples, 1, dtype=torch.complex128)
-            full[self.start :, 0] = self.window.weights.to(torch.complex128)
-            return full
+            weights = self.window.weights[steps.clamp(min=0).to(torch.int64)]
+            return torch.where(under, weights, 0.0)[:, None].to(torch.complex128)
         turn = 2 * torch.pi / (self.samples - self.start)
         orders = torch.tensor([q for q, _ in self.window.lines], dtype=torch.float64)
         waves = torch.exp(1j * turn * torch.outer(steps, orders))
-        return under[:, None] * waves * torch.tensor(coefficients, dtype=torch.complex128)
+        return (
+            under.to(torch.complex128)[:, None]
+            * waves
+            * torch.tensor(coefficients, dtype=torch.complex128)
+        )
 
     def needs_table(self, frequency: float) -> bool:
         """False if (2) is exact everywhere, so that no kernel is needed."""
         return self.edge != "wrap" or not self.line_frequencies(frequency)[1]
 
 
-class EdgeTable:
-    """Rows of (1) minus the lines, for emission times k and all levels."""
+class Reach:
+    """The window as emissions see it, K samples beyond the record: shared by all frequencies.
 
-    def __init__(self, kernels: KernelTable, record: Record, frequency: float) -> None:
-        self.record = record
-        self.length = kernels.taps.shape[1]
-        self.first = kernels.first
-        self.turn = 2 * torch.pi * frequency / record.sampling_rate
-        self.phased = kernels.phased_taps(frequency)
-        self.has_lines = bool(record.line_frequencies(frequency)[1])
+    Args:
+        record: n samples.
+        length: K, taps of the kernels.
+    """
+
+    def __init__(self, record: Record, length: int) -> None:
+        self.record, self.length = record, length
         n, start = record.samples, record.start
-        weights = torch.zeros(n, dtype=torch.float64)
-        weights[start:] = record.window.weights
-        self.weights = weights
-        reach = torch.arange(-self.length, n + self.length)
+        self.weights = torch.zeros(n, dtype=torch.float64)
+        self.weights[start:] = record.window.weights
+        reach = torch.arange(-length, n + length)
         inside = (reach >= 0) & (reach < n)
-        seen = torch.zeros(len(reach), dtype=torch.float64)
-        seen[inside] = weights
+        self.seen = torch.zeros(len(reach), dtype=torch.float64)
+        self.seen[inside] = self.weights
         if record.edge == "wrap":
-            seen = weights[reach % n]
-        self.seen = seen
+            self.seen = self.weights[reach % n]
         # The cosines go on for ever; the window does not.
         periodic = record.window.weights
         self.periodic = periodic[(reach - start) % len(periodic)]
-        self.zone = min(n, self.length)
-        self.before, self.after = self._outside(lags=kernels.lags)
+
+
+class EdgeTable:
+    """Rows of (1) minus the lines, for emission times k and all levels."""
+
+    def __init__(self, kernels: KernelTable, reach: Reach, frequency: float) -> None:
+        record = reach.record
+        self.record, self.reach = record, reach
+        self.length, self.first = kernels.taps.shape[1], kernels.first
+        self.taps = kernels.taps
+        self.turn = 2 * torch.pi * frequency / record.sampling_rate
+        self.phase = torch.exp(-1j * self.turn * kernels.lags)
+        self.has_lines = bool(record.line_frequencies(frequency)[1])
+        self.zone = min(record.samples, self.length)
+        self.before, self.after = self._outside(kernels)
 
     def rows(self, begin: int, end: int) -> tuple[Tensor, Tensor] | None:
         """Forward and backward tables for k = begin .. end - 1, complex128, (t, V); or None."""
@@ -120,14 +134,13 @@ class EdgeTable:
         if self.has_lines and whole and not met_from_outside:
             return None
         steps = torch.arange(begin, end)
-        difference = self._spread(self.seen, begin, end)
+        difference = self._spread(self.reach.seen, begin, end)
         under = (steps >= self.record.start).to(torch.float64)[:, None]
         if self.has_lines:
-            difference = difference - under * self._spread(self.periodic, begin, end)
+            difference = difference - under * self._spread(self.reach.periodic, begin, end)
         else:
-            difference = difference - self.weights[begin:end, None]
-        phased = torch.view_as_real(self.phased)  # (V, K, 2)
-        forward = torch.complex(*(difference @ phased[..., i].T for i in (0, 1)))
+            difference = difference - self.reach.weights[begin:end, None]
+        forward = self._through_kernels(difference)
         # float64 steps: an integer tensor times 2j would be complex64.
         backward = forward * torch.exp(-2j * self.turn * steps.to(torch.float64))[:, None]
         for member, (one, two) in (
@@ -139,24 +152,30 @@ class EdgeTable:
                 forward, backward = forward + share * one, backward + share * two
         return forward, backward
 
+    def _through_kernels(self, amounts: Tensor) -> Tensor:
+        """sum_m amounts[., m] h[m; v] e^{-j omega m}: (t, K), real or complex, to (t, V)."""
+        phased = amounts * self.phase
+        return torch.complex(phased.real @ self.taps.T, phased.imag @ self.taps.T)
+
     def _spread(self, padded: Tensor, begin: int, end: int) -> Tensor:
         """padded[k + m] for k = begin .. end - 1 and every lag m: shape (t, K)."""
         low = begin + self.first + self.length
         return padded[low : low + end - begin + self.length - 1].unfold(0, self.length, 1)
 
-    def _outside(self, lags: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+    def _outside(self, kernels: KernelTable) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
         """Sums over emissions before and after the record, per level: ((V,), (V,)) each."""
-        n, weights = self.record.samples, self.weights
+        n, weights = self.record.samples, self.reach.weights
         turning = weights * torch.exp(-2j * self.turn * torch.arange(n, dtype=torch.float64))
         zero = torch.zeros(1, dtype=torch.complex128)
         plain_sum = torch.cat([zero, weights.to(torch.complex128).cumsum(0)])
         turning_sum = torch.cat([zero, turning.cumsum(0)])
-        lag = lags.to(torch.int64)
+        lag = kernels.lags.to(torch.int64)
         early, late = lag.clamp(0, n), (n + lag).clamp(0, n)
-        ahead = torch.exp(2j * self.turn * lags)
+        ahead = torch.exp(2j * self.turn * kernels.lags)
 
         def both(plain: Tensor, turned: Tensor) -> tuple[Tensor, Tensor]:
-            return self.phased @ plain, self.phased @ (turned * ahead)
+            first, second = self._through_kernels(torch.stack([plain, turned * ahead]))
+            return first, second
 
         before = both(plain_sum[early], turning_sum[early])
         after = both(plain_sum[-1] - plain_sum[late], turning_sum[-1] - turning_sum[late])

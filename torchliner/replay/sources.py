@@ -17,6 +17,7 @@ from torch import Tensor
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 
 BLOCK_ELEMENTS = 1 << 18  # velocities of a block: within the cache, temporaries included
+ROWS_SUMMED = 16
 GPU_ELEMENTS = 1 << 25
 BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
 
@@ -110,6 +111,18 @@ class HeldSpeed:
     def bounds(self) -> Bounds:
         """``SLAB_ROWS`` at once."""
         return bounds_of(self.samples, SLAB_ROWS)
+
+
+def weighted_sums(weights: Tensor, values: Tensor) -> Tensor:
+    """``weights`` (m, t) times ``values`` (t, P), float64: at most ``ROWS_SUMMED`` samples are
+    added in the precision of the data, so that no digit is lost over a long block."""
+    if values.dtype == torch.float64:
+        return weights @ values
+    whole = len(values) - len(values) % ROWS_SUMMED
+    parts = weights[:, :whole].unflatten(1, (-1, ROWS_SUMMED)).transpose(0, 1)
+    sums = (parts @ values[:whole].unflatten(0, (-1, ROWS_SUMMED))).sum(0, dtype=torch.float64)
+    rest: Tensor = sums + (weights[:, whole:] @ values[whole:])
+    return rest
 
 
 def block_elements(device: torch.device) -> int:

@@ -8,8 +8,8 @@ interpolated; both are weighted and reduced. This also says what the method is: 
 window-weighted mean of R(f0, |v(t)|), plus its line at 2 f0 when a phase is stated.
 
 Sums over slabs of time add up; a column's sum never meets its neighbours'. Slabs are cut into
-blocks small enough for the cache; within a block products are summed in the data's precision,
-across blocks in float64.
+blocks small enough for the cache; sums of up to 16 samples are made in the data's precision, all
+others in float64.
 """
 
 from __future__ import annotations
@@ -21,110 +21,23 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.nonlinear import SpeedLaw, inverse_parts, powers
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 from torchliner.replay.compiled import PAYS_FROM, Loop, Shape, compile_loop
-from torchliner.replay.edges import EdgeTable, Record
 from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import KernelTable, Liner, impedance_of, reflection_at_levels
-from torchliner.replay.levels import VelocityGrid, gather_rows, interpolate
-from torchliner.replay.sources import Columns, SpeedSource, block_elements, blocks
+from torchliner.replay.levels import VelocityGrid, gather_rows
+from torchliner.replay.lines import Line
+from torchliner.replay.sources import (
+    Columns,
+    SpeedSource,
+    block_elements,
+    blocks,
+    weighted_sums,
+)
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
 SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares in float32
-
-
-@dataclass(frozen=True)
-class Line:
-    """One analysis frequency, ready to be summed.
-
-    Args:
-        law: formula of R at the frequency's lines, (lines,), or None.
-        weights: of each line at each emission time and direction, complex128,
-            (n, lines, directions).
-        response: R at the lines and levels where there is no formula, complex128, (V, lines).
-        edges: table of the record's ends, None where the lines are exact.
-    """
-
-    law: SpeedLaw | None
-    weights: Tensor
-    response: Tensor | None
-    edges: EdgeTable | None
-
-    @property
-    def constant(self) -> Tensor:
-        """Sum of all weights, (directions,): the part of R = 1 + 2 (R - 1)/2 that is 1."""
-        return self.weights.sum((0, 1))
-
-    def rows(self, begin: int, end: int) -> Tensor | None:
-        """Table over (time, level), complex128, (t, V, directions); None if there is none."""
-        directions = self.weights.shape[2]
-        found = None if self.edges is None else self.edges.rows(begin, end)
-        total = None if found is None else torch.stack(found[:directions], dim=-1)
-        if self.response is not None:
-            lines = torch.einsum("tld,vl->tvd", self.weights[begin:end], self.response)
-            total = lines if total is None else total + lines
-        return total
-
-
-def plan_line(
-    liner: Liner,
-    frequency: float,
-    record: Record,
-    grid: VelocityGrid,
-    kernels: KernelTable | None = None,
-    *,
-    of_kernel: bool = False,
-    backward: bool = True,
-) -> Line:
-    """How the line at ``frequency`` (Hz) is had.
-
-    Args:
-        liner: with ``speed_law`` it is evaluated in place, else tabulated over ``grid``.
-        frequency: Hz.
-        record: window and edge rule.
-        grid: velocity levels of all tables.
-        kernels: impulse responses, needed where the lines are not exact.
-        of_kernel: let the kernels' response stand for the liner's.
-        backward: whether the reply to e^{-j omega t} is needed too.
-    """
-    at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
-    law, response = None, None
-    if of_kernel:
-        assert kernels is not None
-        response = kernels.response(at)
-    elif hasattr(liner, "speed_law"):
-        law = liner.speed_law(at)
-    else:
-        response = reflection_at_levels(liner, at, grid)
-    edges = None
-    if record.needs_table(frequency):
-        assert kernels is not None
-        edges = EdgeTable(kernels, record, frequency)
-    return Line(law, _weights(record, frequency, backward), response, edges)
-
-
-def _weights(record: Record, frequency: float, backward: bool) -> Tensor:
-    """Weights of the lines, complex128, (n, lines, 1 or 2)."""
-    forward = record.line_weights(frequency)
-    if not backward:
-        return forward[..., None]
-    steps = torch.arange(record.samples, dtype=torch.float64)
-    turning = torch.exp(-4j * torch.pi * frequency / record.sampling_rate * steps)
-    return torch.stack([forward, forward * turning[:, None]], dim=-1)
-
-
-def interpolation_error(liner: Liner, frequency: float, grid: VelocityGrid) -> float:
-    """Largest error in R of the levels' interpolation, halfway between levels."""
-    speeds = grid.speeds
-    middle = (speeds[1:] + speeds[:-1]) / 2
-    at = torch.tensor([frequency], dtype=torch.float64)
-    table = reflection_at_levels(liner, at, grid)
-    found = interpolate(table, *grid.locate(middle))
-    exact = reflection_from_impedance(impedance_of(liner, at, middle[:, None]))
-    return float((found - exact).abs().max())
 
 
 def spectral_sums(
@@ -186,21 +99,20 @@ class _Group:
         self.width, self.samples = source.widths[index], source.samples
         self.dtype, self.device = source.dtype, source.device
         self.compile_loops = compile_loops
+        # Sum of all weights: the part of R = 1 + 2 (R - 1)/2 that is 1.
+        self.constants = torch.zeros(len(lines), lines[0].directions, dtype=torch.complex128)
         # Real and imaginary part per direction, float64, (2 directions, P_g).
-        parts = 2 * lines[0].weights.shape[2]
-        shape = (len(lines), parts, self.width)
+        shape = (len(lines), 2 * lines[0].directions, self.width)
         self.law_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
         self.table_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
 
     def totals(self) -> Tensor:
         """Complex sums of all lines, (F, directions, P_g)."""
         found = []
-        for line, law, table in zip(self.lines, self.law_totals, self.table_totals, strict=True):
-            total = torch.complex(*(2 * law + table).unflatten(0, (-1, 2)).unbind(1))
-            if line.law is not None:
-                total = total + line.constant.to(total.device)[:, None]
-            found.append(total)
-        return torch.stack(found)
+        for law, table in zip(self.law_totals, self.table_totals, strict=True):
+            found.append(torch.complex(*(2 * law + table).unflatten(0, (-1, 2)).unbind(1)))
+        totals = torch.stack(found)
+        return totals + self.constants.to(totals.device)[..., None]
 
     def add(self, columns: Columns, begin: int, tables: dict[int, Tensor | None]) -> None:
         """At most ``SLAB_ROWS`` samples from ``begin`` on, for the lines of ``tables``."""
@@ -208,9 +120,10 @@ class _Group:
         eager: list[_Task] = []
         for i, table in tables.items():
             line = self.lines[i]
-            pairs = _pairs(line.weights[begin : begin + rows])
             if line.law is not None:
-                task = self._law_task(i, line.law, pairs)
+                weights = line.weights(begin, begin + rows)
+                self.constants[i] += weights.sum((0, 1))
+                task = self._law_task(i, line.law, _pairs(weights))
                 if not self._fused(task, columns):
                     eager.append(task)
             if table is not None:
@@ -247,7 +160,9 @@ class _Group:
             partial = loop(velocity, columns.offset, data, scale)
         else:
             partial = loop(velocity, columns.offset, task.coefficients, data)
-        self._keep(task, torch.stack([sums.sum(0) for sums in partial]), slice(None))
+        self._keep(
+            task, torch.stack([sums.sum(0, dtype=torch.float64) for sums in partial]), slice(None)
+        )
         return True
 
     def _loop(self, task: _Task, has_offset: bool) -> Loop | None:
@@ -278,7 +193,7 @@ class _Group:
                     start = torch.arange(len(index), device=index.device) * data.shape[1]
                     located = (index + start[:, None]).flatten(), [w.flatten() for w in weights]
                 gathered = gather_rows(data.flatten(0, 1), *located)
-                sums = gathered.reshape(*speed.shape, -1).sum(0).T
+                sums = gathered.reshape(*speed.shape, -1).sum(0, dtype=torch.float64).T
             else:
                 if data.dtype not in shared:
                     values = speed.to(data.dtype)
@@ -295,7 +210,7 @@ class _Group:
         for i, each in enumerate(coefficients):
             real, imaginary = inverse_parts(each, *speeds)
             weights = pairs[:, i].T  # (2 directions, t): re, im, re, im
-            a, b = weights @ real, weights @ imaginary
+            a, b = weighted_sums(weights, real), weighted_sums(weights, imaginary)
             part = torch.stack([a[0::2] - b[1::2], a[1::2] + b[0::2]], dim=1).flatten(0, 1)
             total = part if total is None else total + part
         assert total is not None

@@ -16,10 +16,10 @@ from torch import Tensor
 
 from torchliner.replay.convolve import CONVOLUTIONS, Convolution, Located
 from torchliner.replay.edges import Record
+from torchliner.replay.emissions import Emission
 from torchliner.replay.factors import TOLERANCE, Factors, factor_taps
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.sources import Columns, SpeedSource
-from torchliner.replay.waves import Emission
 
 WORK_NUMBERS = 1 << 21  # of a batch: its temporaries stay in the outer cache
 GPU_NUMBERS = 1 << 27

@@ -16,30 +16,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
+from torchliner.replay.emissions import Emission, Sent, SteadyTones
 
 SWEEPS = ("linear", "logarithmic")
-
-
-class Emission(Protocol):
-    """S channels of an incident wave, real or complex."""
-
-    def values(self, begin: int, end: int) -> Tensor:
-        """Samples begin .. end - 1, also outside the record, (S, end - begin), 64-bit."""
-        ...
-
-
-@dataclass(frozen=True)
-class ComplexTones:
-    """exp(+j omega t) for each frequency (Hz, (F,)): what phase averaging replays."""
-
-    frequency: Tensor
-    sampling_rate: float
-
-    def values(self, begin: int, end: int) -> Tensor:
-        """complex128, (F, t)."""
-        steps = torch.arange(begin, end, dtype=torch.float64)
-        turn = 2 * torch.pi / self.sampling_rate * self.frequency.cpu()
-        return torch.exp(1j * torch.outer(turn, steps))
 
 
 class IncidentSignal(Protocol):
@@ -73,43 +52,6 @@ def _below_nyquist(label: str, highest: float, sampling_rate: float) -> None:
             f"{label} reaches {highest:g} Hz, at or above Nyquist, {sampling_rate / 2:g} Hz for a "
             f"sampling rate of {sampling_rate:g} Hz; lower it or use finer data"
         )
-
-
-@dataclass(frozen=True)
-class Sent:
-    """An incident signal on a record: one real channel.
-
-    Args:
-        signal: float64, (n,).
-        periodic: whether it goes on outside; else it is zero there.
-    """
-
-    signal: Tensor
-    periodic: bool
-
-    def values(self, begin: int, end: int) -> Tensor:
-        """float64, (1, t)."""
-        steps = torch.arange(begin, end)
-        n = len(self.signal)
-        values = self.signal[steps % n]
-        if not self.periodic:
-            values = torch.where((steps >= 0) & (steps < n), values, 0.0)
-        return values[None]
-
-
-@dataclass(frozen=True)
-class _Steady:
-    """Tones that were on before the record and stay on."""
-
-    tones: Tones
-    sampling_rate: float
-
-    def values(self, begin: int, end: int) -> Tensor:
-        """float64, (1, t)."""
-        turn = 2 * torch.pi / self.sampling_rate * self.tones.frequency
-        steps = torch.arange(begin, end, dtype=torch.float64)
-        waves = torch.cos(torch.outer(turn, steps) + self.tones.phase[:, None])
-        return (self.tones.amplitude @ waves)[None]
 
 
 @dataclass(frozen=True)
@@ -150,14 +92,17 @@ class Tones:
         """Lowest and highest tone."""
         return float(self.frequency.min()), float(self.frequency.max())
 
+    def _steady(self, sampling_rate: float) -> SteadyTones:
+        return SteadyTones(self.frequency, self.amplitude, self.phase, sampling_rate)
+
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """(samples,)."""
         _below_nyquist(self.label, self.band[1], sampling_rate)
-        return _Steady(self, sampling_rate).values(0, samples)[0]
+        return self._steady(sampling_rate).values(0, samples)[0]
 
     def emission(self, samples: int, sampling_rate: float) -> Emission:
         """Steady before, in and after the record."""
-        return _Steady(self, sampling_rate)
+        return self._steady(sampling_rate)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ REFERENCE_STYLES = ("-", "--", ":", "-.")
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
 
 
-def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Draw and save under the style sheet without touching the caller's settings."""
 
     @functools.wraps(draw)
@@ -44,7 +44,8 @@ def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     return inner
 
 
-def _subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+    """A figure of the page's width and its axes, lettered."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, height))
@@ -55,7 +56,8 @@ def _subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def _finish(figure: Figure, path: str | Path | None) -> Figure:
+def finish(figure: Figure, path: str | Path | None) -> Figure:
+    """Save it if there is a path."""
     if path is not None:
         figure.savefig(path)
     return figure
@@ -70,13 +72,13 @@ def draw_map(
     return draw_along_x([result], path, frequency_index)
 
 
-@_styled
+@styled
 def _draw_plane(result: ImpedanceMap, path: str | Path | None, frequency_index: int) -> Any:
     x = _millimetres(result.x, result.mean_velocity.shape[1])
     z = _millimetres(result.z, result.mean_velocity.shape[0])
     unit = "mm" if result.x is not None else "index"
     span = (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)
-    figure, axes = _subplots(1, 2, min(5.0, 1.5 + 0.45 * WIDTH * span))
+    figure, axes = subplots(1, 2, min(5.0, 1.5 + 0.45 * WIDTH * span))
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         values = getattr(result, part)[..., frequency_index].detach().cpu().numpy()
         # Single points over a hard spot reach extremes that would hide the rest.
@@ -91,15 +93,15 @@ def _draw_plane(result: ImpedanceMap, path: str | Path | None, frequency_index: 
         axis.set_xlabel(f"$x$ ({unit})")
         axis.set_ylabel(f"$z$ ({unit})")
     figure.suptitle(_caption(result, frequency_index), fontsize=9)
-    return _finish(figure, path)
+    return finish(figure, path)
 
 
-@_styled
+@styled
 def draw_along_x(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Any:
     """R and X along x at several heights, with cell averages and references (figures 10, 17)."""
-    figure, axes = _subplots(1, 2, 3.0)
+    figure, axes = subplots(1, 2, 3.0)
     ordered = sorted(results, key=lambda r: r.height or 0.0)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         for i, result in enumerate(ordered):
@@ -118,7 +120,7 @@ def draw_along_x(
         "cells: filled, admittance over probes; open, velocity first",
         fontsize=9,
     )
-    return _finish(figure, path)
+    return finish(figure, path)
 
 
 def _draw_cells(
@@ -161,12 +163,12 @@ def _draw_references(
         )  # fmt: skip
 
 
-@_styled
+@styled
 def draw_against_height(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
     """Z in the complex plane at several heights, both orders of averaging (figure 19a's trend)."""
-    figure, axes = _subplots(1, 1, 3.6)
+    figure, axes = subplots(1, 1, 3.6)
     axis = axes[0, 0]
     rows = against_height(results)
     frequency = float(results[0].frequency[frequency_index])
@@ -192,7 +194,7 @@ def draw_against_height(
     axis.set_ylabel(PARTS[1][1])
     axis.legend(loc="best")
     axis.set_title(f"{_family(results, frequency_index)}; numbers: height $y$ (mm)")
-    return _finish(figure, path)
+    return finish(figure, path)
 
 
 def _label_heights(
@@ -212,14 +214,14 @@ def _label_heights(
         last = i
 
 
-@_styled
+@styled
 def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = None) -> Any:
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
     profiles = [velocity_along_x(plane) for plane in sorted(planes, key=lambda p: p.height or 0.0)]
     names = ["v0 (m/s)", "v' rms (m/s)", "u' rms (m/s)"]
     labels = ["$v_0$ (m s$^{-1}$)", "$v'_{rms}$ (m s$^{-1}$)", "$u'_{rms}$ (m s$^{-1}$)"]
     kept = [i for i, n in enumerate(names) if any(n in p.values for p in profiles)]
-    figure, axes = _subplots(1, len(kept), 2.7)
+    figure, axes = subplots(1, len(kept), 2.7)
     for axis, i in zip(axes[0], kept, strict=True):
         for j, profile in enumerate(profiles):
             if names[i] in profile.values:
@@ -235,13 +237,13 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
     if any(names):
         figure.legend(handles, names, loc="outside lower center", ncols=len(names))
     figure.suptitle(planes[0].title.split(", y =")[0], fontsize=9)
-    return _finish(figure, path)
+    return finish(figure, path)
 
 
-@_styled
+@styled
 def draw_liner(profiles: Sequence[Profile], title: str, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over frequency, one curve a speed (figure 3)."""
-    figure, axes = _subplots(1, 2, 2.9)
+    figure, axes = subplots(1, 2, 2.9)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         for i, profile in enumerate(profiles):
             axis.plot(
@@ -256,7 +258,7 @@ def draw_liner(profiles: Sequence[Profile], title: str, path: str | Path | None 
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.suptitle(title, fontsize=9)
-    return _finish(figure, path)
+    return finish(figure, path)
 
 
 def _millimetres(values: Any, count: int) -> Any:

@@ -20,26 +20,38 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Profile:
-    """A quantity along x.
+class Table:
+    """Quantities over one variable.
 
     Args:
-        x: m, increasing, (N,).
+        at: the variable, increasing, (N,).
         values: columns by name, each (N,).
         label: for legends.
+        variable: its name and unit.
     """
 
-    x: Array
+    at: Array
     values: dict[str, Array]
     label: str
+    variable: str = "x (m)"
 
     def write_csv(self, path: str | Path) -> None:
-        """Columns x (m) and the values."""
+        """The variable and the values, by columns."""
         with written_whole(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(["x (m)", *self.values])
-            for row in zip(self.x, *self.values.values(), strict=True):
+            writer.writerow([self.variable, *self.values])
+            for row in zip(self.at, *self.values.values(), strict=True):
                 writer.writerow([f"{number:.9g}" for number in row])
+
+
+@dataclass(frozen=True)
+class Profile(Table):
+    """Quantities along x, m."""
+
+    @property
+    def x(self) -> Array:
+        """m, (N,)."""
+        return self.at
 
 
 def height_label(height: float | None) -> str:

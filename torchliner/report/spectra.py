@@ -1,0 +1,69 @@
+"""Impedance against frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchliner.records import ImpedanceMap
+from torchliner.report.figures import PARTS, finish, styled, subplots
+from torchliner.report.numbers import Table, height_label
+from torchliner.report.style import COLOURS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spectrum(Table):
+    """Whole-liner impedance over frequency (Hz) in both orders, and the quartiles over probes."""
+
+
+def impedance_over_frequency(result: ImpedanceMap) -> Spectrum:
+    """Columns by part and order; quartiles over the probes, nan where there is one."""
+    values: dict[str, Array] = {}
+    for part in ("real", "imag"):
+        name = {"real": "resistance", "imag": "reactance"}[part]
+        values[name] = getattr(_host(result.liner_impedance), part)
+        first = getattr(_host(result.liner_impedance_velocity_first), part)
+        values[f"{name}, velocity first"] = first
+        flat = getattr(_host(result.impedance), part).reshape(-1, len(result.frequency))
+        for share in (25, 75):
+            values[f"{name}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
+    frequency = _host(result.frequency)
+    return Spectrum(frequency, values, height_label(result.height), "frequency (Hz)")
+
+
+def _host(value: Any) -> Any:
+    return value.detach().cpu().numpy()
+
+
+@styled
+def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = None) -> Any:
+    """R and X over frequency at several heights, with the middle half of the probes shaded."""
+    figure, axes = subplots(1, 2, 3.0)
+    ordered = sorted(results, key=lambda r: r.height or 0.0)
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        for i, result in enumerate(ordered):
+            numbers = impedance_over_frequency(result)
+            colour, kilohertz = COLOURS[i % len(COLOURS)], numbers.at / 1e3
+            name = numbers.label or "educed"
+            axis.plot(kilohertz, numbers.values[part], color=colour, label=name)
+            axis.plot(kilohertz, numbers.values[f"{part}, velocity first"], "--", color=colour)
+            low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
+            axis.fill_between(kilohertz, low, high, color=colour, alpha=0.2, linewidth=0)
+        axis.set_xlabel(r"$f$ (kHz)")
+        axis.set_ylabel(label)
+    axes[0, 1].axhline(0, color="0.6", linewidth=0.6, zorder=0)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    title = ordered[0].title.split(", y =")[0] or "educed impedance"
+    figure.suptitle(
+        f"{title}; solid: admittance over probes, dashed: velocity first; middle half of probes",
+        fontsize=9,
+    )
+    return finish(figure, path)
