@@ -29,9 +29,10 @@ def main() -> None:
         figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
         figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
         figures.draw_velocity(planes, FIGURES / f"{case}_velocity.png")
-    plane = read_plane(DATA / "slit_n130_y2.5mm.h5")
+    planes = [read_plane(DATA / f"slit_n130_y{height}mm.h5") for height in ("1.0", "2.5")]
     wide = [300 + 50.0 * i for i in range(115)]
-    draw_spectrum([educe(plane, load_liner(plane.liner), wide)], FIGURES / "slit_n130_spectrum.png")
+    spectra = educe(planes, load_liner(planes[0].liner), wide)
+    draw_spectrum(spectra, FIGURES / "slit_n130_spectrum.png")
     figures.draw_map(maps[1], FIGURES / "orifice_o145_map.png")
     channel = read_plane(DATA / "channel_y1.04mm.h5")
     null_test = educe(channel, load_liner("polito"), 1400.0)

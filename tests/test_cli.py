@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import subprocess
 import sys
 
@@ -268,3 +269,62 @@ def test_a_file_held_open_with_locks_can_be_read(tmp_path):
     held.write_bytes((DATA / "slit_n130_y2.5mm.h5").read_bytes())
     with h5py.File(held, "r"):
         assert tl.read_plane(held).samples > 0
+
+
+def test_incident_signals_from_the_command_line(capsys, tmp_path):
+    """A generated signal, the same as a .npy file; ranges of frequencies."""
+    y = tmp_path / "y.h5"
+    noise = ["--incident", "noise:300:3500", "--edge", "wrap", "--json", "--quiet"]
+    code, out, _ = run(capsys, "educe", SLIT, *noise, "--reflected", str(y))
+    assert code == DONE
+    (result,) = json.loads(out)
+    assert len(result["rows"]) == 48
+    assert result["choices"]["engine"] == "unfold"
+    plane = tl.read_plane(SLIT)
+    values = tl.BandNoise(300, 3500).sampled(plane.samples, plane.sampling_rate)
+    np.save(tmp_path / "s.npy", values.numpy())
+    same = ["--incident", str(tmp_path / "s.npy"), "--incident-rate", repr(plane.sampling_rate)]
+    frequencies = [str(row["frequency"]) for row in result["rows"][:3]]
+    code, out, _ = run(capsys, "educe", SLIT, *same, "--edge", "wrap", "--json", "--quiet",
+                       "--frequency", *frequencies)  # fmt: skip
+    assert code == DONE
+    (again,) = json.loads(out)
+    for one, other in zip(again["rows"], result["rows"], strict=False):
+        assert one["probes_first"] == pytest.approx(other["probes_first"], abs=1e-4)
+    code, out, _ = run(capsys, "educe", SLIT, "--frequency", "500:1500:250", "900", "--json",
+                       "--quiet")  # fmt: skip
+    found = [row["frequency"] for row in json.loads(out)[0]["rows"]]
+    assert found == [500.0, 750.0, 1000.0, 1250.0, 1500.0, 900.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--incident", "noise:300:60000"], "Nyquist"),
+        (["--incident", "nois:300:6000"], "nois:300:6000: no such file"),
+        (["--incident", "missing.wav"], r"missing\.wav: no such file"),
+        (["--incident", "noise:300"], "cannot be read"),
+        (["--reflected", "y.h5"], "needs an incident one"),
+        (["--incident", "noise:300:3500", "--reflected", SLIT], "another file's name"),
+        (["--incident", "noise:300:3500", "--engine", "spectral"], "needs 'unfold' or 'direct'"),
+        (["--memory", "lots"], "memory is 'lots'"),
+        (["--memory", "1MB"], "below one slab"),
+        (["--frequency", "500:100:10"], "invalid frequencies value: '500:100:10'"),
+        (["--frequency", "500:100"], "invalid frequencies value"),
+        (["--compile", "sometimes"], "invalid choice"),
+    ],
+)
+def test_signals_and_limits_that_cannot_be(capsys, options, message):
+    """Exit code 2 and one clear line."""
+    code, _, err = run(capsys, "educe", SLIT, *options)
+    assert code == BAD_INPUT
+    assert re.search(message, err)
+
+
+def test_spectra_are_drawn(capsys, tmp_path):
+    """Several frequencies: a spectrum beside the maps."""
+    code, _, _ = run(capsys, "educe", SLIT, "--frequency", "1000:1400:200", "--figures",
+                     str(tmp_path), "--quiet")  # fmt: skip
+    assert code == DONE
+    made = {p.name for p in tmp_path.iterdir()}
+    assert {"spectrum.png", "spectrum_slit_n130_y2.5mm.csv", "along_x_1200Hz.png"} <= made

@@ -372,3 +372,18 @@ def test_few_segments_are_noted(liner):
     """With two segments half of all probes pass 0.5 without a tone."""
     found = tl.educe(plane_of(turbulence((2, 120), seed=21)), liner, phase="self-consistent")
     assert any("50 % of probes pass" in note for note in found.notes)
+
+
+def test_many_cells_are_averaged_like_few(liner, monkeypatch):
+    """The matrix for few cells and the scattered sums for many give the same averages."""
+    from torchliner.eduction import drive
+
+    small = liner.replace(cell_pitch=2e-3, orifice_diameter=1e-3)
+    v = turbulence((9, 11, 300), seed=21)
+    plane = plane_of(v, x=np.arange(11) * 1e-3, z=np.arange(9) * 1e-3)
+    wanted = tl.educe(plane, small)
+    assert 1 < len(wanted.cell_x) <= drive.FEW_CELLS
+    monkeypatch.setattr(drive, "FEW_CELLS", 0)
+    found = tl.educe(plane, small)
+    change = found.cell_reflection_velocity_first - wanted.cell_reflection_velocity_first
+    assert float(change.abs().max()) < 1e-13

@@ -10,6 +10,7 @@ from conftest import DATA, plane_of, turbulence
 import torchliner as tl
 from torchliner.report import figures
 from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
+from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
 from torchliner.report.truth import format_summary, format_truth, true_wave_phase, truth_table
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -141,3 +142,24 @@ def test_truth_needs_a_truth(liner):
     """A plane without a true impedance is refused."""
     with pytest.raises(ValueError, match="states no true impedance"):
         truth_table([plane_of(turbulence((2, 480)))], lambda _: liner)
+
+
+def test_spectrum_of_every_plane(liner, tmp_path):
+    """Both orders and the quartiles over frequency, drawn and as CSV; a pole of Z is cut off."""
+    planes = [plane_of(turbulence((6, 400), seed=i), height=i * 1e-3) for i in (1, 2)]
+    results = tl.educe(planes, liner, [500.0, 1000.0, 1500.0, 2000.0])
+    numbers = impedance_over_frequency(results[0])
+    assert numbers.at.tolist() == [500.0, 1000.0, 1500.0, 2000.0]
+    assert np.array_equal(numbers.values["resistance"], results[0].liner_impedance.real.numpy())
+    reactance = results[0].reactance.numpy()
+    assert np.allclose(numbers.values["reactance, 25 % of probes"], np.percentile(reactance, 25, 0))
+    numbers.write_csv(tmp_path / "s.csv")
+    rows = (tmp_path / "s.csv").read_text().splitlines()
+    assert rows[0].startswith("frequency (Hz),resistance,")
+    assert len(rows) == 5
+    figure = draw_spectrum(results, tmp_path / "s.png")
+    assert "(kHz)" in labels(figure)
+    assert {t.get_text() for t in figure.legends[0].get_texts()} == {"y = 1 mm", "y = 2 mm"}
+    results[0].reflection[..., 3] = 1 - 1e-6
+    low, high = draw_spectrum(results).axes[0].get_ylim()
+    assert high - low < 1e4

@@ -15,6 +15,7 @@ from torchliner.replay.sources import Columns, block_elements, blocks
 
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
+FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
 
 
 class ProbeVelocity:
@@ -50,6 +51,9 @@ class ProbeVelocity:
         self.labels = torch.where(inside, cells.labels, cells.count).to(device)
         sizes = torch.bincount(cells.labels[inside], minlength=cells.count)
         self.weights = (1 / sizes.clamp(min=1).to(torch.float64)).to(device)
+        self.matrix: Tensor | None = None
+        if cells.count <= FEW_CELLS:
+            self.matrix = cells.membership(used).to(device, dtype)
 
     def bounds(self) -> Bounds:
         """Slabs within the memory, whole tiles of the file where these fit."""
@@ -76,6 +80,8 @@ class ProbeVelocity:
             yield found if len(self.widths) == 1 else [*found, self._averages(slab)]
 
     def _averages(self, slab: Tensor) -> Tensor:
+        if self.matrix is not None:
+            return slab.to(self.dtype) @ self.matrix
         count = self.widths[1]
         sums = torch.zeros(len(slab), count + 1, dtype=torch.float64, device=self.device)
         for rows, columns in blocks(slab.shape[0], slab.shape[1], block_elements(self.device)):

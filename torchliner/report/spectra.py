@@ -48,14 +48,20 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     figure, axes = subplots(1, 2, 3.0)
     ordered = sorted(results, key=lambda r: r.height or 0.0)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        drawn = []
         for i, result in enumerate(ordered):
             numbers = impedance_over_frequency(result)
             colour, kilohertz = COLOURS[i % len(COLOURS)], numbers.at / 1e3
             name = numbers.label or "educed"
             axis.plot(kilohertz, numbers.values[part], color=colour, label=name)
             axis.plot(kilohertz, numbers.values[f"{part}, velocity first"], "--", color=colour)
+            drawn += [numbers.values[part], numbers.values[f"{part}, velocity first"]]
             low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
             axis.fill_between(kilohertz, low, high, color=colour, alpha=0.2, linewidth=0)
+        # A cavity's antiresonance, where Z has a pole, would hide all the rest.
+        low, high = np.nanpercentile(np.concatenate(drawn), [5, 90])
+        margin = 0.5 * (high - low) + 1e-9
+        axis.set_ylim(low - margin, high + margin)
         axis.set_xlabel(r"$f$ (kHz)")
         axis.set_ylabel(label)
     axes[0, 1].axhline(0, color="0.6", linewidth=0.6, zorder=0)
@@ -63,7 +69,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     title = ordered[0].title.split(", y =")[0] or "educed impedance"
     figure.suptitle(
-        f"{title}; solid: admittance over probes, dashed: velocity first; middle half of probes",
+        f"{title}; solid: admittance over probes, dashed: velocity first; shaded: middle half of "
+        "probes",
         fontsize=9,
     )
     return finish(figure, path)
