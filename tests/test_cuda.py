@@ -14,12 +14,12 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("engine", ["spectral", "direct"])
+@pytest.mark.parametrize("engine", ["spectral", "unfold", "direct"])
 @pytest.mark.parametrize("drive", ["instantaneous", "running-rms"])
 @pytest.mark.parametrize("phase", ["averaged", "self-consistent", "given"])
 @pytest.mark.parametrize("edge", ["finite", "wrap"])
 def test_device_does_not_matter(liner, engine, drive, phase, edge):
-    """float64 on the GPU is float64 on the CPU to 1e-12, from data on either side."""
+    """float64 on the GPU is float64 on the CPU to rounding, from data on either side."""
     t = torch.arange(480, dtype=torch.float64) / RATE
     v = turbulence((3, 4, 480)) + 3 * torch.cos(2 * torch.pi * FREQUENCY * t)
     options = {"engine": engine, "drive": drive, "phase": phase, "edge": edge}
@@ -31,9 +31,10 @@ def test_device_does_not_matter(liner, engine, drive, phase, edge):
         tl.educe(plane_of(v.cuda()), liner, **options),
     ):
         assert found.reflection.device.type == "cuda"
-        assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < 1e-12
+        limit = 1e-10 if engine == "unfold" else 1e-12
+        assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < limit
         cells = found.cell_reflection.cpu() - wanted.cell_reflection
-        assert float(cells.abs().max()) < 1e-12
+        assert float(cells.abs().max()) < limit
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -44,3 +45,34 @@ def test_maps_from_a_gpu_are_written(liner, tmp_path, dtype):
     found.plot(tmp_path / "m.png")
     read = tl.read_map(tmp_path / "m.h5")
     assert float((read.reflection - found.reflection.cpu()).abs().max()) == 0
+
+
+@pytest.mark.parametrize("engine", ["spectral", "unfold"])
+def test_streamed_through_pinned_memory(liner, tmp_path, engine):
+    """A file in slabs of a few samples: no slab is overwritten before it has been copied."""
+    plane = plane_of(turbulence((40, 480)).to(torch.float32))
+    plane.write(tmp_path / "p.h5")
+    wanted = tl.educe(plane, liner, engine=engine)
+    lazy = tl.read_plane(tmp_path / "p.h5", lazy=True)
+    found = tl.educe(lazy, liner, engine=engine, device="cuda", memory=(1 << 26) + 60_000)
+    assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < 2e-5
+
+
+@pytest.mark.parametrize("edge", ["finite", "wrap"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_compiled_for_a_gpu(liner, edge, dtype):
+    """Formula and table, fused: the eager numbers."""
+    plane = plane_of(turbulence((300, 480)))
+    wanted = tl.educe(plane, liner, edge=edge)
+    found = tl.educe(plane, liner, edge=edge, device="cuda", dtype=dtype, compile="always")
+    limit = 1e-12 if dtype == "float64" else 1e-6
+    assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < limit
+
+
+@pytest.mark.parametrize("incident", ["noise:300:3500", "sweep:300:3500", "tones:500,900"])
+def test_signals_on_a_gpu(liner, incident):
+    """Broadband estimates do not hang on the device."""
+    plane = plane_of(turbulence((5, 840)))
+    wanted = tl.educe(plane, liner, incident=incident)
+    found = tl.educe(plane, liner, incident=incident, device="cuda")
+    assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < 1e-9

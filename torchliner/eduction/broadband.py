@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 
 from torchliner.eduction.assemble import assemble
-from torchliner.eduction.engines import tail_memory, with_smaller_slabs
+from torchliner.eduction.engines import tail_memory
 from torchliner.eduction.prepare import Prepared, Progress
+from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.io.reflected_file import ReflectedFile
 from torchliner.records import ImpedanceMap
 from torchliner.replay.direct import replay_direct
@@ -54,7 +55,7 @@ def educe_signal(
         _run(ready, [spectra], reflected, progress)
         return spectra
 
-    spectra, notes = with_smaller_slabs(ready, run)
+    spectra, notes = with_smaller_slabs(ready.drive.velocity, run)
     ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
     reflection = spectra.reflection()
     held = torch.ones(reflection.shape, dtype=torch.bool, device=device)

@@ -1,11 +1,6 @@
-"""The engines on a prepared plane, with a way out where a device is too small."""
+"""The engines on a prepared plane."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TypeVar
-
-import torch
 
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.prepare import Prepared, Progress
@@ -17,8 +12,6 @@ from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import ToneSink
 from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
-
-T = TypeVar("T")
 
 
 def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
@@ -51,45 +44,3 @@ def tail_memory(chosen: Choices) -> int | None:
     """Bytes for what ``unfold`` stages and carries: half of the limit, slabs have the other."""
     memory = chosen.memory_bytes
     return None if memory is None else max(0, memory - WORK_BYTES) // 2
-
-
-def with_smaller_slabs(ready: Prepared, work: Callable[[], T]) -> tuple[T, list[str]]:
-    """Run ``work``; where memory runs out, again with slabs half as long.
-
-    Returns: its result, and a note if it had to be started again.
-    Raises:
-        RuntimeError: the device does not even hold slabs of one sample.
-    """
-    velocity = ready.drive.velocity
-    first_rows = None
-    while True:
-        begin, end = velocity.bounds()[0]
-        rows = end - begin
-        try:
-            found = work()
-        except (RuntimeError, MemoryError) as error:
-            if not _out_of_memory(error):
-                raise
-            if rows == 1:
-                raise RuntimeError(
-                    f"{velocity.device} is out of memory even with slabs of one sample of "
-                    f"{sum(velocity.widths)} probes ({error}); use another device, or fewer probes"
-                ) from error
-            first_rows = rows if first_rows is None else first_rows
-            velocity.most_rows = rows // 2
-            if velocity.device.type == "cuda":
-                torch.cuda.empty_cache()
-            continue
-        if first_rows is None:
-            return found, []
-        return found, [
-            f"{velocity.device} ran out of memory with slabs of {first_rows} samples; slabs of "
-            f"{rows} were used"
-        ]
-
-
-def _out_of_memory(error: Exception) -> bool:
-    text = str(error)
-    return isinstance(error, (torch.OutOfMemoryError, MemoryError)) or (
-        "out of memory" in text or "can't allocate memory" in text
-    )

@@ -14,6 +14,7 @@ from torchliner.checks import frequency_tensor
 from torchliner.eduction.averaging import Cells, sort_into_cells
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
+from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.review import needs_kernels, review_liner, review_record, review_survey
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
@@ -143,8 +144,8 @@ def _examine(
     wanted = _frequencies(plane, frequency, record, chosen)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, getattr(liner, "cell_pitch", None))
-    velocity, seen, used = _survey(plane, cells, wanted, record, chosen, progress)
-    notes += review_survey(plane, seen, used)
+    velocity, seen, used, said = _survey(plane, cells, wanted, record, chosen, progress)
+    notes += said + review_survey(plane, seen, used)
     running = chosen.running_window or 1 / float(wanted.min())
     samples = max(1, round(running * plane.sampling_rate))
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
@@ -205,7 +206,7 @@ def _survey(
     record: Record,
     chosen: Choices,
     progress: Progress | None,
-) -> tuple[ProbeVelocity, Survey, Tensor]:
+) -> tuple[ProbeVelocity, Survey, Tensor, list[str]]:
     """First pass: over the probes and the cell averages; faulty probes are found and left out."""
     like = plane.velocity
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
@@ -215,11 +216,17 @@ def _survey(
     memory = chosen.memory_bytes
     if memory is not None and chosen.engine == "unfold":
         memory = memory - max(0, memory - WORK_BYTES) // 2  # the rest is for its tails
+    said: list[str] = []
     everything = torch.ones(plane.probes, dtype=torch.bool)
 
     def look(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
         velocity = ProbeVelocity(plane, cells, dtype, device, used, memory)
-        return velocity, survey(velocity, frequency, plane.sampling_rate, weights, report)
+        rate = plane.sampling_rate
+        seen, notes = with_smaller_slabs(
+            velocity, lambda: survey(velocity, frequency, rate, weights, report)
+        )
+        said.extend(notes)
+        return velocity, seen
 
     velocity, seen = look(everything, progress)
     used = (seen.bad[: plane.probes] == 0).cpu()
@@ -227,7 +234,7 @@ def _survey(
         _refuse_bad_probes(plane, seen, used, chosen)
         velocity, seen_again = look(used, None)
         seen = seen_again
-    return velocity, seen, used
+    return velocity, seen, used, said
 
 
 def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:

@@ -15,8 +15,9 @@ from torchliner.checks import DataWarning, real_tensor
 from torchliner.eduction.assemble import assemble
 from torchliner.eduction.broadband import educe_signal
 from torchliner.eduction.choices import Choices
-from torchliner.eduction.engines import tone_sums, with_smaller_slabs
+from torchliner.eduction.engines import tone_sums
 from torchliner.eduction.prepare import Prepared, Progress, prepare
+from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.incident import (
     LineSums,
@@ -117,7 +118,9 @@ def replay(ready: Prepared, *, backward: bool = True, progress: Progress | None 
         backward: False saves half the sums if only ``averaged`` is wanted.
         progress: called with numbers of samples done.
     """
-    sums, notes = with_smaller_slabs(ready, lambda: tone_sums(ready, backward, progress))
+    sums, notes = with_smaller_slabs(
+        ready.drive.velocity, lambda: tone_sums(ready, backward, progress)
+    )
     return Replayed(dataclasses.replace(ready, notes=(*ready.notes, *notes)), sums)
 
 
