@@ -85,15 +85,17 @@ def test_default_frequencies_are_the_lines(liner):
 def test_recorded_signals(liner, tmp_path):
     """A .wav and a .npy of a signal give what the array gives; integers are only scaled."""
     plane = plane_of(turbulence((2, SAMPLES)))
-    noise = tl.BandNoise(300, 5000).sampled(SAMPLES, RATE).numpy()
+    noise = tl.BandNoise(400, 4600).sampled(SAMPLES, RATE).numpy()
     recorded = tl.Recorded(noise, RATE)
-    wanted = tl.educe(plane, liner, LINES, incident=recorded)
+    wanted = tl.educe(plane, liner, [500.0, 1400.0, 4600.0], incident=recorded)
     assert wanted.choices["edge"] == "silent"
     np.save(tmp_path / "s.npy", noise[:, None])
     from_npy = tl.read_signal(tmp_path / "s.npy", RATE)
     assert torch.equal(from_npy.signal, recorded.signal)
     wavfile.write(tmp_path / "s.wav", int(RATE), (noise / 4).astype(np.float32))
-    found = tl.educe(plane, liner, LINES, incident=tl.read_signal(tmp_path / "s.wav"))
+    found = tl.educe(
+        plane, liner, [500.0, 1400.0, 4600.0], incident=tl.read_signal(tmp_path / "s.wav")
+    )
     assert float((found.reflection - wanted.reflection).abs().max()) < 1e-5
     for kind, limit in ((np.int16, 1e-3), (np.int32, 1e-6), (np.uint8, 0.1)):
         top = np.iinfo(kind).max
@@ -176,6 +178,7 @@ def test_arrays_are_wrapped_first(liner):
         (lambda: tl.BandNoise(-1, 300), "above 0"),
         (lambda: tl.Tones([300, 500], amplitude=[1, 2, 3]), "amplitude has 3 values for 2 tones"),
         (lambda: tl.Tones([]), "no frequency"),
+        (lambda: tl.BandNoise(300, 500, 1 << 70), "seed is .*; it is 0 to"),
         (lambda: tl.Recorded([[1.0, 2.0]], RATE), "one channel is needed"),
         (lambda: tl.Recorded([1.0, float("nan")], RATE), "nan or inf"),
         (lambda: tl.Recorded([1.0], 0.0), "above 0"),
@@ -203,7 +206,13 @@ def test_signal_files_that_cannot_be_read(tmp_path):
         (tmp_path / "cut.wav").write_bytes(whole[:cut])
         with pytest.raises(ValueError, match=r"not a whole \.wav file"):
             tl.read_signal(tmp_path / "cut.wav")
+    with pytest.raises(OSError, match="is a folder"):
+        tl.read_signal(tmp_path, 50e3)
+    with pytest.raises(ValueError, match="has no name"):
+        tl.read_signal("")
     np.save(tmp_path / "s.npy", np.ones(10))
+    with pytest.raises(ValueError, match="channels 0 to 0, not 5"):
+        tl.read_signal(tmp_path / "s.npy", 50e3, channel=5)
     with pytest.raises(ValueError, match="does not state its sampling rate"):
         tl.read_signal(tmp_path / "s.npy")
 
@@ -234,3 +243,47 @@ def test_sent_signals_are_what_they_say():
         )
     tones = tl.Tones([500.0 * k for k in range(1, 11)]).sampled(SAMPLES, RATE)
     assert float(tones.abs().max()) < 0.75 * 10
+
+
+def test_energy_outside_the_band_is_warned_of(liner):
+    """A recorded signal may hold what the kernel does not stand for; the share is said."""
+    plane = plane_of(turbulence((1, SAMPLES)))
+    t = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+    signal = torch.cos(2 * torch.pi * 1400 * t) + torch.cos(2 * torch.pi * 9000 * t)
+    with pytest.warns(tl.DataWarning, match="50 % of the energy of recorded signal lies outside"):
+        tl.educe(plane, liner, 1400.0, incident=tl.Recorded(signal, RATE))
+
+
+@pytest.mark.parametrize("segment", [0.005, 0.0131])
+def test_segments_need_not_divide_the_record(liner, segment):
+    """Default lines are those of the segments, whatever the record's are."""
+    plane = plane_of(turbulence((1, 4200)))
+    found = tl.educe(plane, liner, incident="noise:400:3000", segment=segment)
+    spacing = RATE / round(segment * RATE)
+    orders = found.frequency / spacing
+    assert float((orders - orders.round()).abs().max()) < 1e-9
+    with pytest.raises(ValueError, match=r"needs whole periods.*of 1391 Hz"):
+        tl.educe(plane, liner, 500.0, incident=tl.Tones([500.0, 1391.0]), edge="wrap")
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_excluded_probes_are_nan_everywhere(liner, tmp_path):
+    """In the map and in the reflected signal; their neighbours are as without them."""
+    import h5py
+
+    v = turbulence((3, SAMPLES))
+    wanted = tl.educe(plane_of(v), liner, LINES, incident="noise:300:5000")
+    v[1, 7] = torch.nan
+    path = tmp_path / "y.h5"
+    found = tl.educe(plane_of(v), liner, LINES, incident="noise:300:5000", missing="exclude",
+                     reflected=path)  # fmt: skip
+    for name in ("reflection", "velocity_amplitude", "mean_velocity", "velocity_rms", "coherence"):
+        value = getattr(found, name)
+        parts = (value.real, value.imag) if value.is_complex() else (value,)
+        for part in parts:
+            assert bool(torch.isnan(part[1]).all())
+            assert bool(torch.isfinite(part[[0, 2]]).all())
+    assert torch.equal(found.reflection[[0, 2]], wanted.reflection[[0, 2]])
+    with h5py.File(path) as file:
+        assert np.isnan(file["reflected"][:, 1]).all()
+        assert np.isfinite(file["reflected"][:, [0, 2]]).all()

@@ -17,6 +17,7 @@ import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, INTERRUPTED, main
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
+ORIFICE = str(DATA / "orifice_o115_y2.5mm.h5")
 CHANNEL = str(DATA / "channel_y1.04mm.h5")
 
 
@@ -305,7 +306,16 @@ def test_incident_signals_from_the_command_line(capsys, tmp_path):
         (["--incident", "missing.wav"], r"missing\.wav: no such file"),
         (["--incident", "noise:300"], "cannot be read"),
         (["--reflected", "y.h5"], "needs an incident one"),
-        (["--incident", "noise:300:3500", "--reflected", SLIT], "another file's name"),
+        (["--incident", "noise:300:3500", "--reflected", SLIT], "is a plane; name another"),
+        (["--incident", "noise:300:3500", "--reflected", "a.h5", "-o", "./a.h5"], "another output"),
+        (["--incident", "s.npy", "--incident-rate", "5e4", "-o", "s.npy"], "--incident reads"),
+        (["--liner", "l.toml", "-o", "l.toml"], "--liner reads"),
+        ([ORIFICE, "--incident", "noise:300:3500", "--reflected", "y.h5"], "share one reflected"),
+        (["--incident-rate", "100"], "--incident-rate is the rate of an --incident file"),
+        (["--incident", "tones:500", "--incident-rate", "100"], "is for a file"),
+        (["--incident", ""], "has no name"),
+        (["--incident", "sweep:300"], "a lowest and a highest frequency are needed"),
+        (["--frequency", "1:1e9:1e-6"], "invalid frequencies value"),
         (["--incident", "noise:300:3500", "--engine", "spectral"], "needs 'unfold' or 'direct'"),
         (["--memory", "lots"], "memory is 'lots'"),
         (["--memory", "1MB"], "below one slab"),
@@ -328,3 +338,12 @@ def test_spectra_are_drawn(capsys, tmp_path):
     assert code == DONE
     made = {p.name for p in tmp_path.iterdir()}
     assert {"spectrum.png", "spectrum_slit_n130_y2.5mm.csv", "along_x_1200Hz.png"} <= made
+
+
+def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path):
+    """Default lines follow each plane's rate and length; pictures are never mislabelled."""
+    code, _, _ = run(capsys, "educe", SLIT, ORIFICE, "--incident", "noise:1300:1500", "--figures",
+                     str(tmp_path), "--quiet")  # fmt: skip
+    assert code == DONE
+    assert (tmp_path / "velocity_slit_n130_y2.5mm.csv").exists()
+    assert (tmp_path / "orifice_o115_y2.5mm" / "velocity_orifice_o115_y2.5mm.csv").exists()

@@ -8,7 +8,7 @@ from conftest import RATE, turbulence
 from test_replay import FREQUENCIES, GRID, make_record
 
 from torchliner.records.slabs import bounds_of
-from torchliner.replay.convolve import METHODS
+from torchliner.replay.convolve import CONVOLUTIONS
 from torchliner.replay.direct import direct_sums, replay_direct
 from torchliner.replay.edges import EDGE_RULES
 from torchliner.replay.emissions import ComplexTones, Sent
@@ -20,6 +20,7 @@ from torchliner.replay.sources import Columns, HeldSpeed
 from torchliner.replay.unfold import replay_unfold
 from torchliner.replay.waves import BandNoise
 
+METHODS = tuple(CONVOLUTIONS)
 ERROR = {torch.float64: 1e-10, torch.float32: 2e-5}  # issue: against direct on the same kernels
 
 
@@ -52,7 +53,7 @@ def test_reflected_signal_is_that_of_direct(kernels, method, edge, dtype, sample
     noise = BandNoise(300, 3500).sampled(samples, RATE)
     for emission in (Sent(noise, True), Sent(noise, False)):
         wanted = replay_direct(speed.double(), kernels, emission, record)[0]
-        for block in (None, 517):
+        for block in (None, 517, 100):
             found = unfolded(speed, kernels, emission, record, method=method, block=block)
             assert float((found - wanted).abs().max()) < ERROR[dtype]
             assert found.dtype == dtype
@@ -142,7 +143,7 @@ def test_rank_holds_its_tolerance_and_is_the_smallest(kernels, tolerance):
         change = factors.across[:, :rank] @ factors.along[:rank] - kernels.taps
         return float(torch.fft.rfft(change, n=1 << 13).abs().max())
 
-    assert error(factors.rank) <= tolerance * 1.001 < error(factors.rank - 1)
+    assert error(factors.rank) <= tolerance * 1.03 < error(factors.rank - 1)
     assert factors.error == pytest.approx(error(factors.rank), rel=0.03)
     assert factors.rank < kernels.grid.levels / 2
 
@@ -171,7 +172,6 @@ def test_cross_spectra_of_a_frozen_liner(kernels):
     response = kernels.response(frequency)
     wanted = sum(weight[:, None] * response[index + i] for i, weight in enumerate(weights))
     assert float((sink.reflection() - wanted).abs().max()) < 1e-10
-    assert float((sink.coherence() - 1).abs().max()) < 1e-10
 
 
 def test_cross_spectra_against_scipy(kernels):
@@ -187,7 +187,6 @@ def test_cross_spectra_against_scipy(kernels):
     options = {"fs": RATE, "nperseg": length, "noverlap": length // 2, "detrend": False}
     lines, cross = scipy_signal.csd(sent.numpy(), reflected, **options)
     _, power = scipy_signal.welch(sent.numpy(), **options)
-    _, coherence = scipy_signal.coherence(sent.numpy(), reflected, **options)
     frequency = torch.from_numpy(lines[10:60])
     starts = list(range(0, n - length + 1, length // 2))
     window = make_record(length, "hann", "silent").window.weights
@@ -195,5 +194,4 @@ def test_cross_spectra_against_scipy(kernels):
     replay_unfold(HeldSpeed(speed), kernels, emission, record, [sink], block=517)
     wanted = torch.from_numpy((cross / power)[:, 10:60])
     assert float((sink.reflection() - wanted).abs().max()) < 1e-9
-    assert float((sink.coherence() - torch.from_numpy(coherence[:, 10:60])).abs().max()) < 1e-9
     assert not sink.open

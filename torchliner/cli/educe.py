@@ -18,6 +18,7 @@ from torchliner.cli.options import (
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
 
+MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 CHOICES = [
     "engine",
     "phase",
@@ -99,7 +100,7 @@ def frequencies(text: str) -> list[float]:
     if len(numbers) == 1:
         return numbers
     low, high, step = numbers
-    if not (step > 0 and low <= high < float("inf")):
+    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
         raise ValueError(text)
     return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
 
@@ -108,21 +109,18 @@ def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.eduction.velocity import educe
     from torchliner.io.plane_file import read_plane
-    from torchliner.io.signal_file import read_signal
     from torchliner.liners.catalogue import load_liner
-    from torchliner.replay.waves import parse_signal
 
     chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
-    if options.incident is not None:
-        chosen["incident"] = parse_signal(options.incident) or read_signal(
-            options.incident, options.incident_rate
-        )
+    outputs = _outputs(options.output, options.planes)
+    _check_targets(options, outputs)
+    incident = _incident(options)
+    if incident is not None:
+        chosen["incident"] = incident
     wanted = None if options.frequency is None else list(chain(*options.frequency))
     liner = load_liner(options.liner) if options.liner else None
-    outputs = _outputs(options.output, options.planes)
-    _check_reflected(options)
     planes: list[VelocityPlane] = []
     with warnings_on_stderr(options.quiet):
         models: dict[str | None, tuple[Any, list[int]]] = {}
@@ -152,12 +150,37 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_reflected(options: argparse.Namespace) -> None:
-    if options.reflected is None:
-        return
-    inputs = {plane.resolve() for plane in options.planes}
-    if options.reflected.resolve() in inputs or options.reflected == options.output:
-        raise ValueError(f"--reflected {options.reflected} is another file's name; choose one")
+def _check_targets(options: argparse.Namespace, outputs: dict[Path, Path]) -> None:
+    """No output may be an input, or another output."""
+    if options.reflected is not None and len(options.planes) > 1:
+        raise ValueError("several planes would share one reflected file; educe them one by one")
+    inputs = {path.resolve(): "a plane" for path in options.planes}
+    for name in ("liner", "incident"):
+        if getattr(options, name) is not None:
+            inputs[Path(getattr(options, name)).resolve()] = f"what --{name} reads"
+    for path in (*outputs.values(), *([options.reflected] if options.reflected else [])):
+        if path.resolve() in inputs:
+            raise ValueError(f"the output {path} is {inputs[path.resolve()]}; name another file")
+        inputs[path.resolve()] = "another output"
+
+
+def _incident(options: argparse.Namespace) -> Any:
+    """The incident signal, or None."""
+    from torchliner.io.signal_file import read_signal
+    from torchliner.replay.waves import parse_signal
+
+    if options.incident is None:
+        if options.incident_rate is not None:
+            raise ValueError("--incident-rate is the rate of an --incident file; name the file")
+        return None
+    generated = parse_signal(options.incident)
+    if generated is None:
+        return read_signal(options.incident, options.incident_rate)
+    if options.incident_rate is not None:
+        raise ValueError(
+            "--incident-rate is for a file; a generated signal has the rate of the plane"
+        )
+    return generated
 
 
 def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:
@@ -178,6 +201,20 @@ def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:
 
 
 def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
+    """Pictures of all planes; those of other frequencies than the first go to folders of theirs."""
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for i, result in enumerate(results):
+        groups.setdefault(tuple(result.frequency.tolist()), []).append(i)
+    for number, members in enumerate(groups.values()):
+        where = folder if number == 0 else folder / _stem(planes[members[0]])
+        _draw_group([results[i] for i in members], [planes[i] for i in members], where)
+
+
+def _stem(plane: VelocityPlane) -> str:
+    return Path(plane.name.split(":/")[0]).stem
+
+
+def _draw_group(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
     from torchliner.report import figures
     from torchliner.report.numbers import impedance_along_x, velocity_along_x
     from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
@@ -187,7 +224,7 @@ def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path
     for i, frequency in enumerate(frequencies):
         end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
         for result, plane in zip(results, planes, strict=True):
-            stem = Path(plane.name.split(":/")[0]).stem
+            stem = _stem(plane)
             if result.mean_velocity.ndim == 2:
                 figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
             impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
@@ -197,10 +234,10 @@ def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path
     if len(frequencies) > 1:
         draw_spectrum(results, folder / "spectrum.png")
         for result, plane in zip(results, planes, strict=True):
-            stem = Path(plane.name.split(":/")[0]).stem
+            stem = _stem(plane)
             impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
     for plane in planes:
-        stem = Path(plane.name.split(":/")[0]).stem
+        stem = _stem(plane)
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
     figures.draw_velocity(planes, folder / "velocity.png")
 

@@ -15,7 +15,7 @@ from torchliner.replay.kernels import impedance_of
 from torchliner.replay.lines import interpolation_error
 
 
-def _facts(ready: Prepared, phase: str) -> dict[str, Any]:
+def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
     """Every choice, and what followed from it."""
     from torchliner import __version__
 
@@ -78,14 +78,20 @@ def assemble(
     kept = ready.used.to(reflection.device)
 
     def on_probes(value: Tensor) -> Tensor:
-        return value[: plane.probes].reshape((*plane.probe_shape, *value.shape[1:]))
+        """The probes' part, on the plane's axes; nan where a probe was left out."""
+        part = value[: plane.probes]
+        if part.dtype != torch.bool:
+            shape = (-1, *(1,) * (part.ndim - 1))
+            nan = complex(float("nan"), float("nan")) if part.is_complex() else float("nan")
+            part = torch.where(
+                kept.reshape(shape), part, torch.tensor(nan, dtype=part.dtype, device=part.device)
+            )
+        return part.reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
     return ImpedanceMap(
         frequency=ready.frequency,
-        reflection=on_probes(
-            torch.where(kept[:, None], probes, torch.full_like(probes, torch.nan))
-        ),
+        reflection=on_probes(probes),
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
         velocity_amplitude=on_probes(peak),
@@ -105,6 +111,6 @@ def assemble(
         source_side=plane.source_side,
         goodrich=_goodrich(ready),
         title=plane.title,
-        choices=_facts(ready, phase),
+        choices=facts_of(ready, phase),
         notes=tuple(notes),
     )

@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from torchliner.eduction.assemble import assemble
+from torchliner.eduction.assemble import assemble, facts_of
 from torchliner.eduction.engines import tail_memory
 from torchliner.eduction.prepare import Prepared, Progress
 from torchliner.eduction.recovery import with_smaller_slabs
@@ -70,7 +70,9 @@ def _run(
         _replay(ready, sinks, progress)
         return
     assert ready.sent is not None
-    with ReflectedFile(reflected, ready.plane, ready.sent, ready.chosen.describe()) as file:
+    with ReflectedFile(
+        reflected, ready.plane, ready.sent, ready.used, facts_of(ready, "signal")
+    ) as file:
         _replay(ready, [*sinks, WholeSignal(file.store)], progress)
 
 

@@ -59,8 +59,8 @@ class Choices:
         allow_short: accept fewer than four periods.
         device, dtype: where and in what precision R is evaluated; default those of the data.
         memory: bytes, or text such as "2GB", for slabs and work arrays; what the program itself
-            (some 0.4 GB) and the result (some 200 B a probe) take comes on top. Default: what is
-            fast, about 0.2 GB.
+            (some 0.4 GB) and the result (some 200 B a probe and frequency) take comes on top.
+            Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
         compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
             ``always``; the numbers stay the same.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;

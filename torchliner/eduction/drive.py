@@ -1,4 +1,4 @@
-"""Which |v| drives the kernel: five readings of the measured velocity."""
+"""Which |v| drives the kernel: six readings of the measured velocity."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, r
 from torchliner.replay.sources import Columns, block_elements, blocks
 
 DRIVES = ("instantaneous", "rms", "running-rms")
+RUNNING_COLUMNS = 4096  # at once, in float64
 MEANS = ("kept", "removed")
 FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
 
@@ -138,6 +139,18 @@ class DriveSpeed:
         self, slab: Tensor, offset: Tensor | None, begin: int, end: int, low: int
     ) -> Tensor:
         """rms over a window of ``running_samples`` centred on each sample, cut at the ends."""
+        if slab.shape[1] > RUNNING_COLUMNS:
+            cuts = range(0, slab.shape[1], RUNNING_COLUMNS)
+            parts = [slice(left, left + RUNNING_COLUMNS) for left in cuts]
+            return torch.cat(
+                [
+                    self._running(
+                        slab[:, part], None if offset is None else offset[part], begin, end, low
+                    )
+                    for part in parts
+                ],
+                dim=1,
+            )
         half = self.running_samples // 2
         slab = (slab if offset is None else slab - offset).to(torch.float64)
         running = torch.cat([torch.zeros_like(slab[:1]), (slab**2).cumsum(0)])

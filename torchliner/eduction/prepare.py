@@ -28,6 +28,7 @@ from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 
 Progress = Callable[[int], None]
+SMALL_SHARE = 1e-3  # of a recorded signal's energy
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
 
@@ -121,7 +122,8 @@ def prepare(
                 made[rate] = build_kernels(liner, grid, rate, kind=chosen.kernel, band=band)
             kernels = made[rate]
             kernels.require_band(one.frequency)
-            _require_signal_in_band(kernels, chosen)
+            note = _require_signal_in_band(kernels, chosen, one.sent)
+            one.notes.extend([note] if note else [])
         ready.append(
             Prepared(
                 liner=liner,
@@ -177,9 +179,22 @@ def _signal_lines(plane: VelocityPlane, record: Record, chosen: Choices) -> Tens
     return spacing * torch.arange(first, last + 1, step, dtype=torch.float64)
 
 
-def _require_signal_in_band(kernels: KernelTable, chosen: Choices) -> None:
-    if chosen.incident is None or chosen.incident.band is None:
-        return
+def _require_signal_in_band(kernels: KernelTable, chosen: Choices, sent: Tensor | None) -> str:
+    """Refuse a generated signal beyond the kernel's band; a note on a recorded one, or nothing."""
+    if chosen.incident is None or sent is None:
+        return ""
+    if chosen.incident.band is None:
+        power = torch.fft.rfft(sent).abs().square()
+        lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
+        inside = (lines >= kernels.band[0]) & (lines <= kernels.band[1])
+        share = 1 - float(power[inside].sum() / power.sum().clamp(min=1e-300))
+        if share < SMALL_SHARE:
+            return ""
+        return (
+            f"{100 * share:.2g} % of the energy of {chosen.incident.label} lies outside the "
+            f"kernel's band, {kernels.band[0]:g}-{kernels.band[1]:g} Hz, where the reflected "
+            "signal is not the liner's; filter it, or widen the band with band=(low, high)"
+        )
     low, high = chosen.incident.band
     if low < kernels.band[0] or high > kernels.band[1]:
         raise ValueError(
@@ -187,6 +202,7 @@ def _require_signal_in_band(kernels: KernelTable, chosen: Choices) -> None:
             f"{kernels.band[0]:g}-{kernels.band[1]:g} Hz, where the kernel is not the liner; widen "
             "it with band=(low, high) or narrow the signal"
         )
+    return ""
 
 
 def _record(plane: VelocityPlane, chosen: Choices) -> Record:

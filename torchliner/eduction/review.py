@@ -37,10 +37,16 @@ def review_record(
             "show what this model makes of such a velocity"
         )
     seconds = (record.samples - record.start) / record.sampling_rate
-    for f in frequency.tolist():
+    wave = chosen.incident
+    # Over segments of a periodic signal the lines asked for need not be the record's.
+    on_lines = wave is None or chosen.segment is None
+    tones = [] if wave is None else getattr(wave, "frequency", torch.zeros(0)).tolist()
+    for f in dict.fromkeys([*frequency.tolist(), *tones]):
         periods = f * seconds
-        if record.edge == "wrap" and (
-            round(periods) < 1 or abs(periods - round(periods)) > WHOLE_PERIOD_TOLERANCE
+        if (
+            record.edge == "wrap"
+            and (on_lines or f in tones)
+            and (round(periods) < 1 or abs(periods - round(periods)) > WHOLE_PERIOD_TOLERANCE)
         ):
             remedy = _whole_cut(record, f) if chosen.incident is None else _nearest_line(record, f)
             raise ValueError(

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchliner.records.slabs import Bounds
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
+from torchliner.signals.tones import line_sums, waves
 
 PERIODS_PER_SEGMENT = 2.0
 
@@ -108,7 +109,7 @@ class _Sums:
 
     def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
         self.analysis = analysis
-        count = len(analysis.turn)
+        count = len(analysis.frequency)
         # Mean, then real and imaginary parts of the window's lines.
         self.linear = torch.zeros(1 + 2 * count, width, dtype=torch.float64, device=device)
         self.square = torch.zeros(width, dtype=torch.float64, device=device)
@@ -166,7 +167,7 @@ class _Analysis:
 
     def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
         self.samples = n
-        self.turn = 2 * torch.pi * frequency.cpu() / sampling_rate
+        self.frequency, self.sampling_rate = frequency.cpu(), sampling_rate
         self.weights = weights
         period = sampling_rate / float(frequency.min())
         self.segment_length = max(1, min(n, round(PERIODS_PER_SEGMENT * period)))
@@ -193,11 +194,10 @@ class _Analysis:
         return torch.cat(parts)
 
     def _waves(self, begin: int, end: int) -> Tensor:
-        steps = torch.arange(begin, end, dtype=torch.float64)
-        return torch.exp(-1j * torch.outer(self.turn, steps))
+        return waves(self.frequency, self.sampling_rate, begin, end)
 
     def window_lines(self) -> Tensor:
-        return (self._waves(0, self.samples) * self.weights).sum(1)
+        return line_sums(self.weights, self.frequency, self.sampling_rate)
 
     def segment_lines(self, begin: int, end: int) -> Tensor:
         """e^{-j omega t} under the Hann window of the segment that holds begin .. end - 1."""
@@ -210,7 +210,7 @@ class _Coherence:
 
     def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
         self.analysis = analysis
-        shape = (len(analysis.turn), width)
+        shape = (len(analysis.frequency), width)
         self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.total = torch.zeros_like(self.current)
         self.power = torch.zeros(shape, dtype=torch.float64, device=device)

@@ -47,8 +47,8 @@ def educe(
         plane: wall-normal velocity, (..., T) m/s; or several planes, which then share velocity
             levels and kernels, so that their maps can be compared to the last digit.
         liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
-        frequency: Hz, one or several; default the plane's own tone; with an incident signal the
-            lines of its segments in its band, 200 at most.
+        frequency: Hz, one or several; default the plane's own tone; with ``Tones`` these, with
+            ``Sweep`` and ``BandNoise`` the lines of the segments in their band, 200 at most.
         reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at
             the first sample; broadcast over the probe axes (add a last axis for several
             frequencies).

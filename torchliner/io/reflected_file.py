@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import torch
 from torch import Tensor
 
 from torchliner.io.hdf5 import to_json, write_dimension, write_variable, written_whole
@@ -24,9 +25,16 @@ class ReflectedFile:
     """
 
     def __init__(
-        self, path: str | Path, plane: VelocityPlane, incident: Tensor, choices: dict[str, Any]
+        self,
+        path: str | Path,
+        plane: VelocityPlane,
+        incident: Tensor,
+        used: Tensor,
+        choices: dict[str, Any],
     ) -> None:
+        """``used``: probes that were not left out, (P,); the others are written as nan."""
         self.path, self.plane, self.incident, self.choices = path, plane, incident, choices
+        self.used = used.cpu()
         self.stack = ExitStack()
 
     def __enter__(self) -> ReflectedFile:
@@ -62,5 +70,6 @@ class ReflectedFile:
         """Samples ``begin`` .. of some columns, (t, p); those beyond the probes are averages."""
         stop = min(columns.stop, self.plane.probes)
         if columns.start < stop:
-            part = signal[:, : stop - columns.start].cpu().numpy()
-            self.data[begin : begin + len(part), columns.start : stop] = part
+            part = signal[:, : stop - columns.start].cpu()
+            part = torch.where(self.used[columns.start : stop], part, torch.nan)
+            self.data[begin : begin + len(part), columns.start : stop] = part.numpy()

@@ -26,8 +26,12 @@ def read_signal(
         FileNotFoundError, ValueError: missing, not readable, no rate, several channels.
     """
     path = Path(path)
+    if str(path) in ("", "."):
+        raise ValueError("the incident signal has no name; give a file or a generated signal")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
+    if path.is_dir():
+        raise OSError(f"{path} is a folder, not a .wav, .npy, .mat or .h5 file")
     if path.suffix.lower() == ".wav":
         rate, values = _read_wav(path)
         if sampling_rate is not None and abs(sampling_rate / rate - 1) > 1e-6:
@@ -39,10 +43,11 @@ def read_signal(
             raise ValueError(f"{path} does not state its sampling rate; give it in Hz")
         rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
         values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
-    if values.ndim == 2 and channel is not None:
-        if not 0 <= channel < values.shape[1]:
-            raise ValueError(f"{path} has channels 0 to {values.shape[1] - 1}, not {channel}")
-        values = values[:, channel]
+    if channel is not None:
+        columns = values[:, None] if values.ndim == 1 else values
+        if not 0 <= channel < columns.shape[1]:
+            raise ValueError(f"{path} has channels 0 to {columns.shape[1] - 1}, not {channel}")
+        values = columns[:, channel]
     if values.ndim != 1:
         raise ValueError(
             f"{path} has shape {values.shape}, (samples, channels); choose one channel"

@@ -66,7 +66,7 @@ def read_ahead(reader: Reader, bounds: Bounds, device: torch.device) -> Iterator
     """Slabs of a file on ``device``, the next one being read while the last is worked on.
 
     One thread reads, since HDF5 knows one lock, into two buffers, pinned for a GPU. A slab lives
-    until the one after the next is asked for: copy what must stay.
+    until the next one is asked for: copy what must stay.
     """
     if not bounds:
         return
@@ -90,5 +90,5 @@ def read_ahead(reader: Reader, bounds: Bounds, device: torch.device) -> Iterator
                 slab = slab.to(device, non_blocking=True)
                 event = copied[i % 2]
                 assert event is not None
-                event.record()
+                event.record(torch.cuda.current_stream(device))
             yield slab

@@ -16,7 +16,6 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.nonlinear import inverse_parts, powers
-from torchliner.records.slabs import SLAB_ROWS
 from torchliner.replay.levels import VelocityGrid, lagrange_weights
 
 PAYS_FROM = 1.5e9  # velocity samples x lines: some ten seconds of eager work
@@ -104,6 +103,7 @@ class Shape:
 
     device: torch.device
     dtype: torch.dtype
+    rows: int
     columns: int
     has_offset: bool
     parts: int
@@ -116,17 +116,17 @@ class Shape:
         def ones(*shape: int) -> Tensor:
             return torch.ones(shape, dtype=self.dtype, device=self.device)
 
-        velocity, offset = ones(SLAB_ROWS, self.columns) / 2, None
+        velocity, offset = ones(self.rows, self.columns) / 2, None
         if self.has_offset:
             offset = ones(self.columns) / 4
         if self.grid is None:
-            return [velocity, offset, ones(self.lines, 6), ones(SLAB_ROWS, self.lines, self.parts)]
-        return [velocity, offset, ones(SLAB_ROWS, self.grid.levels, self.parts), ones()]
+            return [velocity, offset, ones(self.lines, 6), ones(self.rows, self.lines, self.parts)]
+        return [velocity, offset, ones(self.rows, self.grid.levels, self.parts), ones()]
 
 
 @functools.lru_cache(maxsize=32)
 def compile_loop(shape: Shape) -> Loop | None:
-    """The loop for slabs of ``SLAB_ROWS``; None, with a warning, if it cannot be compiled."""
+    """The loop for slabs of one shape; None, with a warning, if it cannot be compiled."""
     function = law_sums if shape.grid is None else table_sums
     # torch counts compilations by code object and gives up after eight: each shape has its own.
     own: Loop = types.FunctionType(function.__code__.replace(), function.__globals__)

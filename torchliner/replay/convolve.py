@@ -25,7 +25,6 @@ from torch import Tensor
 from torchliner.replay.factors import Factors
 from torchliner.replay.levels import gather_rows
 
-METHODS = ("fft", "matmul", "gather")
 FRAME = 256  # receptions of one frame of ``matmul``
 STRIP = 64  # emissions of one strip of ``gather``
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.signals.tones import line_sums
+
 PHASE_RULES = ("averaged", "self-consistent", "given")
 
 
@@ -39,9 +41,7 @@ class WindowSums:
     @classmethod
     def of(cls, weights: Tensor, start: int, frequency: Tensor, sampling_rate: float) -> WindowSums:
         """Sums of a window of N samples that begins at sample ``start``."""
-        steps = torch.arange(len(weights), dtype=torch.float64) + start
-        turns = torch.exp(-4j * torch.pi / sampling_rate * torch.outer(steps, frequency))
-        return cls(weights.sum(), (weights[:, None] * turns).sum(0))
+        return cls(weights.sum(), line_sums(weights, 2 * frequency, sampling_rate, start))
 
     def tone_amplitude(self, line: Tensor) -> Tensor:
         """Amplitude A of A e^{j omega t} + A* e^{-j omega t} from its windowed line (..., F).
@@ -69,11 +69,6 @@ class Means:
         a = (window.zero * sums.forward - window.twice * sums.backward.conj()) / determinant
         b = (window.zero * sums.backward - window.twice * sums.forward.conj()) / determinant
         return cls(a, b)
-
-
-def averaged_reflection(means: Means) -> Tensor:
-    """R averaged over the phase of the wave: the 2 f0 line drops out."""
-    return means.a
 
 
 def given_reflection(means: Means, phase: Tensor) -> Tensor:

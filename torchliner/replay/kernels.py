@@ -64,11 +64,6 @@ class KernelTable:
         """Tap indices m, float64, shape (K,)."""
         return torch.arange(self.taps.shape[-1], dtype=torch.float64) + self.first
 
-    def phased_taps(self, frequency: float) -> Tensor:
-        """h[m; |v|] exp(-j omega m), complex128, shape (V, K); its sum over m is the response."""
-        turn = 2 * torch.pi * frequency / self.sampling_rate
-        return self.taps * torch.exp(-1j * turn * self.lags)
-
     def response(self, frequency: Tensor) -> Tensor:
         """H(f; |v|) at the levels, complex128, shape (V, F)."""
         return _response(self.taps, self.lags, frequency, self.sampling_rate)

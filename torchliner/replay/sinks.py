@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchliner.replay.edges import Record
 from torchliner.replay.incident import LineSums
+from torchliner.signals.tones import line_sums, waves
 
 
 class ToneSink:
@@ -18,26 +19,32 @@ class ToneSink:
         self, frequency: Tensor, record: Record, columns: int, device: torch.device
     ) -> None:
         """For ``columns`` columns; frequency in Hz, (F,)."""
-        count = len(frequency)
-        steps = torch.arange(record.samples, dtype=torch.float64)
-        weights = torch.zeros(record.samples, dtype=torch.float64)
-        weights[record.start :] = record.window.weights
-        turn = 2 * torch.pi / record.sampling_rate * frequency.cpu()
-        phase = torch.outer(turn, steps)
-        # (F, n, 2): cosine and sine of each frequency under the window.
-        self.analysis = torch.stack([phase.cos(), phase.sin()], dim=-1) * weights[:, None]
-        self.analysis = self.analysis.to(device)
-        shape = (count, columns, 2, 2)
+        self.frequency, self.record, self.device = frequency, record, device
+        shape = (len(frequency), columns, 2, 2)
         self.products = torch.zeros(shape, dtype=torch.float64, device=device)
+        self.kept: dict[tuple[int, int], Tensor] = {}
 
     def add(self, reflected: Tensor, columns: slice, begin: int) -> None:
         """Real parts of all tones, then imaginary ones: (2 F, p, t)."""
-        rows = self.analysis[:, begin : begin + reflected.shape[2]]
+        rows = self._analysis(begin, begin + reflected.shape[2])
         for part, signal in enumerate(reflected.chunk(2)):
             self.products[:, columns, part] += signal.to(torch.float64) @ rows
 
+    def _analysis(self, begin: int, end: int) -> Tensor:
+        """Cosine and sine of each frequency under the window, (F, t, 2)."""
+        if (begin, end) not in self.kept:
+            turning = waves(self.frequency, self.record.sampling_rate, begin, end)
+            start = self.record.start
+            weights = torch.zeros(end - begin, dtype=torch.float64)
+            under = self.record.window.weights[max(0, begin - start) : max(0, end - start)]
+            weights[end - begin - len(under) :] = under
+            pair = torch.stack([turning.real, -turning.imag], dim=-1) * weights[:, None]
+            self.kept[begin, end] = pair.to(self.device)
+        return self.kept[begin, end]
+
     def flush(self) -> None:
-        """Nothing is held back."""
+        """All columns have had these samples."""
+        self.kept = {}
 
     def sums(self, backward: bool) -> LineSums:
         """With y = a + j b and e^{-j omega t} = c - j s: a c + b s + j (b c - a s), and y*."""
@@ -54,7 +61,7 @@ class ToneSink:
 class CrossSpectra:
     """H1 estimate over windowed segments: R(f) = sum Y X* / sum |X|^2.
 
-    Only the segments under way are held; the incident signal is known from the start.
+    Only segments that some block has cut are held; the incident signal is known from the start.
     """
 
     def __init__(
@@ -69,64 +76,58 @@ class CrossSpectra:
     ) -> None:
         """``incident`` float64 (n,); ``weights`` of one segment (N,); ``starts`` of all."""
         self.weights, self.starts, self.device = weights, starts, device
-        self.turn = 2 * torch.pi / sampling_rate * frequency.cpu()
+        self.frequency, self.sampling_rate = frequency, sampling_rate
         length = len(weights)
         self.sent = torch.stack(
             [
-                (incident[s : s + length] * weights * self._waves(s, s + length)).sum(1)
+                line_sums(incident[s : s + length] * weights, frequency, sampling_rate, s)
                 for s in starts
             ]
         )  # (S, F)
-        self.columns, self.count = columns, len(frequency)
+        self.shape = (len(frequency), columns)
         self.open: dict[int, Tensor] = {}
-        zero = torch.zeros(self.count, columns, dtype=torch.complex128, device=device)
-        self.cross, self.power = zero, zero.real.clone()
-
-    def _waves(self, begin: int, end: int) -> Tensor:
-        steps = torch.arange(begin, end, dtype=torch.float64)
-        return torch.exp(-1j * torch.outer(self.turn, steps))
+        self.kept: dict[tuple[int, int, int], Tensor] = {}
+        self.cross = torch.zeros(self.shape, dtype=torch.complex128, device=device)
+        self.ended = 0
 
     def add(self, reflected: Tensor, columns: slice, begin: int) -> None:
         """One channel, (1, p, t)."""
         end, length = begin + reflected.shape[2], len(self.weights)
-        signal = reflected[0].to(torch.float64)
+        signal = reflected[0].to(torch.float64).T
         for number, start in enumerate(self.starts):
             low, high = max(begin, start), min(end, start + length)
             if low >= high:
                 continue
-            if number not in self.open:
-                shape = (self.count, self.columns)
-                self.open[number] = torch.zeros(shape, dtype=torch.complex128, device=self.device)
-            rows = (self._waves(low, high) * self.weights[low - start : high - start]).to(
-                self.device
-            )
-            piece = signal[:, low - begin : high - begin].T
+            rows = self._analysis(number, low, high)
+            piece = signal[low - begin : high - begin]
             line = torch.complex(rows.real @ piece, rows.imag @ piece)
-            self.open[number][:, columns] += line
+            if low > start or high < start + length:
+                if number not in self.open:
+                    self.open[number] = torch.zeros_like(self.cross)
+                self.open[number][:, columns] += line
+                line = self.open[number][:, columns]
             if high == start + length:
-                whole = self.open[number][:, columns]
-                sent = self.sent[number].to(self.device)[:, None]
-                self.cross[:, columns] += whole * sent.conj()
-                self.power[:, columns] += whole.abs() ** 2
-                self.open[number][:, columns] = 0
+                self.cross[:, columns] += line * self.sent[number].to(self.device)[:, None].conj()
         self.ended = end
 
+    def _analysis(self, number: int, low: int, high: int) -> Tensor:
+        """e^{-j omega t} under the window of a segment, complex128, (F, t)."""
+        key = (number, low, high)
+        if key not in self.kept:
+            start = self.starts[number]
+            turning = waves(self.frequency, self.sampling_rate, low, high)
+            self.kept[key] = (turning * self.weights[low - start : high - start]).to(self.device)
+        return self.kept[key]
+
     def flush(self) -> None:
-        """Segments that all columns of the pass have left are dropped."""
+        """All columns of the pass have had these samples: what is complete is dropped."""
         length = len(self.weights)
         self.open = {k: v for k, v in self.open.items() if self.starts[k] + length > self.ended}
+        self.kept = {}
 
     def reflection(self) -> Tensor:
         """R, (P, F)."""
-        return (self.cross / self._sent_power()).T
-
-    def coherence(self) -> Tensor:
-        """|sum Y X*|^2/(sum |X|^2 sum |Y|^2), (P, F); 1 with a single segment."""
-        total = self._sent_power() * self.power
-        return torch.where(total > 0, self.cross.abs() ** 2 / total.clamp(min=1e-300), 0.0).T
-
-    def _sent_power(self) -> Tensor:
-        return (self.sent.abs() ** 2).sum(0).to(self.device)[:, None]
+        return (self.cross / (self.sent.abs() ** 2).sum(0).to(self.device)[:, None]).T
 
 
 class WholeSignal:

@@ -69,7 +69,7 @@ class SpeedSource(Protocol):
         ...
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
-        """The groups of each slab (begin, end); a slab lives until the one after the next."""
+        """The groups of each slab (begin, end); a slab lives until the next is asked for."""
         ...
 
     def bounds(self) -> Bounds:

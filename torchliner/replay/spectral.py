@@ -23,7 +23,7 @@ from torch import Tensor
 
 from torchliner.liners.nonlinear import SpeedLaw, inverse_parts, powers
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
-from torchliner.replay.compiled import PAYS_FROM, Loop, Shape, compile_loop
+from torchliner.replay.compiled import GROUP, PAYS_FROM, Loop, Shape, compile_loop
 from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid, gather_rows
@@ -65,7 +65,8 @@ def spectral_sums(
     """
     bounds = source.bounds() if bounds is None else bounds
     elements = block_elements(source.device) if elements is None else elements
-    groups = [_Group(lines, grid, source, i, elements, compile_loops)
+    longest = max(end - begin for begin, end in bounds)
+    groups = [_Group(lines, grid, source, i, elements, longest, compile_loops)
               for i in range(len(source.widths))]  # fmt: skip
     for (begin, end), slab in zip(bounds, source.slabs(bounds), strict=True):
         # Long slabs, of files whose time runs fastest, are worked on in short ones.
@@ -93,12 +94,15 @@ class _Group:
         source: SpeedSource,
         index: int,
         elements: int,
+        rows: int,
         compile_loops: str,
     ) -> None:
         self.lines, self.grid, self.elements = lines, grid, elements
         self.width, self.samples = source.widths[index], source.samples
         self.dtype, self.device = source.dtype, source.device
         self.compile_loops = compile_loops
+        # Of a compiled loop: those of a slab, in whole groups.
+        self.rows = -(-min(SLAB_ROWS, rows) // GROUP) * GROUP
         # Sum of all weights: the part of R = 1 + 2 (R - 1)/2 that is 1.
         self.constants = torch.zeros(len(lines), lines[0].directions, dtype=torch.complex128)
         # Real and imaginary part per direction, float64, (2 directions, P_g).
@@ -151,7 +155,7 @@ class _Group:
         # Contiguous: inductor's loops over transposed columns write beyond their output when the
         # columns are no multiple of its vectors (seen in torch 2.13).
         velocity, data = columns.velocity.contiguous(), task.data.contiguous()
-        missing = SLAB_ROWS - len(velocity)
+        missing = self.rows - len(velocity)
         if missing:  # one shape only; what is padded has weight 0
             velocity = torch.cat([velocity, velocity.new_zeros(missing, self.width)])
             data = torch.cat([data, data.new_zeros(missing, *data.shape[1:])])
@@ -178,7 +182,7 @@ class _Group:
         grid = dataclasses.replace(self.grid, maximum=1.0) if lines == 0 else None
         parts = task.data.shape[2]
         return compile_loop(
-            Shape(self.device, self.dtype, self.width, has_offset, parts, lines, grid)
+            Shape(self.device, self.dtype, self.rows, self.width, has_offset, parts, lines, grid)
         )
 
     def _eager(self, tasks: list[_Task], block: Columns, rows: slice, columns: slice) -> None:

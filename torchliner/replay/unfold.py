@@ -68,7 +68,8 @@ def replay_unfold(
         method: ``fft``, ``matmul`` (both low-rank) or ``gather`` (whole kernels).
         tolerance: error in R allowed to the low rank; default by precision.
         memory: bytes for what is staged and carried; more passes over the data if it is small.
-        block: emissions at once; default from the kernel's length. Rounding only.
+        block: emissions at once; default from the kernel's length, which is the least for the
+            edge rule ``finite``. Rounding only.
         progress: called with numbers of samples done, n in all.
     Returns:
         The factors used, with their error.
@@ -81,7 +82,10 @@ def replay_unfold(
         tolerance = TOLERANCE[source.dtype]
     factors = factor_taps(kernels, None if method == "gather" else tolerance)
     convolution = CONVOLUTIONS[method](_on(factors, source.device), source.dtype)
-    length = block or min(source.samples, max(3 * factors.taps, 512))
+    length = block or max(3 * factors.taps, 512)
+    if record.edge == "finite":  # the mean kernel of the first K samples comes from one block
+        length = max(length, factors.taps)
+    length = min(source.samples, length)
     plan = _Plan(factors, emission, record, length, source)
     passes = plan.passes(sum(source.widths), DEFAULT_MEMORY if memory is None else memory)
     for number, columns in enumerate(passes):
@@ -142,8 +146,13 @@ class _Plan:
     def waves(self, begin: int, end: int) -> Tensor:
         """Real channels of the emission, float64, (C, t)."""
         if self.record.edge == "wrap":
-            n = self.record.samples
-            values = self.emission.values(0, n)[:, torch.arange(begin, end) % n]
+            n, parts = self.record.samples, []
+            while begin < end:
+                lap = begin // n
+                stop = min(end, (lap + 1) * n)
+                parts.append(self.emission.values(begin - lap * n, stop - lap * n))
+                begin = stop
+            values = torch.cat(parts, dim=1)
         else:
             values = self.emission.values(begin, end)
         return torch.cat([values.real, values.imag]) if values.is_complex() else values

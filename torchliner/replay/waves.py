@@ -71,7 +71,7 @@ class Tones:
     window: str = field(default="hann", init=False)
 
     def __post_init__(self) -> None:
-        frequency = frequency_tensor(self.frequency)
+        frequency = frequency_tensor(self.frequency).cpu()
         count = len(frequency)
         order = torch.arange(count, dtype=torch.float64)
         default = -torch.pi * order * (order + 1) / count
@@ -80,12 +80,17 @@ class Tones:
         for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", phase)):
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones")
-            object.__setattr__(self, name, value.reshape(-1).expand(count))
+            object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
 
     @property
     def label(self) -> str:
-        """tones and their frequencies."""
-        return f"tones {', '.join(f'{f:g}' for f in self.frequency.tolist())} Hz"
+        """Frequencies, amplitudes and phases."""
+        parts = (("", self.frequency, "Hz"), ("amplitude ", self.amplitude, ""),
+                 ("phase ", self.phase, "rad"))  # fmt: skip
+        return "tones " + ", ".join(
+            f"{name}{' '.join(f'{value:.6g}' for value in values.tolist())} {unit}".strip()
+            for name, values, unit in parts
+        )
 
     @property
     def band(self) -> tuple[float, float]:
@@ -110,7 +115,7 @@ class Sweep:
     """One sweep over the record, of unit amplitude.
 
     Args:
-        low, high: Hz, at the first and the last sample.
+        low, high: Hz, at the first sample and one after the last.
         spacing: ``linear`` or ``logarithmic``.
 
     Each frequency passes once: Z at f then hangs on |v| around that moment alone. For a Z of the
@@ -180,6 +185,8 @@ class BandNoise:
             raise ValueError(
                 f"band noise runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
             )
+        if not 0 <= self.seed < 1 << 63:
+            raise ValueError(f"band noise: seed is {self.seed}; it is 0 to 2^63 - 1")
 
     @property
     def label(self) -> str:
@@ -281,9 +288,9 @@ def parse_signal(text: str) -> Tones | Sweep | BandNoise | None:
     try:
         if kind == "tones":
             return Tones([float(f) for f in rest.split(",")])
+        if rest.count(":") not in (1, 2):
+            raise ValueError("a lowest and a highest frequency are needed, and one thing more")
         low, high, *more = rest.split(":")
-        if len(more) > 1:
-            raise ValueError("too many parts")
         if kind == "noise":
             return BandNoise(float(low), float(high), int(more[0]) if more else 0)
         return Sweep(float(low), float(high), more[0] if more else "linear")

@@ -155,7 +155,7 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
                     complex(result.liner_impedance[i]),
                     complex(result.liner_impedance_velocity_first[i]),
                     spread,
-                    float(result.coherence[..., i].median()),
+                    float(result.coherence[..., i].nanmedian()),
                     level,
                 )
             )

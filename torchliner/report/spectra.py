@@ -24,7 +24,7 @@ class Spectrum(Table):
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Spectrum:
-    """Columns by part and order; quartiles over the probes, nan where there is one."""
+    """Columns by part and order; quartiles over the probes that were not left out."""
     values: dict[str, Array] = {}
     for part in ("real", "imag"):
         name = {"real": "resistance", "imag": "reactance"}[part]
