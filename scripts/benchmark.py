@@ -18,8 +18,7 @@ import importlib.util
 import platform
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from torch import Tensor
 
 import torchliner as tl
 from torchliner.eduction.velocity import educe
-from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.edges import Record
 from torchliner.replay.emissions import Sent
@@ -36,43 +34,13 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import CrossSpectra
-from torchliner.replay.sources import Columns
+from torchliner.replay.sources import HeldSpeed
 from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
 PARTS = ("engines", "slopes", "files", "memory", "start")
-
-
-@dataclass(frozen=True)
-class Held:
-    """A slab source over signed velocity in memory, time first."""
-
-    velocity: Tensor
-
-    @property
-    def samples(self) -> int:
-        return self.velocity.shape[0]
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        return (self.velocity.shape[1],)
-
-    @property
-    def dtype(self) -> torch.dtype:
-        return self.velocity.dtype
-
-    @property
-    def device(self) -> torch.device:
-        return self.velocity.device
-
-    def bounds(self) -> Bounds:
-        return bounds_of(self.samples, SLAB_ROWS)
-
-    def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
-        for begin, end in bounds:
-            yield [Columns(self.velocity[begin:end])]
 
 
 class Bench:
@@ -151,12 +119,12 @@ def spectral_rows(bench: Bench) -> None:
             of_kernel=of_kernel, backward=False,
         )  # fmt: skip
         run = functools.partial(spectral_sums, lines=lines, grid=bench.grid)
-        exact = run(Held(bench.velocity[:, :64].double())).forward
+        exact = run(HeldSpeed(bench.velocity[:, :64].T.double())).forward
         for compiled in ("never", "always"):
             start = time.perf_counter()
-            run(Held(bench.velocity), compile_loops=compiled)
+            run(HeldSpeed(bench.velocity.T), compile_loops=compiled)
             first = time.perf_counter() - start
-            again = functools.partial(run, Held(bench.velocity), compile_loops=compiled)
+            again = functools.partial(run, HeldSpeed(bench.velocity.T), compile_loops=compiled)
             seconds, sums = bench.best(again)
             error = (sums.forward[:64] - exact).abs().max() / record.window.weights.sum()
             star = " *" if compiled == "always" else ", eager"
@@ -174,7 +142,7 @@ def unfold_rows(bench: Bench) -> None:
     weights = record.window.weights
 
     def reflection(velocity: Tensor, method: str) -> Tensor:
-        source = Held(velocity)
+        source = HeldSpeed(velocity.T)
         sink = CrossSpectra(
             emission.signal, weights, [0], at, RATE, sum(source.widths), source.device
         )
@@ -259,9 +227,9 @@ def slopes(bench: Bench) -> None:
         for count in (1, 2, 4, 8, 16, 60):
             wanted = [300 + 90.0 * i for i in range(count)]
             lines = plan_lines(bench.liner, wanted, record, bench.grid, backward=False)
-            held = Held(bench.velocity[:, :width])
+            held = HeldSpeed(bench.velocity[:, :width].T)
             run = functools.partial(spectral_sums, held, lines, bench.grid, compile_loops="never")
-            shown.append(f"{count}: {1e9 * bench.best(run)[0] / held.velocity.numel():.1f}")
+            shown.append(f"{count}: {1e9 * bench.best(run)[0] / held.speed.numel():.1f}")
         print(f"  spectral, eager, {window}, frequencies  " + "  ".join(shown), flush=True)
     for engine in ("spectral", "unfold"):
         shown = []

@@ -123,23 +123,22 @@ def run(options: argparse.Namespace) -> int:
     liner = load_liner(options.liner) if options.liner else None
     planes: list[VelocityPlane] = []
     with warnings_on_stderr(options.quiet):
-        models: dict[str | None, tuple[Any, list[int]]] = {}
-        for path in options.planes:
+        members_of: dict[str, list[int]] = {}
+        for i, path in enumerate(options.planes):
             planes.append(read_plane(path, lazy=True))
-            name = None if liner else liner_name(planes[-1], path)
-            models.setdefault(name, (liner or load_liner(str(name)), []))[1].append(len(planes) - 1)
+            name = "" if liner else liner_name(planes[-1], path)
+            members_of.setdefault(name, []).append(i)
         results: dict[int, ImpedanceMap] = {}
-        for model, members in models.values():
+        for name, members in members_of.items():
             # Planes of one liner share levels and kernels.
             total = sum(2 * planes[i].samples for i in members)
             label = options.planes[members[0]].name
             with progress_bar(total, label, options.quiet) as step:
                 several = educe(
-                    [planes[i] for i in members] if len(members) > 1 else planes[members[0]],
-                    model, wanted, progress=step, reference_phase=options.reference_phase,
-                    reflected=options.reflected, **chosen,
+                    [planes[i] for i in members], liner or load_liner(name), wanted, progress=step,
+                    reference_phase=options.reference_phase, reflected=options.reflected, **chosen,
                 )  # fmt: skip
-            results |= dict(zip(members, several if len(members) > 1 else [several], strict=True))
+            results |= dict(zip(members, several, strict=True))
         found = [results[i] for i in range(len(planes))]
         for path, result in zip(options.planes, found, strict=True):
             if path in outputs:

@@ -16,14 +16,14 @@ import torch
 from torch import Tensor
 
 from torchliner.eduction.assemble import assemble, facts_of
-from torchliner.eduction.engines import tail_memory
+from torchliner.eduction.engines import unfold_into
 from torchliner.eduction.prepare import Prepared, Progress
 from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.io.reflected_file import ReflectedFile
 from torchliner.records import ImpedanceMap
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.sinks import CrossSpectra, WholeSignal
-from torchliner.replay.unfold import Sink, replay_unfold
+from torchliner.replay.unfold import Sink
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 
@@ -88,10 +88,7 @@ def _replay(ready: Prepared, sinks: list[Sink], progress: Progress | None) -> No
         if progress is not None:
             progress(drive.samples)
         return
-    replay_unfold(
-        drive, ready.kernels, emission, ready.record, sinks, tolerance=chosen.rank_tolerance,
-        memory=tail_memory(chosen), progress=progress,
-    )  # fmt: skip
+    unfold_into(ready, emission, sinks, progress)
 
 
 def _require_energy(

@@ -10,6 +10,7 @@ import torch
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.eduction.drive import DRIVES, MEANS
+from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.compiled import COMPILE
 from torchliner.replay.edges import EDGE_RULES
 from torchliner.replay.incident import PHASE_RULES
@@ -174,6 +175,22 @@ class Choices:
             )
         base = 1024 if found[3] else 1000
         return int(float(found[1]) * base ** " kMGT".index(found[2] or " "))
+
+    @property
+    def slab_memory(self) -> int | None:
+        """Bytes of the limit for slabs and work: all but what ``unfold`` stages and carries."""
+        memory = self.memory_bytes
+        return memory if memory is None or self.engine != "unfold" else memory - self._half(memory)
+
+    @property
+    def tail_memory(self) -> int | None:
+        """Bytes of the limit for what ``unfold`` stages and carries."""
+        memory = self.memory_bytes
+        return None if memory is None else self._half(memory)
+
+    @staticmethod
+    def _half(memory: int) -> int:
+        return max(0, memory - WORK_BYTES) // 2
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from torchliner.eduction.choices import Choices
+from collections.abc import Sequence
+
 from torchliner.eduction.prepare import Prepared, Progress
-from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.direct import direct_sums
-from torchliner.replay.emissions import ComplexTones
+from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import ToneSink
 from torchliner.replay.spectral import spectral_sums
-from torchliner.replay.unfold import replay_unfold
+from torchliner.replay.unfold import Sink, replay_unfold
 
 
 def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
@@ -33,14 +33,16 @@ def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> Lin
         return sums if backward else LineSums(sums.forward, None)
     sink = ToneSink(ready.frequency, record, sum(drive.widths), drive.device)
     tones = ComplexTones(ready.frequency, record.sampling_rate)
-    replay_unfold(
-        drive, ready.kernels, tones, record, [sink], tolerance=chosen.rank_tolerance,
-        memory=tail_memory(chosen), progress=progress,
-    )  # fmt: skip
+    unfold_into(ready, tones, [sink], progress)
     return sink.sums(backward)
 
 
-def tail_memory(chosen: Choices) -> int | None:
-    """Bytes for what ``unfold`` stages and carries: half of the limit, slabs have the other."""
-    memory = chosen.memory_bytes
-    return None if memory is None else max(0, memory - WORK_BYTES) // 2
+def unfold_into(
+    ready: Prepared, emission: Emission, sinks: Sequence[Sink], progress: Progress | None
+) -> None:
+    """``replay_unfold`` of a prepared plane, with its choices."""
+    assert ready.kernels is not None
+    replay_unfold(
+        ready.drive, ready.kernels, emission, ready.record, sinks, progress=progress,
+        tolerance=ready.chosen.rank_tolerance, memory=ready.chosen.tail_memory,
+    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,6 @@ from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.review import needs_kernels, review_liner, review_record, review_survey
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
-from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.edges import Record
 from torchliner.replay.incident import WindowSums
 from torchliner.replay.kernels import BAND, KernelTable, Liner, build_kernels
@@ -33,68 +33,65 @@ MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A plane ready to be replayed.
+class Examined:
+    """A plane after the first pass.
 
     Args:
-        plane, liner, chosen: as given.
+        plane: as given.
         frequency: Hz, (F,).
         record: window and edge rule.
         cells: probes by cell; the cell averages follow the probes in every (P + C, ...) tensor.
         used: probes without faults, (P,).
         seen: first pass, over probes and cell averages.
         drive: |v| for the engines.
-        grid: velocity levels.
-        kernels: None where no impulse response is needed.
         sent: incident signal on the record, (n,); None for tones.
         notes: doubts so far.
     """
 
     plane: VelocityPlane
-    liner: Liner
-    chosen: Choices
     frequency: Tensor
     record: Record
     cells: Cells
     used: Tensor
     seen: Survey
     drive: DriveSpeed
-    grid: VelocityGrid
-    kernels: KernelTable | None
     sent: Tensor | None
     notes: tuple[str, ...]
 
-    def window_sums(self, device: torch.device) -> WindowSums:
-        """The window's own sums at each frequency."""
+
+@dataclass(frozen=True)
+class Prepared(Examined):
+    """A plane ready to be replayed.
+
+    Args:
+        liner, chosen: as given.
+        grid: velocity levels.
+        kernels: None where no impulse response is needed.
+    """
+
+    liner: Liner
+    chosen: Choices
+    grid: VelocityGrid
+    kernels: KernelTable | None
+
+    @functools.cached_property
+    def window_sums(self) -> WindowSums:
+        """The window's own sums at each frequency, on the device of the drive."""
         window = WindowSums.of(
             self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate
         )
+        device = self.drive.device
         return WindowSums(window.zero.to(device), window.twice.to(device))
 
     @property
     def velocity_amplitude(self) -> Tensor:
         """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
-        return self.window_sums(self.seen.line.device).tone_amplitude(-self.seen.line)
+        return self.window_sums.tone_amplitude(-self.seen.line)
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (P + C, n), for the reference engine."""
         slabs = self.drive.slabs([(0, self.drive.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T
-
-
-@dataclass(frozen=True)
-class _Examined:
-    """A plane after the first pass."""
-
-    plane: VelocityPlane
-    frequency: Tensor
-    record: Record
-    cells: Cells
-    used: Tensor
-    seen: Survey
-    drive: DriveSpeed
-    sent: Tensor | None
-    notes: list[str]
 
 
 def prepare(
@@ -115,30 +112,22 @@ def prepare(
     made: dict[float, KernelTable] = {}
     ready = []
     for one in examined:
-        kernels = None
+        kernels, notes = None, one.notes
         if needs_kernels(one.record, one.frequency, chosen):
             rate = one.record.sampling_rate
             if rate not in made:
                 made[rate] = build_kernels(liner, grid, rate, kind=chosen.kernel, band=band)
             kernels = made[rate]
             kernels.require_band(one.frequency)
-            note = _require_signal_in_band(kernels, chosen, one.sent)
-            one.notes.extend([note] if note else [])
-        ready.append(
-            Prepared(
-                liner=liner,
-                chosen=chosen,
-                grid=grid,
-                kernels=kernels,
-                **{**vars(one), "notes": tuple(one.notes)},
-            )
-        )
+            notes += _review_signal(kernels, chosen, one.sent)
+        known = {**vars(one), "notes": notes}
+        ready.append(Prepared(**known, liner=liner, chosen=chosen, grid=grid, kernels=kernels))
     return ready
 
 
 def _examine(
     plane: VelocityPlane, liner: Liner, frequency: Any, chosen: Choices, progress: Progress | None
-) -> _Examined:
+) -> Examined:
     record = _record(plane, chosen)
     sent = None
     if chosen.incident is not None:
@@ -151,7 +140,7 @@ def _examine(
     running = chosen.running_window or 1 / float(wanted.min())
     samples = max(1, round(running * plane.sampling_rate))
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
-    return _Examined(plane, wanted, record, cells, used, seen, drive, sent, notes)
+    return Examined(plane, wanted, record, cells, used, seen, drive, sent, tuple(notes))
 
 
 def _frequencies(plane: VelocityPlane, frequency: Any, record: Record, chosen: Choices) -> Tensor:
@@ -179,30 +168,30 @@ def _signal_lines(plane: VelocityPlane, record: Record, chosen: Choices) -> Tens
     return spacing * torch.arange(first, last + 1, step, dtype=torch.float64)
 
 
-def _require_signal_in_band(kernels: KernelTable, chosen: Choices, sent: Tensor | None) -> str:
-    """Refuse a generated signal beyond the kernel's band; a note on a recorded one, or nothing."""
-    if chosen.incident is None or sent is None:
-        return ""
-    if chosen.incident.band is None:
-        power = torch.fft.rfft(sent).abs().square()
-        lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
-        inside = (lines >= kernels.band[0]) & (lines <= kernels.band[1])
-        share = 1 - float(power[inside].sum() / power.sum().clamp(min=1e-300))
-        if share < SMALL_SHARE:
-            return ""
-        return (
-            f"{100 * share:.2g} % of the energy of {chosen.incident.label} lies outside the "
-            f"kernel's band, {kernels.band[0]:g}-{kernels.band[1]:g} Hz, where the reflected "
-            "signal is not the liner's; filter it, or widen the band with band=(low, high)"
-        )
-    low, high = chosen.incident.band
-    if low < kernels.band[0] or high > kernels.band[1]:
-        raise ValueError(
-            f"incident signal {chosen.incident.label} reaches beyond the kernel's band, "
-            f"{kernels.band[0]:g}-{kernels.band[1]:g} Hz, where the kernel is not the liner; widen "
-            "it with band=(low, high) or narrow the signal"
-        )
-    return ""
+def _review_signal(kernels: KernelTable, chosen: Choices, sent: Tensor | None) -> tuple[str, ...]:
+    """Refuse a generated signal beyond the kernel's band; notes on a recorded one."""
+    if sent is None:
+        return ()
+    wave, (low, high) = chosen.incident, kernels.band
+    if wave.band is not None:
+        if wave.band[0] < low or wave.band[1] > high:
+            raise ValueError(
+                f"incident signal {wave.label} reaches beyond the kernel's band, {low:g}-{high:g} "
+                "Hz, where the kernel is not the liner; widen it with band=(low, high) or narrow "
+                "the signal"
+            )
+        return ()
+    power = torch.fft.rfft(sent).abs().square()
+    lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
+    inside = (lines >= low) & (lines <= high)
+    share = 1 - float(power[inside].sum() / power.sum().clamp(min=1e-300))
+    if share < SMALL_SHARE:
+        return ()
+    return (
+        f"{100 * share:.2g} % of the energy of {wave.label} lies outside the kernel's band, "
+        f"{low:g}-{high:g} Hz, where the reflected signal is not the liner's; filter it, or widen "
+        "the band with band=(low, high)",
+    )
 
 
 def _record(plane: VelocityPlane, chosen: Choices) -> Record:
@@ -227,16 +216,12 @@ def _survey(
     like = plane.velocity
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
-    weights = torch.zeros(plane.samples, dtype=torch.float64)
-    weights[record.start :] = record.window.weights
-    memory = chosen.memory_bytes
-    if memory is not None and chosen.engine == "unfold":
-        memory = memory - max(0, memory - WORK_BYTES) // 2  # the rest is for its tails
+    weights = record.weights(0, plane.samples)
     said: list[str] = []
     everything = torch.ones(plane.probes, dtype=torch.bool)
 
     def look(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
-        velocity = ProbeVelocity(plane, cells, dtype, device, used, memory)
+        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
         rate = plane.sampling_rate
         seen, notes = with_smaller_slabs(
             velocity, lambda: survey(velocity, frequency, rate, weights, report)
@@ -248,8 +233,7 @@ def _survey(
     used = (seen.bad[: plane.probes] == 0).cpu()
     if not bool(used.all()):
         _refuse_bad_probes(plane, seen, used, chosen)
-        velocity, seen_again = look(used, None)
-        seen = seen_again
+        velocity, seen = look(used, None)
     return velocity, seen, used, said
 
 
@@ -267,7 +251,7 @@ def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen:
         raise ValueError(f"{text}; no probe is left")
 
 
-def _velocity_grid(examined: Sequence[_Examined], liner: Liner, chosen: Choices) -> VelocityGrid:
+def _velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) -> VelocityGrid:
     """Levels over the range of all planes; the top is rounded up so that the tables, and with
     them the last digits of a probe, rarely depend on which other probes are in the data."""
     top, fastest, plane = -1.0, 0, examined[0].plane
@@ -295,7 +279,7 @@ def _velocity_grid(examined: Sequence[_Examined], liner: Liner, chosen: Choices)
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def _band(liner: Liner, examined: Sequence[_Examined], chosen: Choices) -> tuple[float, float]:
+def _band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> tuple[float, float]:
     """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
     if chosen.band is not None:
         low, high = chosen.band

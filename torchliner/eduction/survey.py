@@ -121,8 +121,9 @@ class _Sums:
 
     def add(self, begin: int, end: int, rows: Tensor, slab: Tensor) -> None:
         """Samples begin .. end - 1, of one coherence segment; ``rows`` are the analysis rows."""
-        rows = rows.to(slab.device, slab.dtype)
         count = len(self.linear)
+        window = torch.complex(*rows[count:].sum(1).to(slab.device).chunk(2))
+        rows = rows.to(slab.device, slab.dtype)
         segment = torch.zeros(
             len(rows) - count, slab.shape[1], dtype=torch.float64, device=slab.device
         )
@@ -140,7 +141,7 @@ class _Sums:
             segment[:, columns] += products[count:]
         self.coherence.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
         if len(segment):
-            self.coherence.add(begin, end, segment)
+            self.coherence.add(end, torch.complex(*segment.chunk(2)), window[:, None])
 
     def _without_faults(self, block: Tensor, begin: int, columns: slice) -> Tensor:
         wrong = ~torch.isfinite(block)
@@ -184,25 +185,17 @@ class _Analysis:
 
     def rows(self, begin: int, end: int) -> Tensor:
         """Ones; lines, real and imaginary; segment lines, none beyond the last segment."""
-        waves = self._waves(begin, end)
+        turning = waves(self.frequency, self.sampling_rate, begin, end)
         parts = [torch.ones(1, end - begin, dtype=torch.float64)]
-        lines = waves * self.weights[begin:end]
+        lines = turning * self.weights[begin:end]
         parts += [lines.real, lines.imag]
         if begin < self.segments * self.segment_length:
-            segment = self.segment_lines(begin, end)
+            segment = turning * self.hann[torch.arange(begin, end) % self.segment_length]
             parts += [segment.real, segment.imag]
         return torch.cat(parts)
 
-    def _waves(self, begin: int, end: int) -> Tensor:
-        return waves(self.frequency, self.sampling_rate, begin, end)
-
     def window_lines(self) -> Tensor:
         return line_sums(self.weights, self.frequency, self.sampling_rate)
-
-    def segment_lines(self, begin: int, end: int) -> Tensor:
-        """e^{-j omega t} under the Hann window of the segment that holds begin .. end - 1."""
-        inside = torch.arange(begin, end) % self.segment_length
-        return self._waves(begin, end) * self.hann[inside]
 
 
 class _Coherence:
@@ -221,11 +214,10 @@ class _Coherence:
         self.cross = torch.zeros_like(self.power)
         self.rounding = 1e-12
 
-    def add(self, begin: int, end: int, products: Tensor) -> None:
-        """``products``: segment lines times samples begin .. end - 1, (2 F, P), in order."""
-        self.current += torch.complex(*products.chunk(2))
-        lines = self.analysis.segment_lines(begin, end)
-        self.window += lines.sum(1, keepdim=True).to(self.window.device)
+    def add(self, end: int, products: Tensor, window: Tensor) -> None:
+        """Samples before ``end``, in order: segment lines times them, (F, P), and alone, (F, 1)."""
+        self.current += products
+        self.window += window
         if end % self.analysis.segment_length == 0:
             self.total += self.current
             self.power += self.current.abs() ** 2

@@ -82,7 +82,7 @@ def educe(
             "by load_liner"
         )
     chosen = Choices(**choices)
-    _check_signal_output(chosen, reference_phase, reflected, several)
+    _check_signal_output(chosen, reference_phase, reflected, len(planes))
     found = []
     for ready in prepare(planes, liner, frequency, chosen, progress):
         if chosen.incident is not None:
@@ -96,15 +96,13 @@ def educe(
     return found if several else found[0]
 
 
-def _check_signal_output(
-    chosen: Choices, reference_phase: Any, reflected: Any, several: bool
-) -> None:
+def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, count: int) -> None:
     if chosen.incident is None and reflected is not None:
         raise ValueError(
             "a reflected signal needs an incident one; name it, e.g. incident='noise:300:3500' or "
             "Tones(1400.0)"
         )
-    if reflected is not None and several:
+    if reflected is not None and count > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
     if chosen.incident is not None and reference_phase is not None:
         raise ValueError("reference_phase is for tones; an incident signal has its own phase")
@@ -142,7 +140,7 @@ class Replayed:
         """
         ready = self.ready
         device = self.sums.forward.device
-        window, amplitude = ready.window_sums(device), ready.velocity_amplitude
+        window, amplitude = ready.window_sums, ready.velocity_amplitude
         psi = _reference_phase(ready, phase, reference_phase)
         sums = self.sums if phase != "averaged" else LineSums(self.sums.forward, None)
         means = Means.of(sums, window)

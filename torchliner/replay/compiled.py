@@ -17,6 +17,7 @@ from torch import Tensor
 
 from torchliner.liners.nonlinear import inverse_parts, powers
 from torchliner.replay.levels import VelocityGrid, lagrange_weights
+from torchliner.replay.sources import speed_of
 
 PAYS_FROM = 1.5e9  # velocity samples x lines: some ten seconds of eager work
 COMPILE = ("auto", "never", "always")
@@ -49,7 +50,7 @@ def law_sums(
     Returns:
         Real and imaginary part per direction, each (t/GROUP, P).
     """
-    speed = (velocity if offset is None else velocity - offset).abs()
+    speed = speed_of(velocity, offset)
     square, power = powers(speed)
     totals: list[Tensor | None] = [None] * weights.shape[2]
     for i in range(coefficients.shape[0]):
@@ -75,7 +76,7 @@ def table_sums(
     Returns:
         One (t/GROUP, P) per part.
     """
-    speed = (velocity if offset is None else velocity - offset).abs()
+    speed = speed_of(velocity, offset)
     index, offset_in_cell = grid.position(speed * scale)
     levels, parts = rows.shape[1:]
     start = torch.arange(len(rows), dtype=torch.int32, device=rows.device) * levels

@@ -63,19 +63,22 @@ class Record:
             return [frequency - q * spacing for q, _ in lines], [c for _, c in lines]
         return [frequency], []
 
+    def weights(self, begin: int, end: int) -> Tensor:
+        """The window at samples begin .. end - 1, 0 in the pre-roll: float64, (t,)."""
+        steps = torch.arange(begin, end) - self.start
+        return torch.where(steps >= 0, self.window.weights[steps.clamp(min=0)], 0.0)
+
     def line_weights(self, frequency: float, begin: int, end: int) -> Tensor:
         """Weight of each line at emissions begin .. end - 1: complex128, shape (t, lines)."""
         _, coefficients = self.line_frequencies(frequency)
-        steps = torch.arange(begin, end, dtype=torch.float64) - self.start
-        under = steps >= 0
         if not coefficients:
-            weights = self.window.weights[steps.clamp(min=0).to(torch.int64)]
-            return torch.where(under, weights, 0.0)[:, None].to(torch.complex128)
+            return self.weights(begin, end)[:, None].to(torch.complex128)
+        steps = torch.arange(begin, end, dtype=torch.float64) - self.start
         turn = 2 * torch.pi / (self.samples - self.start)
         orders = torch.tensor([q for q, _ in self.window.lines], dtype=torch.float64)
         waves = torch.exp(1j * turn * torch.outer(steps, orders))
         return (
-            under.to(torch.complex128)[:, None]
+            (steps >= 0).to(torch.complex128)[:, None]
             * waves
             * torch.tensor(coefficients, dtype=torch.complex128)
         )
@@ -96,8 +99,7 @@ class Reach:
     def __init__(self, record: Record, length: int) -> None:
         self.record, self.length = record, length
         n, start = record.samples, record.start
-        self.weights = torch.zeros(n, dtype=torch.float64)
-        self.weights[start:] = record.window.weights
+        self.weights = record.weights(0, n)
         reach = torch.arange(-length, n + length)
         inside = (reach >= 0) & (reach < n)
         self.seen = torch.zeros(len(reach), dtype=torch.float64)

@@ -8,6 +8,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchliner.signals.tones import waves
+
 
 class Emission(Protocol):
     """S channels of an incident wave, real or complex."""
@@ -26,9 +28,7 @@ class ComplexTones:
 
     def values(self, begin: int, end: int) -> Tensor:
         """complex128, (F, t)."""
-        steps = torch.arange(begin, end, dtype=torch.float64)
-        turn = 2 * torch.pi / self.sampling_rate * self.frequency.cpu()
-        return torch.exp(1j * torch.outer(turn, steps))
+        return waves(-self.frequency, self.sampling_rate, begin, end)
 
 
 @dataclass(frozen=True)
@@ -66,5 +66,5 @@ class SteadyTones:
         """float64, (1, t)."""
         turn = 2 * torch.pi / self.sampling_rate * self.frequency
         steps = torch.arange(begin, end, dtype=torch.float64)
-        waves = torch.cos(torch.outer(turn, steps) + self.phase[:, None])
-        return (self.amplitude @ waves)[None]
+        tones = torch.cos(torch.outer(turn, steps) + self.phase[:, None])
+        return (self.amplitude @ tones)[None]

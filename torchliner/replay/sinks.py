@@ -34,11 +34,8 @@ class ToneSink:
         """Cosine and sine of each frequency under the window, (F, t, 2)."""
         if (begin, end) not in self.kept:
             turning = waves(self.frequency, self.record.sampling_rate, begin, end)
-            start = self.record.start
-            weights = torch.zeros(end - begin, dtype=torch.float64)
-            under = self.record.window.weights[max(0, begin - start) : max(0, end - start)]
-            weights[end - begin - len(under) :] = under
-            pair = torch.stack([turning.real, -turning.imag], dim=-1) * weights[:, None]
+            pair = torch.stack([turning.real, -turning.imag], dim=-1)
+            pair = pair * self.record.weights(begin, end)[:, None]
             self.kept[begin, end] = pair.to(self.device)
         return self.kept[begin, end]
 

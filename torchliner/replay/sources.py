@@ -22,6 +22,11 @@ GPU_ELEMENTS = 1 << 25
 BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
 
 
+def speed_of(velocity: Tensor, offset: Tensor | None) -> Tensor:
+    """|v|, m/s, of (t, P) less an offset (P,)."""
+    return (velocity if offset is None else velocity - offset).abs()
+
+
 @dataclass(frozen=True)
 class Columns:
     """Some columns of a slab.
@@ -42,7 +47,7 @@ class Columns:
     @property
     def speed(self) -> Tensor:
         """|v|, m/s, (t, P_g)."""
-        return (self.velocity if self.offset is None else self.velocity - self.offset).abs()
+        return speed_of(self.velocity, self.offset)
 
 
 class SpeedSource(Protocol):
@@ -79,7 +84,7 @@ class SpeedSource(Protocol):
 
 @dataclass(frozen=True)
 class HeldSpeed:
-    """|v| in memory, (P, n), as a source of one group."""
+    """Velocity, or |v|, in memory, (P, n), as a source of one group."""
 
     speed: Tensor
 

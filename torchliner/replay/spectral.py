@@ -68,20 +68,70 @@ def spectral_sums(
     longest = max(end - begin for begin, end in bounds)
     groups = [_Group(lines, grid, source, i, elements, longest, compile_loops)
               for i in range(len(source.widths))]  # fmt: skip
+    coefficients = [_coefficients(line.law, source) for line in lines]
+    # Sum of all weights: the part of R = 1 + 2 (R - 1)/2 that is 1.
+    constants = torch.zeros(len(lines), lines[0].directions, 1, dtype=torch.complex128)
     for (begin, end), slab in zip(bounds, source.slabs(bounds), strict=True):
         # Long slabs, of files whose time runs fastest, are worked on in short ones.
         for low, high in bounds_of(end - begin, SLAB_ROWS):
             for first in range(0, len(lines), FREQUENCIES_AT_ONCE):
                 batch = range(first, min(first + FREQUENCIES_AT_ONCE, len(lines)))
-                tables = {i: lines[i].rows(begin + low, begin + high) for i in batch}
+                tasks = []
+                for i in batch:
+                    weights, made = _tasks(
+                        i, lines[i], coefficients[i], begin + low, begin + high, source
+                    )
+                    constants[i, :, 0] += weights
+                    tasks += made
                 for group, columns in zip(groups, slab, strict=True):
-                    part = columns.part(slice(low, high), slice(None))
-                    group.add(part, begin + low, tables)
+                    group.add(columns.part(slice(low, high), slice(None)), tasks)
         if progress is not None:
             progress(end - begin)
-    totals = torch.cat([group.totals() for group in groups], dim=-1)  # (F, directions, P)
+    totals = torch.cat([group.sums() for group in groups], dim=-1)  # (F, directions, P)
+    totals = totals + constants.to(totals.device)
     backward = totals[:, 1].T if totals.shape[1] == 2 else None
     return LineSums(totals[:, 0].T, backward)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A sum over a slab: by formula with ``data`` (t, lines, parts), or of the table ``data``."""
+
+    index: int
+    coefficients: Tensor | None
+    data: Tensor
+
+
+def _coefficients(law: SpeedLaw | None, source: SpeedSource) -> Tensor | None:
+    """Of a law's formula, in the precision in which its squares exist; None without a law."""
+    if law is None:
+        return None
+    size = (law.b * law.d).detach()
+    single = SMALLEST_SINGLE < float(size.min()) <= float(size.max()) < 1 / SMALLEST_SINGLE
+    return law.inverse_coefficients().to(source.device, source.dtype if single else torch.float64)
+
+
+def _tasks(
+    i: int, line: Line, coefficients: Tensor | None, begin: int, end: int, source: SpeedSource
+) -> tuple[Tensor | float, list[_Task]]:
+    """Sums that line ``i`` needs of emissions begin .. end - 1, and the sum of its weights."""
+    total: Tensor | float = 0.0
+    tasks = []
+    if coefficients is not None:
+        weights = line.weights(begin, end)
+        total = weights.sum((0, 1))
+        # Twice: the formula gives (R - 1)/2.
+        data = _parts(2 * weights).to(source.device, coefficients.dtype)
+        tasks.append(_Task(i, coefficients, data))
+    table = line.rows(begin, end)
+    if table is not None:
+        tasks.append(_Task(i, None, _parts(table).to(source.device, source.dtype)))
+    return total, tasks
+
+
+def _parts(values: Tensor) -> Tensor:
+    """Complex (t, ..., directions) as real and imaginary parts, (t, ..., 2 directions)."""
+    return torch.view_as_real(values).flatten(2)
 
 
 class _Group:
@@ -97,55 +147,27 @@ class _Group:
         rows: int,
         compile_loops: str,
     ) -> None:
-        self.lines, self.grid, self.elements = lines, grid, elements
+        self.count, self.grid, self.elements = len(lines), grid, elements
         self.width, self.samples = source.widths[index], source.samples
         self.dtype, self.device = source.dtype, source.device
         self.compile_loops = compile_loops
         # Of a compiled loop: those of a slab, in whole groups.
         self.rows = -(-min(SLAB_ROWS, rows) // GROUP) * GROUP
-        # Sum of all weights: the part of R = 1 + 2 (R - 1)/2 that is 1.
-        self.constants = torch.zeros(len(lines), lines[0].directions, dtype=torch.complex128)
         # Real and imaginary part per direction, float64, (2 directions, P_g).
         shape = (len(lines), 2 * lines[0].directions, self.width)
-        self.law_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
-        self.table_totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
+        self.totals = list(torch.zeros(shape, dtype=torch.float64, device=source.device))
 
-    def totals(self) -> Tensor:
+    def sums(self) -> Tensor:
         """Complex sums of all lines, (F, directions, P_g)."""
-        found = []
-        for law, table in zip(self.law_totals, self.table_totals, strict=True):
-            found.append(torch.complex(*(2 * law + table).unflatten(0, (-1, 2)).unbind(1)))
-        totals = torch.stack(found)
-        return totals + self.constants.to(totals.device)[..., None]
+        real, imaginary = torch.stack(self.totals).unflatten(1, (-1, 2)).unbind(2)
+        return torch.complex(real, imaginary)
 
-    def add(self, columns: Columns, begin: int, tables: dict[int, Tensor | None]) -> None:
-        """At most ``SLAB_ROWS`` samples from ``begin`` on, for the lines of ``tables``."""
-        rows = len(columns.velocity)
-        eager: list[_Task] = []
-        for i, table in tables.items():
-            line = self.lines[i]
-            if line.law is not None:
-                weights = line.weights(begin, begin + rows)
-                self.constants[i] += weights.sum((0, 1))
-                task = self._law_task(i, line.law, _pairs(weights))
-                if not self._fused(task, columns):
-                    eager.append(task)
-            if table is not None:
-                flat = torch.view_as_real(table).flatten(2)  # (t, V, 2 directions)
-                task = _Task(i, None, flat.to(self.device, self.dtype))
-                if not self._fused(task, columns):
-                    eager.append(task)
+    def add(self, columns: Columns, tasks: Sequence[_Task]) -> None:
+        """At most ``SLAB_ROWS`` samples."""
+        eager = [task for task in tasks if not self._fused(task, columns)]
         if eager:
-            for part in blocks(rows, self.width, self.elements):
+            for part in blocks(len(columns.velocity), self.width, self.elements):
                 self._eager(eager, columns.part(*part), *part)
-
-    def _law_task(self, i: int, law: SpeedLaw, pairs: Tensor) -> _Task:
-        dtype = self.dtype
-        size = (law.b * law.d).detach()
-        if not SMALLEST_SINGLE < float(size.min()) <= float(size.max()) < 1 / SMALLEST_SINGLE:
-            dtype = torch.float64
-        coefficients = law.inverse_coefficients().to(self.device, dtype)
-        return _Task(i, coefficients, pairs.to(self.device, dtype))
 
     def _fused(self, task: _Task, columns: Columns) -> bool:
         """Whether a compiled loop has done the task."""
@@ -176,7 +198,7 @@ class _Group:
         )
         if self.compile_loops == "never" or gradient or task.data.dtype != self.dtype:
             return None
-        work = self.samples * self.width * max(1, lines) * len(self.lines)
+        work = self.samples * self.width * max(1, lines) * self.count
         if self.compile_loops == "auto" and work < PAYS_FROM:
             return None
         grid = dataclasses.replace(self.grid, maximum=1.0) if lines == 0 else None
@@ -222,25 +244,10 @@ class _Group:
 
     def _keep(self, task: _Task, sums: Tensor, columns: slice) -> None:
         """Add to the running sums; out of place where a gradient must pass."""
-        store = self.table_totals if task.coefficients is None else self.law_totals
-        before = store[task.index]
+        before = self.totals[task.index]
         if not (carries_gradient(sums) or carries_gradient(before)):
             before[:, columns] += sums
             return
         left, right, _ = columns.indices(self.width)
         around = (left, self.width - right)
-        store[task.index] = before + torch.nn.functional.pad(sums.to(torch.float64), around)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """A sum over a slab: by formula with ``data`` (t, lines, parts), or of the table ``data``."""
-
-    index: int
-    coefficients: Tensor | None
-    data: Tensor
-
-
-def _pairs(weights: Tensor) -> Tensor:
-    """Complex (t, lines, directions) as real and imaginary parts, (t, lines, 2 directions)."""
-    return torch.view_as_real(weights.resolve_conj()).flatten(2)
+        self.totals[task.index] = before + torch.nn.functional.pad(sums.to(torch.float64), around)

@@ -111,7 +111,37 @@ class Tones:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class _Banded:
+    """What fills a band and repeats the record's values for ever."""
+
+    low: float
+    high: float
+    edge: str = field(default="wrap", init=False)
+    window: str = field(default="boxcar", init=False)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Its range, Hz."""
+        return self.low, self.high
+
+    def _check_band(self, kind: str) -> None:
+        require_positive(f"{kind}: lowest frequency (Hz)", self.low)
+        if not self.low < self.high < math.inf:
+            raise ValueError(
+                f"{kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
+            )
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """(samples,)."""
+        raise NotImplementedError
+
+    def emission(self, samples: int, sampling_rate: float) -> Emission:
+        """Repeated for ever."""
+        return Sent(self.sampled(samples, sampling_rate), True)
+
+
+@dataclass(frozen=True)
+class Sweep(_Banded):
     """One sweep over the record, of unit amplitude.
 
     Args:
@@ -122,29 +152,16 @@ class Sweep:
     whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
     """
 
-    low: float
-    high: float
     spacing: str = "linear"
-    edge: str = field(default="wrap", init=False)
-    window: str = field(default="boxcar", init=False)
 
     def __post_init__(self) -> None:
         require_choice("sweep", self.spacing, SWEEPS)
-        require_positive("sweep: lowest frequency (Hz)", self.low)
-        if not self.low < self.high < math.inf:
-            raise ValueError(
-                f"sweep runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
-            )
+        self._check_band("sweep")
 
     @property
     def label(self) -> str:
         """Kind and range."""
         return f"{self.spacing} sweep {self.low:g}-{self.high:g} Hz"
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """Its range."""
-        return self.low, self.high
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """(samples,)."""
@@ -157,13 +174,9 @@ class Sweep:
         values = chirp(times, self.low, duration, self.high, method=method, phi=-90.0)
         return torch.from_numpy(np.asarray(values, dtype=np.float64))
 
-    def emission(self, samples: int, sampling_rate: float) -> Emission:
-        """Repeated for ever."""
-        return Sent(self.sampled(samples, sampling_rate), True)
-
 
 @dataclass(frozen=True)
-class BandNoise:
+class BandNoise(_Banded):
     """Noise with a flat spectrum: every line k fs/n of the record in the band, random phases.
 
     Args:
@@ -173,18 +186,10 @@ class BandNoise:
     rms 1. The record is one period of it, so that with the edge rule ``wrap`` no line leaks.
     """
 
-    low: float
-    high: float
     seed: int = 0
-    edge: str = field(default="wrap", init=False)
-    window: str = field(default="boxcar", init=False)
 
     def __post_init__(self) -> None:
-        require_positive("band noise: lowest frequency (Hz)", self.low)
-        if not self.low < self.high < math.inf:
-            raise ValueError(
-                f"band noise runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
-            )
+        self._check_band("band noise")
         if not 0 <= self.seed < 1 << 63:
             raise ValueError(f"band noise: seed is {self.seed}; it is 0 to 2^63 - 1")
 
@@ -192,11 +197,6 @@ class BandNoise:
     def label(self) -> str:
         """Range and seed."""
         return f"band noise {self.low:g}-{self.high:g} Hz, seed {self.seed}"
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """Its range."""
-        return self.low, self.high
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """(samples,)."""
@@ -216,10 +216,6 @@ class BandNoise:
         spectrum[first : last + 1] = torch.polar(torch.ones_like(phase), phase)
         values = torch.fft.irfft(spectrum, n=samples)
         return values / values.square().mean().sqrt()
-
-    def emission(self, samples: int, sampling_rate: float) -> Emission:
-        """Repeated for ever: the record is one period."""
-        return Sent(self.sampled(samples, sampling_rate), True)
 
 
 @dataclass(frozen=True)

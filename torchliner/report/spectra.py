@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchliner.records import ImpedanceMap
 from torchliner.report.figures import PARTS, finish, styled, subplots
-from torchliner.report.numbers import Table, height_label
+from torchliner.report.numbers import Array, Table, height_label
 from torchliner.report.style import COLOURS
 
-Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Spectrum(Table):
-    """Whole-liner impedance over frequency (Hz) in both orders, and the quartiles over probes."""
-
-
-def impedance_over_frequency(result: ImpedanceMap) -> Spectrum:
-    """Columns by part and order; quartiles over the probes that were not left out."""
+def impedance_over_frequency(result: ImpedanceMap) -> Table:
+    """Whole-liner impedance in both orders; quartiles over the probes that were not left out."""
     values: dict[str, Array] = {}
     for part in ("real", "imag"):
         name = {"real": "resistance", "imag": "reactance"}[part]
@@ -35,7 +26,7 @@ def impedance_over_frequency(result: ImpedanceMap) -> Spectrum:
         for share in (25, 75):
             values[f"{name}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
     frequency = _host(result.frequency)
-    return Spectrum(frequency, values, height_label(result.height), "frequency (Hz)")
+    return Table(frequency, values, height_label(result.height), "frequency (Hz)")
 
 
 def _host(value: Any) -> Any:
