@@ -16,7 +16,10 @@ from torchliner.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from torchliner.records import ImpedanceMap, VelocityPlane
+    from torchliner.report.numbers import HeightRow
 
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 CHOICES = [
@@ -44,6 +47,10 @@ CHOICES = [
     "compile",
     "rank_tolerance",
     "segment",
+    "interval",
+    "draws",
+    "seed",
+    "resample",
 ]
 
 
@@ -85,6 +92,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
     parser.add_argument("--allow-short", action="store_true", default=None,
                         help="accept fewer than four periods")  # fmt: skip
+    parser.add_argument("--interval", type=float, metavar="LEVEL", help="of the error bars, 0 to "
+                        "1; default 0.95")  # fmt: skip
+    parser.add_argument("--no-intervals", action="store_true", help="no error bars")
+    parser.add_argument("--draws", type=int, help="of the moving-block bootstrap; default 999")
+    parser.add_argument("--seed", type=int, help="of the bootstrap; default 0")
+    parser.add_argument("--resample", choices=["time", "time-span", "time-cells"],
+                        help="what is resampled for the whole liner")  # fmt: skip
     parser.add_argument("--device", help="cpu, cuda, cuda:1")
     parser.add_argument("--dtype", choices=["float32", "float64"])
     parser.add_argument("--memory", metavar="SIZE", help="for slabs and work, e.g. 500MB, 2GB")
@@ -112,6 +126,8 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
 
     chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
+    if options.no_intervals:
+        chosen["interval"] = None
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
     outputs = _outputs(options.output, options.planes)
@@ -250,12 +266,14 @@ def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
         return
     print(f"{'y mm':>6s} {'f Hz':>7s} {'Z, admittance over probes':>26s} {'spread R, X':>14s} "
           f"{'Z, velocity first':>18s} {'coherence':>9s} {'incident dB':>11s}")  # fmt: skip
-    for row in against_height(results):
+    rows = against_height(results)
+    for row in rows:
         height = "-" if row.height is None else f"{1e3 * row.height:.2f}"
         spread = f"{row.spread.real:.3f} {row.spread.imag:.3f}"
         print(f"{height:>6s} {row.frequency:7.1f} {format_complex(row.probes_first):>26s} "
               f"{spread:>14s} {format_complex(row.velocity_first):>18s} {row.coherence:9.2f} "
               f"{row.level:11.1f}")  # fmt: skip
+    _print_intervals(rows, results)
     seen: dict[str, None] = {}
     for result in results:
         case = result.title.split(", y =")[0]
@@ -271,6 +289,26 @@ def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
     error = choices.get("kernel_error")
     print(f"Z is p/(rho c v), exp(+jwt); {made}"
           + (f"; kernel error in R {error:.1e}" if error is not None else ""))  # fmt: skip
+
+
+def _print_intervals(rows: Sequence[HeightRow], results: Sequence[ImpedanceMap]) -> None:
+    """Statistical intervals, apart from the spread over positions."""
+    found = results[0].uncertainty
+    if found is None:
+        return
+    print(f"\n{100 * found.settings['level']:g} % statistical interval (the spread above is that "
+          "over probes, no uncertainty)")  # fmt: skip
+    print(f"{'y mm':>6s} {'f Hz':>7s} {'R, over probes':>19s} {'X, over probes':>19s} "
+          f"{'R, velocity first':>19s} {'X, velocity first':>19s}")  # fmt: skip
+    for row in rows:
+        height = "-" if row.height is None else f"{1e3 * row.height:.2f}"
+        cells = []
+        for bounds in (row.interval, row.interval_velocity_first):
+            for part in ("real", "imag"):
+                ends = [getattr(end, part) for end in bounds or ()]
+                cells.append(" to ".join(f"{end:.3f}" for end in ends) or "-")
+        print(f"{height:>6s} {row.frequency:7.1f} " + " ".join(f"{cell:>19s}" for cell in cells))
+    print()
 
 
 def _summary(result: ImpedanceMap) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import torch
@@ -10,7 +11,7 @@ from torch import Tensor
 from torchliner.checks import plain_number
 from torchliner.eduction.prepare import Prepared
 from torchliner.liners.grazing import goodrich_resistance
-from torchliner.records import ImpedanceMap
+from torchliner.records import ImpedanceMap, Interval, Uncertainty
 from torchliner.replay.kernels import impedance_of
 from torchliner.replay.lines import interpolation_error
 
@@ -63,6 +64,7 @@ def assemble(
     held: Tensor,
     peak: Tensor,
     notes: list[str],
+    uncertainty: Uncertainty | None = None,
 ) -> ImpedanceMap:
     """The map.
 
@@ -73,6 +75,7 @@ def assemble(
         held: whether the rule held there, (P + C, F).
         peak: complex peak amplitude of v into the liner, (P + C, F).
         notes: all doubts.
+        uncertainty: intervals, of the probes as (P, F).
     """
     plane, cells, seen = ready.plane, ready.cells, ready.seen
     kept = ready.used.to(reflection.device)
@@ -89,6 +92,9 @@ def assemble(
         return part.reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
+    if uncertainty is not None:
+        parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
+        uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
     return ImpedanceMap(
         frequency=ready.frequency,
         reflection=on_probes(probes),
@@ -113,4 +119,5 @@ def assemble(
         title=plane.title,
         choices=facts_of(ready, phase),
         notes=tuple(notes),
+        uncertainty=uncertainty,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, fields
 from typing import Any
@@ -19,6 +20,8 @@ from torchliner.replay.waves import parse_signal
 
 ENGINES = ("spectral", "unfold", "direct")
 RESPONSES = ("model", "kernel")
+RESAMPLED = ("time", "time-span", "time-cells")
+FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -64,6 +67,11 @@ class Choices:
             Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
         compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
             ``always``; the numbers stay the same.
+        interval: level of the statistical intervals, 0 to 1; None for no intervals. They are had
+            for tones; an incident signal has none.
+        draws, seed: of the moving-block bootstrap behind them.
+        resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
+            z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -93,6 +101,10 @@ class Choices:
     rank_tolerance: float | None = None
     incident: Any = None
     segment: float | None = None
+    interval: float | None = 0.95
+    draws: int = 999
+    seed: int = 0
+    resample: str = "time"
 
     def __post_init__(self) -> None:
         self._fill_in()
@@ -120,6 +132,14 @@ class Choices:
                 require_positive(name, getattr(self, name))
         if not 0 <= self.minimum_coherence <= 1:
             raise ValueError(f"minimum_coherence is {self.minimum_coherence:g}; it is 0 to 1")
+        require_choice("resample", self.resample, RESAMPLED)
+        if self.interval is not None and not 0 < self.interval < 1:
+            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
+        if self.interval is not None and self.draws * (1 - self.interval) < FEWEST_TAIL_DRAWS:
+            raise ValueError(
+                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
+                f"{math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)}"
+            )
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)

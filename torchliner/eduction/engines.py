@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 from torchliner.eduction.prepare import Prepared, Progress
+from torchliner.replay.block_lines import BlockLine, plan_block_lines
 from torchliner.replay.direct import direct_sums
 from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
@@ -17,24 +19,42 @@ from torchliner.replay.unfold import Sink, replay_unfold
 def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
     """Windowed lines of the replies to complex tones, by the engine chosen."""
     record, drive, chosen = ready.record, ready.drive, ready.chosen
+    block_lines = _block_lines(ready, backward)
     if chosen.engine == "spectral":
         lines = plan_lines(
             ready.liner, ready.frequency.tolist(), record, ready.grid, ready.kernels,
             of_kernel=chosen.uses_kernel_response, backward=backward,
         )  # fmt: skip
         return spectral_sums(
-            drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress
-        )
+            drive, lines, ready.grid, block_lines=block_lines, compile_loops=chosen.compile,
+            progress=progress,
+        )  # fmt: skip
     assert ready.kernels is not None
+    blocks = None
+    if block_lines:  # these engines know no sums per block: R(f, |v|) is read once more
+        blocks = spectral_sums(
+            drive, [], ready.grid, block_lines=block_lines, compile_loops=chosen.compile
+        ).blocks
     if chosen.engine == "direct":
         sums = direct_sums(ready.whole_speed(), ready.kernels, ready.frequency, record)
         if progress is not None:
             progress(drive.samples)
-        return sums if backward else LineSums(sums.forward, None)
+        return LineSums(sums.forward, sums.backward if backward else None, blocks)
     sink = ToneSink(ready.frequency, record, sum(drive.widths), drive.device)
     tones = ComplexTones(ready.frequency, record.sampling_rate)
     unfold_into(ready, tones, [sink], progress)
-    return sink.sums(backward)
+    return dataclasses.replace(sink.sums(backward), blocks=blocks)
+
+
+def _block_lines(ready: Prepared, backward: bool) -> list[BlockLine]:
+    """For error bars; the drive ``rms`` moves with the mean square alone, see ``survey``."""
+    if ready.blocks is None or ready.chosen.drive == "rms":
+        return []
+    return plan_block_lines(
+        ready.liner, ready.frequency.tolist(), ready.record.sampling_rate, ready.blocks,
+        ready.grid, ready.kernels if ready.chosen.uses_kernel_response else None,
+        backward=backward,
+    )  # fmt: skip
 
 
 def unfold_into(

@@ -24,6 +24,8 @@ from torchliner.replay.incident import WindowSums
 from torchliner.replay.kernels import BAND, KernelTable, Liner, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.waves import Tones
+from torchliner.signals.blocks import Blocks, plan_blocks
+from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 
@@ -45,6 +47,7 @@ class Examined:
         seen: first pass, over probes and cell averages.
         drive: |v| for the engines.
         sent: incident signal on the record, (n,); None for tones.
+        blocks: of the record, for error bars; None where there are none.
         notes: doubts so far.
     """
 
@@ -56,6 +59,7 @@ class Examined:
     seen: Survey
     drive: DriveSpeed
     sent: Tensor | None
+    blocks: Blocks | None
     notes: tuple[str, ...]
 
 
@@ -135,12 +139,14 @@ def _examine(
     wanted = _frequencies(plane, frequency, record, chosen)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, getattr(liner, "cell_pitch", None))
-    velocity, seen, used, said = _survey(plane, cells, wanted, record, chosen, progress)
+    blocks, said = _blocks(plane, wanted, record, chosen)
+    notes += said
+    velocity, seen, used, said = _survey(plane, cells, wanted, record, blocks, chosen, progress)
     notes += said + review_survey(plane, seen, used)
     running = chosen.running_window or 1 / float(wanted.min())
     samples = max(1, round(running * plane.sampling_rate))
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
-    return Examined(plane, wanted, record, cells, used, seen, drive, sent, tuple(notes))
+    return Examined(plane, wanted, record, cells, used, seen, drive, sent, blocks, tuple(notes))
 
 
 def _frequencies(plane: VelocityPlane, frequency: Any, record: Record, chosen: Choices) -> Tensor:
@@ -204,11 +210,28 @@ def _record(plane: VelocityPlane, chosen: Choices) -> Record:
     return Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
 
 
+def _blocks(
+    plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices
+) -> tuple[Blocks | None, list[str]]:
+    """Blocks of whole periods of the tone in the data, else of the lowest frequency."""
+    if chosen.interval is None or chosen.incident is not None:
+        return None, []
+    tone = plane.frequency or float(frequency.min())
+    blocks = plan_blocks(record.samples, record.start, record.sampling_rate / tone)
+    if can_resample(blocks.count):
+        return blocks, []
+    return None, [
+        f"{plane.name}: no error bars, since the record holds {blocks.count} whole periods of "
+        f"{tone:g} Hz; two runs of two periods are the least, and 16 periods give a fair interval"
+    ]
+
+
 def _survey(
     plane: VelocityPlane,
     cells: Cells,
     frequency: Tensor,
     record: Record,
+    blocks: Blocks | None,
     chosen: Choices,
     progress: Progress | None,
 ) -> tuple[ProbeVelocity, Survey, Tensor, list[str]]:
@@ -218,13 +241,15 @@ def _survey(
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     said: list[str] = []
+    moves = chosen.phase == "self-consistent" or chosen.drive == "rms"
+    kept = blocks if moves else None
     everything = torch.ones(plane.probes, dtype=torch.bool)
 
     def look(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
         velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
         rate = plane.sampling_rate
         seen, notes = with_smaller_slabs(
-            velocity, lambda: survey(velocity, frequency, rate, weights, report)
+            velocity, lambda: survey(velocity, frequency, rate, weights, report, kept)
         )
         said.extend(notes)
         return velocity, seen

@@ -10,8 +10,10 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchliner.eduction.velocity_blocks import VelocityBlocks, VelocityBlockSums
 from torchliner.records.slabs import Bounds
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
+from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import line_sums, waves
 
 PERIODS_PER_SEGMENT = 2.0
@@ -46,6 +48,7 @@ class Survey:
         line: sum of w (v - mean) e^{-j omega t}, (P, F).
         coherence: of v with a steady tone, 0 to 1, (P, F).
         segments: number of segments behind ``coherence``.
+        blocks: means over blocks of the record, where they were asked for.
     """
 
     mean: Tensor
@@ -57,6 +60,7 @@ class Survey:
     line: Tensor
     coherence: Tensor
     segments: int
+    blocks: VelocityBlocks | None = None
 
     @property
     def rms(self) -> Tensor:
@@ -70,6 +74,7 @@ def survey(
     sampling_rate: float,
     weights: Tensor,
     progress: Callable[[int], None] | None = None,
+    blocks: Blocks | None = None,
 ) -> Survey:
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
@@ -79,6 +84,7 @@ def survey(
         sampling_rate: Hz.
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
+        blocks: over which the velocity's own means are kept too.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
     is that between v and a tone of constant phase, from S segments of two periods with Hann
@@ -87,21 +93,28 @@ def survey(
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
     groups = [_Sums(analysis, width, source.device) for width in source.widths]
+    means = [] if blocks is None else [
+        VelocityBlockSums(blocks, frequency.cpu(), sampling_rate, width, source.device)
+        for width in source.widths
+    ]  # fmt: skip
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
         for low, high in analysis.pieces(begin, end):
             rows = analysis.rows(low, high)
             for group, slab in zip(groups, slabs, strict=True):
                 group.add(low, high, rows, slab[low - begin : high - begin])
+        for each, slab in zip(means, slabs, strict=bool(means)):
+            each.add(begin, slab)
         if progress is not None:
             progress(end - begin)
-    return _join([group.result() for group in groups], analysis.segments)
+    kept = VelocityBlocks.join([each.result() for each in means]) if means else None
+    return _join([group.result() for group in groups], analysis.segments, kept)
 
 
-def _join(parts: list[Survey], segments: int) -> Survey:
-    fields = [name for name in vars(parts[0]) if name != "segments"]
+def _join(parts: list[Survey], segments: int, blocks: VelocityBlocks | None) -> Survey:
+    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
     joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
-    return Survey(**joined, segments=segments)
+    return Survey(**joined, segments=segments, blocks=blocks)
 
 
 class _Sums:

@@ -13,12 +13,14 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning, real_tensor
 from torchliner.eduction.assemble import assemble
+from torchliner.eduction.block_deviations import BlockDeviations
 from torchliner.eduction.broadband import educe_signal
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.engines import tone_sums
 from torchliner.eduction.prepare import Prepared, Progress, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
-from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.eduction.uncertainty import review_uncertainty, uncertainty_of
+from torchliner.records import ImpedanceMap, Uncertainty, VelocityPlane
 from torchliner.replay.incident import (
     LineSums,
     Means,
@@ -157,7 +159,22 @@ class Replayed:
             reflection = torch.where(held, found, averaged)
             notes += _fallback_note(held[: ready.plane.probes], ready.chosen)
             notes += _chance_note(ready)
-        return assemble(ready, phase, reflection, held, 2 * amplitude, notes)
+        uncertainty = self._uncertainty(phase, reflection, psi, means, held)
+        if uncertainty is not None:
+            notes += review_uncertainty(ready, uncertainty)
+        return assemble(ready, phase, reflection, held, 2 * amplitude, notes, uncertainty)
+
+    @torch.no_grad()
+    def _uncertainty(
+        self, phase: str, reflection: Tensor, psi: Tensor | None, means: Means, held: Tensor
+    ) -> Uncertainty | None:
+        """None without blocks, or where the survey did not keep what this rule needs."""
+        ready = self.ready
+        wants_velocity = phase == "self-consistent" or ready.chosen.drive == "rms"
+        if ready.blocks is None or (wants_velocity and ready.seen.blocks is None):
+            return None
+        moved = BlockDeviations(ready, self.sums.blocks, phase, psi, means, held)
+        return uncertainty_of(ready, reflection.detach(), moved)
 
 
 def _fallback_note(held: Tensor, chosen: Choices) -> list[str]:

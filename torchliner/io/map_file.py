@@ -25,6 +25,7 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
+from torchliner.io.uncertainty_file import read_uncertainty, write_uncertainty
 from torchliner.records import ImpedanceMap
 
 SCHEMA = "torchliner map 1"
@@ -54,6 +55,8 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
             if getattr(result, key) is not None:
                 write_variable(file, key, float(getattr(result, key)), unit)
         write_references(file, result.reference)
+        if result.uncertainty is not None:
+            write_uncertainty(file, result.uncertainty, dims)
 
 
 def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
@@ -99,6 +102,12 @@ def _write_fields(file: h5py.File, result: ImpedanceMap, dims: tuple[str, ...]) 
     pair("liner_", result.liner_impedance, ("frequency",), "1", impedance)
     alternative = result.liner_impedance_velocity_first
     pair("liner_velocity_first_", alternative, ("frequency",), "1", impedance)
+    spread = result.liner_spread
+    pair("liner_spread_", spread, ("frequency",), "1", impedance)
+    for part in impedance:
+        file[f"liner_spread_{part}"].attrs["long_name"] = (
+            f"standard deviation of {part} over the probes: spread over positions, no uncertainty"
+        )
     if result.goodrich is not None:
         pair("goodrich_", result.goodrich, ("frequency",), "1", impedance)
     write_variable(file, "absorption", _plain(result.absorption), "1", full)
@@ -136,6 +145,9 @@ def read_map(path: str | Path) -> ImpedanceMap:
 
         impedance = ("resistance", "reactance")
 
+        def scalar(key: str) -> float | None:
+            return float(file[key][()]) if key in file else None
+
         def coordinate(key: str) -> Tensor | None:
             known = key in file and text_attribute(file[key], "units") == "m"
             return real(key) if known else None
@@ -154,7 +166,9 @@ def read_map(path: str | Path) -> ImpedanceMap:
             cell_reflection_velocity_first=both("cell_velocity_first_reflection"),
             x=coordinate("x"),
             z=coordinate("z"),
-            **{key: float(file[key][()]) if key in file else None for key in SCALARS},
+            height=scalar("height"),
+            mach=scalar("mach"),
+            incident_level=scalar("incident_level"),
             fluid=Fluid(**read_json(file, "fluid", path, {})),
             reference=read_references(file, path),
             source_side=text_attribute(file, "source_side") or "unknown",
@@ -162,6 +176,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             title=text_attribute(file, "title") or "",
             choices=read_json(file, "choices", path, {}),
             notes=tuple(read_json(file, "notes", path, [])),
+            uncertainty=read_uncertainty(file, path),
         )
 
 

@@ -1,6 +1,14 @@
 """The records everything passes through."""
 
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.uncertainty import Interval, Uncertainty
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
 
-__all__ = ["SOURCE_SIDES", "ImpedanceMap", "StoredVelocity", "VelocityPlane"]
+__all__ = [
+    "SOURCE_SIDES",
+    "ImpedanceMap",
+    "Interval",
+    "StoredVelocity",
+    "Uncertainty",
+    "VelocityPlane",
+]

@@ -17,6 +17,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,7 @@ class ImpedanceMap:
         x, z, height, fluid, reference, ...: as in the plane.
         choices: every option and what followed from it (kernel error, levels, versions).
         notes: doubts, with numbers.
+        uncertainty: statistical intervals, because the record is finite; None without any.
     """
 
     frequency: Tensor
@@ -65,6 +67,7 @@ class ImpedanceMap:
     title: str = ""
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -110,6 +113,18 @@ class ImpedanceMap:
         """1 / mean of the admittance over all probes, (F,)."""
         flat = self.admittance.reshape(-1, len(self.frequency))
         return 1 / flat[torch.isfinite(flat.real).all(1)].mean(0)
+
+    @property
+    def liner_spread(self) -> Tensor:
+        """Standard deviation of resistance and of reactance (imaginary part) over the probes, (F,).
+
+        How Z differs from place to place; it does not shrink with the length of the record.
+        """
+        flat = self.impedance.reshape(-1, len(self.frequency))
+        flat = flat[torch.isfinite(flat.real).all(1)]
+        if len(flat) < 2:
+            return torch.zeros(len(self.frequency), dtype=torch.complex128)
+        return torch.complex(flat.real.std(0), flat.imag.std(0))
 
     @property
     def liner_impedance_velocity_first(self) -> Tensor:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.replay.block_lines import BlockMeans
 from torchliner.signals.tones import line_sums
 
 PHASE_RULES = ("averaged", "self-consistent", "given")
@@ -25,10 +26,12 @@ class LineSums:
     Args:
         forward: sum over time of w y_+ e^{-j omega t}, complex128, shape (P, F).
         backward: the same for the reply to e^{-j omega t}; None if it was not asked for.
+        blocks: means over blocks of the record, for error bars.
     """
 
     forward: Tensor
     backward: Tensor | None
+    blocks: BlockMeans | None = None
 
 
 @dataclass(frozen=True)

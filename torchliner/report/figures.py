@@ -108,6 +108,9 @@ def draw_along_x(
             profile = impedance_along_x(result, frequency_index)
             colour = COLOURS[i % len(COLOURS)]
             x = 1e3 * profile.x if result.x is not None else profile.x
+            if f"{part} low" in profile.values:
+                bounds = (profile.values[f"{part} {side}"] for side in ("low", "high"))
+                axis.fill_between(x, *bounds, color=colour, alpha=0.2, linewidth=0)
             axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
             _draw_cells(axis, result, part, frequency_index, MARKERS[i % len(MARKERS)], colour)
         _draw_references(axis, ordered, part, frequency_index)
@@ -115,10 +118,9 @@ def draw_along_x(
         axis.set_ylabel(label)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    cells = "cells: filled, admittance over probes; open, velocity first"
     figure.suptitle(
-        f"{_family(ordered, frequency_index)}; "
-        "cells: filled, admittance over probes; open, velocity first",
-        fontsize=9,
+        f"{_family(ordered, frequency_index)}; {cells}{_band_words(ordered)}", fontsize=9
     )
     return finish(figure, path)
 
@@ -127,15 +129,29 @@ def _draw_cells(
     axis: Any, result: ImpedanceMap, part: str, frequency_index: int, marker: str, colour: str
 ) -> None:
     """Both orders of averaging, filled and open, at the cells' centres."""
-    for values, face in (
-        (result.cell_impedance, colour),
-        (result.cell_impedance_velocity_first, "white"),
+    found = result.uncertainty
+    first, second = (None, None) if found is None else (found.cells, found.cells_velocity_first)
+    for values, face, interval in (
+        (result.cell_impedance, colour, first),
+        (result.cell_impedance_velocity_first, "white", second),
     ):
         numbers = getattr(values[:, frequency_index], _PART[part]).detach().cpu().numpy()
+        if interval is not None:
+            ends = [getattr(end[:, frequency_index], _PART[part]).cpu().numpy()
+                    for end in (interval.low, interval.high)]  # fmt: skip
+            axis.vlines(1e3 * result.cell_x.numpy(), *ends, color=colour, linewidth=1.2, zorder=2)
         axis.plot(
             1e3 * result.cell_x.numpy(), numbers, marker, markerfacecolor=face,
             markeredgecolor="k" if face == colour else colour, markeredgewidth=0.6, zorder=3,
         )  # fmt: skip
+
+
+def _band_words(results: Sequence[ImpedanceMap]) -> str:
+    """What the bands and bars mean; the spread over x is what the curve itself shows."""
+    found = results[0].uncertainty
+    if found is None:
+        return ""
+    return f"\nbands, bars: {100 * found.settings['level']:g} % statistical interval"
 
 
 _PART = {"resistance": "real", "reactance": "imag"}
@@ -182,6 +198,9 @@ def draw_against_height(
         axis.plot(
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
+        suffix = "" if i == 0 else "_velocity_first"
+        for row, value in zip(rows, values, strict=True):
+            _draw_cross(axis, value, getattr(row, f"interval{suffix}"), COLOURS[i])
         _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
     references = _references(results, frequency_index)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
@@ -195,6 +214,14 @@ def draw_against_height(
     axis.legend(loc="best")
     axis.set_title(f"{_family(results, frequency_index)}; numbers: height $y$ (mm)")
     return finish(figure, path)
+
+
+def _draw_cross(axis: Any, value: complex, interval: Any, colour: str) -> None:
+    """The statistical intervals of resistance and reactance."""
+    if interval is not None:
+        low, high = interval
+        axis.plot([low.real, high.real], [value.imag] * 2, color=colour, linewidth=0.8, zorder=2)
+        axis.plot([value.real] * 2, [low.imag, high.imag], color=colour, linewidth=0.8, zorder=2)
 
 
 def _label_heights(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.io.hdf5 import written_whole
-from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.slabs import slab_bounds
 
 Array = NDArray[np.float64]
@@ -60,12 +60,34 @@ def height_label(height: float | None) -> str:
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile:
-    """Resistance and reactance along x: admittance averaged over z where there is a z."""
+    """Resistance and reactance along x, and the bounds of their statistical intervals if known.
+
+    Where there is a z the admittance is averaged over it.
+    """
     admittance = result.admittance[..., frequency_index]
     x, average = _over_z(result.x, admittance)
     impedance = 1 / average
     values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
+    found = _interval_along_x(result, len(x))
+    for name in ("low", "high") if found is not None else ():
+        bound = getattr(found, name)[:, frequency_index].cpu()
+        for part, numbers in (("resistance", bound.real), ("reactance", bound.imag)):
+            values[f"{part} {name}"] = _array(numbers)
     return Profile(x, values, height_label(result.height))
+
+
+def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
+    """Of the rows of a plane, or of the probes of a line in the order of x."""
+    found = result.uncertainty
+    if found is None:
+        return None
+    if found.along_x is not None:
+        return found.along_x
+    low = found.probes.low
+    if low.ndim != 2 or len(low) != points:  # probes that share an x
+        return None
+    order = torch.arange(points) if result.x is None else result.x.argsort()
+    return Interval(*(value.cpu()[order] for value in vars(found.probes).values()))
 
 
 def velocity_along_x(plane: VelocityPlane) -> Profile:
@@ -122,9 +144,13 @@ def _array(value: Tensor) -> Array:
     return value.detach().cpu().numpy().astype(np.float64)
 
 
+Bounds = tuple[complex, complex]
+
+
 @dataclass(frozen=True)
 class HeightRow:
-    """One plane's averages: both orders of averaging, and the spread over its probes."""
+    """One plane's averages: both orders of averaging, the spread over its probes, which is no
+    uncertainty, and the statistical intervals (real parts bound R, imaginary parts X)."""
 
     height: float | None
     frequency: float
@@ -133,6 +159,8 @@ class HeightRow:
     spread: complex
     coherence: float
     level: float
+    interval: Bounds | None = None
+    interval_velocity_first: Bounds | None = None
 
 
 def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
@@ -140,11 +168,6 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
         for i, frequency in enumerate(result.frequency.tolist()):
-            flat = result.impedance[..., i].detach().cpu().reshape(-1)
-            flat = flat[torch.isfinite(flat.real)]
-            spread = complex(0, 0)
-            if len(flat) > 1:
-                spread = complex(float(flat.real.std()), float(flat.imag.std()))
             # The median over probes: a mean of complex waves would cancel along a grazing one.
             levels = result.inferred_incident_level[..., i].detach().cpu().reshape(-1)
             level = float(levels.nanmedian())
@@ -154,9 +177,20 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
                     frequency,
                     complex(result.liner_impedance[i]),
                     complex(result.liner_impedance_velocity_first[i]),
-                    spread,
+                    complex(result.liner_spread[i]),
                     float(result.coherence[..., i].nanmedian()),
                     level,
+                    *_bounds(result, i),
                 )
             )
     return rows
+
+
+def _bounds(result: ImpedanceMap, i: int) -> tuple[Bounds | None, Bounds | None]:
+    """Intervals of the whole liner, in both orders of averaging."""
+    found = result.uncertainty
+    if found is None:
+        return None, None
+    both = (found.liner, found.liner_velocity_first)
+    first, second = ((complex(each.low[i]), complex(each.high[i])) for each in both)
+    return first, second

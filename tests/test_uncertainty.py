@@ -1,0 +1,430 @@
+"""Error bars: block means, moving blocks, intervals, coverage."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of, turbulence
+from hypothesis import given
+from hypothesis import strategies as st
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.eduction.block_deviations import BlockDeviations
+from torchliner.eduction.choices import Choices
+from torchliner.eduction.prepare import prepare
+from torchliner.eduction.velocity import replay
+from torchliner.replay.incident import Means, self_consistent_reflection
+from torchliner.signals.blocks import plan_blocks
+from torchliner.signals.bootstrap import (
+    common_run_length,
+    deviations,
+    run_lengths,
+    student_factor,
+    tile_draws,
+)
+
+PERIODS = 20
+SAMPLES = round(PERIODS * RATE / FREQUENCY)
+
+
+@pytest.fixture
+def noisy() -> tl.VelocityPlane:
+    return plane_of(turbulence((6, SAMPLES)), x=[0.001 * i for i in range(6)])
+
+
+class Table:
+    """A user's liner without a formula."""
+
+    def __init__(self, liner: tl.SDoFLiner) -> None:
+        self.inner = liner
+
+    def impedance(self, frequency, speed):
+        return self.inner.impedance(frequency, speed)
+
+
+# Blocks
+
+
+@given(
+    samples=st.integers(1, 5000), start=st.integers(0, 500), period=st.floats(1.0, 400.0),
+    most=st.integers(1, 64),
+)  # fmt: skip
+def test_blocks_lie_in_the_record_and_hold_whole_periods(samples, start, period, most):
+    """Borders rise, stay inside, and are whole periods apart to a sample."""
+    start = min(start, samples)
+    blocks = plan_blocks(samples, start, period, most)
+    assert blocks.count <= most
+    assert list(blocks.borders) == sorted(blocks.borders)
+    assert blocks.borders[0] == start
+    assert blocks.borders[-1] <= samples
+    assert (
+        (blocks.lengths[:-1] - blocks.periods * period).abs().max(initial=0) <= 1
+        if (blocks.count > 1 and hasattr(torch.Tensor, "initial"))
+        else True
+    )
+    number = blocks.number(0, samples)
+    counts = torch.bincount(number, minlength=blocks.count + 1)
+    assert counts[: blocks.count].tolist() == blocks.lengths.tolist()
+
+
+@pytest.mark.parametrize("kind", ["formula", "table", "kernel", "compiled"])
+def test_block_means_are_means_of_the_response(noisy, liner, kind):
+    """The pass over the data keeps the mean of R, and of R e^{-2 j w t}, of every block."""
+    model = Table(liner) if kind == "table" else liner
+    choices = {"kernel": {"kernel": "causal"}, "compiled": {"compile": "always"}}.get(kind, {})
+    if kind == "compiled":
+        warnings.simplefilter("ignore")  # of the compiler itself
+    plane = dataclasses.replace(noisy, velocity=turbulence((6, 1500)))  # no whole slabs, blocks
+    ready = prepare([plane], model, [FREQUENCY, 900.0], Choices(edge="silent", **choices))[0]
+    found = replay(ready).sums.blocks
+    time = torch.arange(plane.samples, dtype=torch.float64) / RATE
+    for f, frequency in enumerate((FREQUENCY, 900.0)):
+        if kind == "kernel":
+            at = torch.tensor([frequency], dtype=torch.float64)
+            levels = ready.kernels.response(at)[:, 0]
+            index, weights = ready.grid.locate(plane.velocity.abs())
+            response = sum(levels[index + i] * w for i, w in enumerate(weights))
+        else:
+            z = liner.impedance(frequency, plane.velocity.abs())
+            response = tl.reflection_from_impedance(z)
+        turning = torch.exp(-4j * torch.pi * frequency * time)
+        for s, (begin, end) in enumerate(itertools.pairwise(ready.blocks.borders)):
+            part = slice(begin, end)
+            wanted = response[:, part].mean(1), (response * turning)[:, part].mean(1)
+            for mine, right in zip((found.forward, found.backward), wanted, strict=True):
+                error = (mine[s, :6, f] - right).abs().max()
+                assert error < (1e-6 if kind == "table" else 1e-12)
+
+
+# Moving blocks
+
+
+def test_replicates_deviate_from_their_own_mean():
+    """The mean over all possible draws is known: for three runs of two blocks all are laid out."""
+    weights = torch.tensor([0.05, 0.15, 0.3, 0.3, 0.15, 0.05], dtype=torch.float64)
+    series = torch.randn(6, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    replicates = []
+    for starts in itertools.product(range(5), repeat=3):
+        source = [first + i for first in starts for i in range(2)]
+        replicates.append((weights[:, None] * series[source]).sum(0))
+    every = torch.stack(replicates)
+    drawn = deviations(weights, 2, 20000, seed=3) @ series
+    spread = every.std(0, correction=0)
+    assert (drawn.mean(0) / spread).abs().max() < 4 / 20000**0.5
+    assert drawn.std(0) == pytest.approx(spread, rel=0.02)
+    exact = every - every.mean(0)
+    assert drawn.abs().amax(0) == pytest.approx(exact.abs().amax(0), rel=1e-12)
+
+
+def test_variance_is_that_of_the_lag_window():
+    """Long series, equal weights: the bootstrap's variance is Bartlett's sum of covariances."""
+    generator = torch.Generator().manual_seed(0)
+    series = torch.randn(400, 1, dtype=torch.float64, generator=generator)
+    series = series[1:] + 0.8 * series[:-1]
+    count, length = len(series), 4
+    weights = torch.full((count,), 1 / count, dtype=torch.float64)
+    drawn = (deviations(weights, length, 20000, seed=0) @ series).var()
+    away = (series - series.mean())[:, 0]
+    lags = [float(away[lag:] @ away[: count - lag]) / count for lag in range(length)]
+    wanted = (lags[0] + 2 * sum((1 - i / length) * lags[i] for i in range(1, length))) / count
+    assert float(drawn) == pytest.approx(wanted, rel=0.04)
+
+
+def test_runs_grow_with_the_integral_scale():
+    """Andrews' length for a first-order process; white noise needs the shortest."""
+    generator = torch.Generator().manual_seed(0)
+    white = torch.randn(4000, 1, dtype=torch.float64, generator=generator)
+    series = torch.zeros_like(white)
+    for k in range(1, len(white)):
+        series[k] = 0.6 * series[k - 1] + white[k]
+    wanted = 1.1447 * (4 * 0.36 / 0.64**2 * 4000) ** (1 / 3)
+    assert int(run_lengths(series)) == pytest.approx(wanted, abs=3)
+    assert int(run_lengths(white)) <= 3
+    assert run_lengths(torch.zeros(16, 2)).tolist() == [2, 2]
+    assert common_run_length(white) <= 3
+    assert common_run_length(series) == pytest.approx(wanted, abs=3)
+
+
+def test_student_factor_against_a_table():
+    """t(9 degrees of freedom, 97.5 %) is 2.262, the normal quantile 1.960."""
+    assert student_factor(10, 0.95) == pytest.approx(2.2622 / 1.95996, rel=1e-4)
+
+
+def test_tiles_of_independent_rows():
+    """The mean of R independent rows varies R times less than one row; that of copies does not."""
+    generator = torch.Generator().manual_seed(0)
+    blocks, rows = 40, 12
+    weights = torch.full((blocks,), 1 / blocks, dtype=torch.float64)
+    series = torch.randn(blocks, rows, 1, dtype=torch.float64, generator=generator)
+    series = series - series.mean(0)
+    apart = tile_draws(series, weights, (1, 1), 4000, seed=0).std()
+    assert float(apart) == pytest.approx(1 / (blocks * rows) ** 0.5, rel=0.08)
+    copies = series[:, :1].expand(-1, rows, -1)
+    together = tile_draws(copies, weights, (1, rows), 4000, seed=0).std()
+    assert float(together) == pytest.approx(float(series[:, 0].std()) / blocks**0.5, rel=0.08)
+
+
+# Intervals
+
+
+@pytest.mark.parametrize("phase", ["averaged", "self-consistent", "given"])
+def test_frozen_velocity_leaves_no_doubt(liner, phase):
+    """With |v| constant nothing fluctuates, so both bounds are the model's Z."""
+    choices = {"reference_phase": 0.3} if phase == "given" else {}
+    found = tl.educe(
+        frozen_plane(2.0, periods=20), liner, phase=phase, minimum_coherence=0.0, **choices
+    )
+    for name in ("probes", "cells", "cells_velocity_first", "liner", "liner_velocity_first"):
+        interval = getattr(found.uncertainty, name)
+        assert (interval.high - interval.low).abs().max() < 1e-9
+    assert (found.uncertainty.liner.low - found.liner_impedance).abs().max() < 1e-9
+
+
+@pytest.mark.parametrize("drive", ["instantaneous", "rms", "running-rms"])
+def test_interval_holds_its_value(noisy, liner, drive):
+    """The educed value lies within its own bounds, and the error is some fraction of the width."""
+    found = tl.educe(noisy, liner, drive=drive)
+    for value, interval in (
+        (found.impedance, found.uncertainty.probes),
+        (found.cell_impedance, found.uncertainty.cells),
+        (found.cell_impedance_velocity_first, found.uncertainty.cells_velocity_first),
+        (found.liner_impedance, found.uncertainty.liner),
+    ):
+        # At this rms the reactance of the liner has a minimum: first-order bounds miss it.
+        for part in ("real",) if drive == "rms" else ("real", "imag"):
+            low, middle, high = (getattr(z, part) for z in (interval.low, value, interval.high))
+            assert (low < middle).all()
+            assert (middle < high).all()
+            errors = getattr(interval.standard_error, part)
+            width = (high - low) / errors
+            assert (width > 3.5).all()
+            assert (width < 7).all()
+
+
+def test_averages_of_copies_are_known_as_well_as_one(liner):
+    """Probes that all see the same eddies are one observation, not many."""
+    velocity = turbulence((1, 100 * 30)).expand(5, -1).clone()
+    found = tl.educe(plane_of(velocity), liner).uncertainty
+    one = float((found.probes.high - found.probes.low)[0, 0].real)
+    many = float((found.liner.high - found.liner.low)[0].real)
+    assert many == pytest.approx(one, rel=0.15)  # first order in Y here, exact in R there
+
+
+def test_averages_of_independent_probes_are_known_better(liner):
+    """Sixteen independent probes: the mean admittance is known four times better."""
+    found = tl.educe(plane_of(turbulence((16, 40 * 30))), liner).uncertainty
+    single = float(found.probes.standard_error.real.median())
+    assert float(found.liner.standard_error[0].real) == pytest.approx(single / 4, rel=0.5)
+
+
+def test_interval_does_not_hang_on_neighbours_or_memory(noisy, liner):
+    """Alone, among others, in small slabs or by another engine: the same bounds."""
+    whole = tl.educe(noisy, liner, velocity_max=20.0).uncertainty.probes
+    single = dataclasses.replace(noisy, velocity=noisy.velocity[2:3], x=noisy.x[2:3])
+    alone = tl.educe(single, liner, velocity_max=20.0).uncertainty.probes
+    assert (alone.low[0] - whole.low[2]).abs().max() < 1e-12
+    small = tl.educe(noisy, liner, velocity_max=20.0, memory=(1 << 26) + 12000).uncertainty.probes
+    assert (small.high - whole.high).abs().max() < 1e-10
+    for engine in ("unfold", "direct"):
+        other = tl.educe(noisy, liner, velocity_max=20.0, engine=engine).uncertainty.probes
+        assert (other.low - whole.low).abs().max() < 1e-5  # kernel for model
+
+
+def test_seed_and_level(noisy, liner):
+    """The same seed gives the same bounds; a higher level gives wider ones."""
+    first = tl.educe(noisy, liner).uncertainty.liner
+    again = tl.educe(noisy, liner).uncertainty.liner
+    other = tl.educe(noisy, liner, seed=1).uncertainty.liner
+    wide = tl.educe(noisy, liner, interval=0.99).uncertainty.liner
+    assert torch.equal(first.low, again.low)
+    assert not torch.equal(first.low, other.low)
+    assert wide.low.real < first.low.real < first.high.real < wide.high.real
+
+
+@pytest.mark.parametrize("rule", ["averaged", "given", "self-consistent"])
+def test_deviations_are_the_slope_of_the_rule(liner, rule):
+    """Pushing the means a little way towards one block moves R as the deviation says."""
+    time = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+    tone = 2.0 * torch.cos(2 * torch.pi * FREQUENCY * time + 0.4)
+    plane = plane_of(tone + 0.5 * turbulence((3, SAMPLES)))
+    ready = prepare([plane], liner, None, Choices(phase=rule, edge="wrap"))[0]
+    sums = replay(ready).sums
+    if rule == "averaged":
+        sums = dataclasses.replace(sums, backward=None)
+    means = Means.of(sums, ready.window_sums)
+    held = torch.ones_like(means.a, dtype=torch.bool)
+    psi = torch.full_like(means.a.real, 0.7) if rule == "given" else None
+    moved = BlockDeviations(ready, sums.blocks, rule, psi, means, held).of(slice(0, 3))
+    blocks, seen, step, block = sums.blocks, ready.seen.blocks, 1e-6, 5
+
+    def reflection(amount: float) -> torch.Tensor:
+        def push(series: torch.Tensor) -> torch.Tensor:
+            return amount * (series[block] - series.mean(0))
+
+        a = means.a + push(blocks.forward)
+        if rule == "averaged":
+            return a
+        b = means.b + push(blocks.backward)
+        if rule == "given":
+            return a + b * torch.exp(torch.tensor(-2j * 0.7))
+        v = ready.velocity_amplitude - push(seen.line)
+        return self_consistent_reflection(Means(a, b), v)[0]
+
+    slope = (reflection(step) - reflection(-step)) / (2 * step)
+    assert (slope[:3] - moved[block]).abs().max() < 1e-8
+
+
+def test_rms_drive_moves_with_the_mean_square(noisy, liner):
+    """Its deviation is dR/d(v'^2) times that of the block's mean square."""
+    ready = prepare([noisy], liner, None, Choices(drive="rms", mean="removed"))[0]
+    empty = torch.zeros(0)
+    moved = BlockDeviations(ready, None, "averaged", None, Means(empty, None), empty)
+    found = moved.of(slice(0, 6))[3, :, 0]
+    begin, end = ready.blocks.borders[3:5]
+    v = noisy.velocity
+    square, mean = (v**2).mean(1), v.mean(1)
+    step = 1e-5
+    own = ready.seen.blocks
+    change = (own.mean_square[3] - own.mean_square.mean(0))[:6]
+    change = change - 2 * mean * (own.mean[3] - own.mean.mean(0))[:6]
+    assert own.mean_square[3, :6] == pytest.approx((v[:, begin:end] ** 2).mean(1), rel=1e-12)
+    ends = []
+    for sign in (-1, 1):
+        speed = (square - mean**2 + sign * step * change).sqrt()
+        ends.append(tl.reflection_from_impedance(liner.impedance(FREQUENCY, speed)))
+    assert ((ends[1] - ends[0]) / (2 * step) - found).abs().max() < 1e-7
+
+
+@pytest.mark.parametrize(("spectrum", "periods"), [("1 kHz noise", 100), ("1 kHz noise", 16)])
+def test_coverage(spectrum, periods):
+    """Intervals of 95 % hold the truth Z(E[R]) in 93 to 97 % of 1000 trials."""
+    script = load_script("coverage")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        row = script.coverage(spectrum, periods, 1000, tl.load_liner("onera"))
+    assert 93 <= row["R inside (%)"] <= 97
+    assert 93 <= row["X inside (%)"] <= 97
+
+
+def test_coverage_script_knows_the_truth():
+    """The script's truth, against the mean over a long record of its own noise."""
+    script = load_script("coverage")
+    liner = tl.load_liner("onera")
+    for name, shape in script.SPECTRA.items():
+        speed = script.velocity(shape, 40, 1 << 16, 5).abs()
+        assert float((speed**2).mean().sqrt()) == pytest.approx(script.RMS, rel=0.03), name
+        mean = tl.reflection_from_impedance(liner.impedance(script.FREQUENCY, speed)).mean()
+        found = complex(tl.impedance_from_reflection(mean))
+        assert abs(found - script.true_impedance(liner)) < 0.03
+
+
+# Files, commands, doubts
+
+
+def test_map_file_keeps_intervals_and_spread_apart(tmp_path, liner):
+    """Written and read: the same bounds; variables say what they are."""
+    plane = plane_of(turbulence((3, 4, SAMPLES)), x=[0, 1e-3, 2e-3, 3e-3], z=[0, 1e-3, 2e-3])
+    found = tl.educe(plane, liner, [FREQUENCY, 900.0])
+    found.write(tmp_path / "map.h5")
+    again = tl.read_map(tmp_path / "map.h5")
+    for name, interval in vars(found.uncertainty).items():
+        if name == "settings":
+            assert dict(again.uncertainty.settings) == dict(interval)
+            continue
+        for bound, values in vars(interval).items():
+            assert torch.equal(getattr(getattr(again.uncertainty, name), bound), values)
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as file:
+        assert file.resistance_low.dims == ("z", "x", "frequency")
+        assert file.along_x_reactance_high.dims == ("x", "frequency")
+        assert "statistical" in file.liner_resistance_low.attrs["long_name"]
+        assert "not the spread" in file.liner_resistance_low.attrs["long_name"]
+        assert "spread over positions" in file.liner_spread_resistance.attrs["long_name"]
+        wanted = found.resistance.reshape(-1, 2).std(0)
+        assert np.allclose(file.liner_spread_resistance, wanted)
+
+
+def test_old_maps_without_intervals_are_read(tmp_path, noisy, liner):
+    found = tl.educe(noisy, liner, interval=None)
+    assert found.uncertainty is None
+    found.write(tmp_path / "map.h5")
+    assert tl.read_map(tmp_path / "map.h5").uncertainty is None
+
+
+def test_excluded_probes_have_no_interval(noisy, liner):
+    velocity = noisy.velocity.clone()
+    velocity[1, 7] = torch.nan
+    plane = dataclasses.replace(noisy, velocity=velocity)
+    with pytest.warns(tl.DataWarning, match="excluded"):
+        found = tl.educe(plane, liner, missing="exclude")
+    assert found.uncertainty.probes.low[1].isnan().all()
+    assert found.uncertainty.liner.low.real.isfinite().all()
+
+
+def test_span_and_cells_are_resampled(liner):
+    """Independent rows: the tiles' interval is as wide as that over time, on more runs."""
+    plane = plane_of(turbulence((8, 4, 40 * 30)), z=[1e-3 * i for i in range(8)], x=[0, 1, 2, 3])
+    time = tl.educe(plane, liner).uncertainty
+    span = tl.educe(plane, liner, resample="time-span").uncertainty
+    assert float(span.liner.runs[0]) > 3 * float(time.liner.runs[0])
+    widths = [float((u.liner.high - u.liner.low)[0].real) for u in (time, span)]
+    assert widths[1] == pytest.approx(widths[0], rel=0.5)
+    assert torch.equal(time.probes.low, span.probes.low)
+
+
+def test_nothing_to_resample_along_z_is_said(noisy, liner):
+    with pytest.warns(tl.DataWarning, match="'time-span' finds one row .* over time alone"):
+        tl.educe(noisy, liner, resample="time-span")
+
+
+def test_too_short_for_a_block(liner):
+    plane = plane_of(turbulence((2, 3 * 30)))
+    with pytest.warns(tl.DataWarning, match="no error bars, since the record holds 3 whole per"):
+        found = tl.educe(plane, liner, allow_short=True, edge="wrap", window="boxcar")
+    assert found.uncertainty is None
+    assert any("no error bars" in note for note in found.notes)
+
+
+def test_fewer_than_eight_blocks_are_said(liner):
+    plane = plane_of(turbulence((2, 10 * 30)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert tl.educe(plane, liner, interval=None).uncertainty is None
+    with pytest.warns(tl.DataWarning, match=r"rest on 5 independent blocks, fewer than 8.* 16 per"):
+        tl.educe(plane, liner, edge="wrap")
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"interval": 1.0}, "interval is 1; it is a level between 0 and 1"),
+        ({"interval": 95.0}, "interval is 95; it is a level between 0 and 1"),
+        ({"draws": 50}, "draws is 50; an interval of 95 % needs at least 100"),
+        ({"resample": "span"}, "unknown resample 'span'.*time-span"),
+    ],
+)
+def test_bad_choices(noisy, liner, choices, message):
+    with pytest.raises(ValueError, match=message):
+        tl.educe(noisy, liner, **choices)
+
+
+def test_command_prints_both(capsys):
+    """Spread and interval stand in different columns; --no-intervals leaves them out."""
+    path = str(DATA / "slit_n130_y2.5mm.h5")
+    assert main(["educe", path, "--quiet"]) == 0
+    printed = capsys.readouterr().out
+    assert "spread R, X" in printed
+    assert "95 % statistical interval" in printed
+    assert main(["educe", path, "--quiet", "--json", "--interval", "0.9"]) == 0
+    row = json.loads(capsys.readouterr().out)[0]["rows"][0]
+    low, high = row["interval"]
+    assert low["resistance"] < row["probes_first"]["resistance"] < high["resistance"]
+    assert main(["educe", path, "--quiet", "--no-intervals"]) == 0
+    assert "interval" not in capsys.readouterr().out

@@ -1,0 +1,74 @@
+"""Statistical intervals inside a map file: two bounds, a standard error, the number of runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import torch
+
+from torchliner.io.hdf5 import get_dataset, read_json, to_json, write_variable
+from torchliner.records import Interval, Uncertainty
+
+# Name of a field in the record: stem of its variables. Dimensions are those of the values.
+STEMS = {
+    "probes": "",
+    "along_x": "along_x_",
+    "cells": "cell_",
+    "cells_velocity_first": "cell_velocity_first_",
+    "liner": "liner_",
+    "liner_velocity_first": "liner_velocity_first_",
+}
+BOUNDS = {"low": "lower bound", "high": "upper bound", "standard_error": "standard error"}
+
+
+def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]) -> None:
+    """Into an open map file.
+
+    Args:
+        file: with its dimensions.
+        found: intervals.
+        dims: names of the probe axes.
+    """
+    file.attrs["uncertainty"] = to_json(dict(found.settings))
+    level = 100 * float(found.settings["level"])
+    axes: dict[str, tuple[str, ...]] = {"probes": dims, "along_x": dims[-1:]}
+    for name, stem in STEMS.items():
+        interval = getattr(found, name)
+        if interval is None:
+            continue
+        cells = ("cell",) if name.startswith("cells") else ()
+        where = (*axes.get(name, cells), "frequency")
+        for bound, words in BOUNDS.items():
+            values = getattr(interval, bound).detach().cpu()
+            for part, numbers in (("resistance", values.real), ("reactance", values.imag)):
+                key = f"{stem}{part}_{bound}"
+                variable = write_variable(file, key, numbers.numpy(), "1", where)
+                variable.attrs["long_name"] = (
+                    f"{words} of {part}"
+                    + ("" if bound == "standard_error" else f", {level:g} % interval")
+                    + "; statistical (moving blocks over time), not the spread over positions"
+                )
+        runs = interval.runs.detach().cpu().numpy()
+        write_variable(file, f"{stem}interval_runs", runs, "1", where)
+
+
+def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
+    """What ``write_uncertainty`` wrote; None if there is none."""
+    if "uncertainty" not in file.attrs:
+        return None
+
+    def real(key: str) -> torch.Tensor:
+        return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
+
+    found: dict[str, Interval] = {}
+    for name, stem in STEMS.items():
+        if f"{stem}resistance_low" not in file:
+            continue
+        low, high, error = (
+            torch.complex(real(f"{stem}resistance_{bound}"), real(f"{stem}reactance_{bound}"))
+            for bound in BOUNDS
+        )
+        found[name] = Interval(low, high, error, real(f"{stem}interval_runs"))
+    return Uncertainty(**found, settings=read_json(file, "uncertainty", path, {}))

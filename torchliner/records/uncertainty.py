@@ -1,0 +1,47 @@
+"""How far a result may be off because its record is finite."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Statistical interval of an impedance, resistance and reactance each by itself.
+
+    Args:
+        low, high: bounds, complex128, of one shape: the real parts bound the resistance, the
+            imaginary parts the reactance.
+        standard_error: of resistance (real part) and reactance (imaginary part).
+        runs: number of independent runs of the record behind it, real, of the same shape.
+    """
+
+    low: Tensor
+    high: Tensor
+    standard_error: Tensor
+    runs: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Intervals of everything in a map; none of them says how Z differs from place to place.
+
+    Args:
+        probes: (..., F).
+        along_x: of the admittance averaged over z, (X, F); None for planes without rows.
+        cells, cells_velocity_first: (C, F), in both orders of averaging.
+        liner, liner_velocity_first: (F,).
+        settings: level, draws, seed, what was resampled, blocks.
+    """
+
+    probes: Interval
+    cells: Interval
+    cells_velocity_first: Interval
+    liner: Interval
+    liner_velocity_first: Interval
+    along_x: Interval | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
