@@ -26,12 +26,14 @@ class Task:
     """A sum over a slab: by formula or from ``levels`` with the weights ``data`` (t, lines, parts),
     or of the table over (time, level) ``data``.
 
-    With ``first`` it belongs to block means: parts are blocks from ``first`` on, then directions.
+    ``grid`` are the levels of its table. With ``first`` it belongs to block means: parts are blocks
+    from ``first`` on, then directions.
     """
 
     index: int
     coefficients: Tensor | None
     data: Tensor
+    grid: VelocityGrid
     levels: Tensor | None = None
     first: int | None = None
 
@@ -43,14 +45,13 @@ class ColumnSums:
         self,
         lines: Sequence[Line],
         block_lines: Sequence[BlockLine],
-        grid: VelocityGrid,
         source: SpeedSource,
         index: int,
         elements: int,
         rows: int,
         compile_loops: str,
     ) -> None:
-        self.count, self.grid, self.elements = len(lines), grid, elements
+        self.count, self.elements = len(lines), elements
         self.width, self.samples = source.widths[index], source.samples
         self.dtype, self.device = source.dtype, source.device
         self.compile_loops = compile_loops
@@ -101,7 +102,7 @@ class ColumnSums:
             velocity = torch.cat([velocity, velocity.new_zeros(missing, self.width)])
             data = torch.cat([data, data.new_zeros(missing, *data.shape[1:])])
         if task.coefficients is None:
-            scale = torch.tensor(1 / self.grid.maximum, dtype=self.dtype, device=self.device)
+            scale = torch.tensor(1 / task.grid.maximum, dtype=self.dtype, device=self.device)
             partial = loop(velocity, columns.offset, data, scale)
         else:
             partial = loop(velocity, columns.offset, task.coefficients, data)
@@ -122,7 +123,7 @@ class ColumnSums:
         work = self.samples * self.width * max(1, lines) * max(self.count, len(self.blocks))
         if self.compile_loops == "auto" and work < PAYS_FROM:
             return None
-        grid = dataclasses.replace(self.grid, maximum=1.0) if lines == 0 else None
+        grid = dataclasses.replace(task.grid, maximum=1.0) if lines == 0 else None
         parts = task.data.shape[2]
         return compile_loop(
             Shape(self.device, self.dtype, self.rows, self.width, has_offset, parts, lines, grid)
@@ -131,22 +132,22 @@ class ColumnSums:
     def _eager(self, tasks: list[Task], block: Columns, rows: slice, columns: slice) -> None:
         speed = block.speed
         shared: dict[torch.dtype, tuple[Tensor, Tensor, Tensor]] = {}
-        located: tuple[Tensor, list[Tensor]] | None = None
+        located: dict[VelocityGrid, tuple[Tensor, list[Tensor]]] = {}
         for task in tasks:
             data = task.data[rows]
-            if task.coefficients is None and located is None:
-                index, weights = self.grid.locate(speed)
-                located = index, [w.flatten() for w in weights]
+            if task.coefficients is None and task.grid not in located:
+                index, weights = task.grid.locate(speed)
+                located[task.grid] = index, [w.flatten() for w in weights]
             if task.levels is not None:
-                assert located is not None
-                values = gather_rows(task.levels, located[0].flatten(), located[1])
+                index, weights = located[task.grid]
+                values = gather_rows(task.levels, index.flatten(), weights)
                 real, imaginary = values.reshape(*speed.shape, 2).unbind(-1)
                 sums = _product_sums(data[:, 0].T, real, imaginary)
             elif task.coefficients is None:
-                assert located is not None
+                index, weights = located[task.grid]
                 start = torch.arange(len(speed), device=speed.device) * data.shape[1]
-                place = (located[0] + start[:, None]).flatten()
-                gathered = gather_rows(data.flatten(0, 1), place, located[1])
+                place = (index + start[:, None]).flatten()
+                gathered = gather_rows(data.flatten(0, 1), place, weights)
                 sums = gathered.reshape(*speed.shape, -1).sum(0, dtype=torch.float64).T
             else:
                 if data.dtype not in shared:

@@ -26,6 +26,7 @@ class Line:
         response: R at the lines and levels where there is no formula, complex128, (V, lines).
         edges: table of the record's ends, None where the lines are exact.
         backward: whether the reply to e^{-j omega t} is summed too.
+        grid: velocity levels of its tables; None for those of the pass.
     """
 
     frequency: float
@@ -34,6 +35,7 @@ class Line:
     response: Tensor | None
     edges: EdgeTable | None
     backward: bool
+    grid: VelocityGrid | None = None
 
     @property
     def directions(self) -> int:
@@ -97,7 +99,7 @@ def plan_lines(
             assert kernels is not None
             reach = reach or Reach(record, kernels.taps.shape[1])
             edges = EdgeTable(kernels, reach, value)
-        lines.append(Line(value, record, law, response, edges, backward))
+        lines.append(Line(value, record, law, response, edges, backward, grid))
     return lines
 
 

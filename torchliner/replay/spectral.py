@@ -48,7 +48,7 @@ def spectral_sums(
     Args:
         source: velocity, read by slabs.
         lines: of each frequency, F of them, all with the same directions.
-        grid: velocity levels of the tables.
+        grid: velocity levels of the tables, but of lines that have their own.
         block_lines: of each frequency, for means over blocks of the record; no derivatives.
         bounds, elements: of slabs and blocks; they change the result by rounding only.
         compile_loops: ``auto``: fuse the inner loops where that pays; ``never``; ``always``. A
@@ -61,10 +61,10 @@ def spectral_sums(
     bounds = source.bounds() if bounds is None else bounds
     elements = block_elements(source.device) if elements is None else elements
     longest = max(end - begin for begin, end in bounds)
-    groups = [ColumnSums(lines, block_lines, grid, source, i, elements, longest, compile_loops)
+    groups = [ColumnSums(lines, block_lines, source, i, elements, longest, compile_loops)
               for i in range(len(source.widths))]  # fmt: skip
     coefficients = [_coefficients(line.law, source) for line in lines]
-    of_blocks = [_BlockTasks(i, line, source) for i, line in enumerate(block_lines)]
+    of_blocks = [_BlockTasks(i, line, source, grid) for i, line in enumerate(block_lines)]
     # Sum of all weights: the part of R = 1 + 2 (R - 1)/2 that is 1.
     directions = lines[0].directions if lines else 1
     constants = torch.zeros(len(lines), directions, 1, dtype=torch.complex128)
@@ -75,9 +75,8 @@ def spectral_sums(
                 batch = slice(first, first + FREQUENCIES_AT_ONCE)
                 tasks = [each.task(begin + low, begin + high) for each in of_blocks[batch]]
                 for i in range(len(lines))[batch]:
-                    weights, made = _tasks(
-                        i, lines[i], coefficients[i], begin + low, begin + high, source
-                    )
+                    samples = begin + low, begin + high
+                    weights, made = _tasks(i, lines[i], coefficients[i], samples, source, grid)
                     constants[i, :, 0] += weights
                     tasks += made
                 for group, columns in zip(groups, slab, strict=True):
@@ -107,8 +106,10 @@ def _block_means(groups: Sequence[ColumnSums], lines: Sequence[BlockLine]) -> Bl
 class _BlockTasks:
     """The block means of one frequency."""
 
-    def __init__(self, index: int, line: BlockLine, source: SpeedSource) -> None:
-        self.index, self.line, self.source = index, line, source
+    def __init__(
+        self, index: int, line: BlockLine, source: SpeedSource, grid: VelocityGrid
+    ) -> None:
+        self.index, self.line, self.source, self.grid = index, line, source, grid
         law = _coefficients(line.law, source)
         self.coefficients = None if law is None else law.detach()
         self.levels = None
@@ -123,7 +124,7 @@ class _BlockTasks:
         if self.coefficients is not None:
             weights, dtype = 2 * weights, self.coefficients.dtype  # the formula gives (R - 1)/2
         data = _parts(weights.flatten(1)[:, None]).to(self.source.device, dtype)
-        return Task(self.index, self.coefficients, data, self.levels, first)
+        return Task(self.index, self.coefficients, data, self.grid, self.levels, first)
 
 
 def _coefficients(law: SpeedLaw | None, source: SpeedSource) -> Tensor | None:
@@ -136,20 +137,26 @@ def _coefficients(law: SpeedLaw | None, source: SpeedSource) -> Tensor | None:
 
 
 def _tasks(
-    i: int, line: Line, coefficients: Tensor | None, begin: int, end: int, source: SpeedSource
+    i: int,
+    line: Line,
+    coefficients: Tensor | None,
+    samples: tuple[int, int],
+    source: SpeedSource,
+    grid: VelocityGrid,
 ) -> tuple[Tensor | float, list[Task]]:
-    """Sums that line ``i`` needs of emissions begin .. end - 1, and the sum of its weights."""
+    """Sums that line ``i`` needs of some emissions, and the sum of its weights."""
     total: Tensor | float = 0.0
     tasks = []
     if coefficients is not None:
-        weights = line.weights(begin, end)
+        weights = line.weights(*samples)
         total = weights.sum((0, 1))
         # Twice: the formula gives (R - 1)/2.
         data = _parts(2 * weights).to(source.device, coefficients.dtype)
-        tasks.append(Task(i, coefficients, data))
-    table = line.rows(begin, end)
+        tasks.append(Task(i, coefficients, data, grid))
+    table = line.rows(*samples)
     if table is not None:
-        tasks.append(Task(i, None, _parts(table).to(source.device, source.dtype)))
+        data = _parts(table).to(source.device, source.dtype)
+        tasks.append(Task(i, None, data, line.grid or grid))
     return total, tasks
 
 
