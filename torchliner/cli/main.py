@@ -17,6 +17,7 @@ COMMANDS = {
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
     "liner": "geometry, resonance and impedance of a liner",
+    "audit": "how far each open choice moves the impedance, beside its interval",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

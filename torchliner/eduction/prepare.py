@@ -112,7 +112,7 @@ def prepare(
     """
     examined = [_examine(plane, liner, frequency, chosen, progress) for plane in planes]
     grid = _velocity_grid(examined, liner, chosen)
-    band = _band(liner, examined, chosen)
+    band = kernel_band(liner, examined, chosen)
     made: dict[float, KernelTable] = {}
     ready = []
     for one in examined:
@@ -304,7 +304,9 @@ def _velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) 
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def _band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> tuple[float, float]:
+def kernel_band(
+    liner: Liner, examined: Sequence[Examined], chosen: Choices
+) -> tuple[float, float]:
     """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
     if chosen.band is not None:
         low, high = chosen.band
