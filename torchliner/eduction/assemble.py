@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.eduction.prepare import Prepared
+from torchliner.eduction.walls import find_walls
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap
 from torchliner.replay.kernels import impedance_of
@@ -89,6 +90,7 @@ def assemble(
         return part.reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
+    wall, said = find_walls(ready)
     return ImpedanceMap(
         frequency=ready.frequency,
         reflection=on_probes(probes),
@@ -99,7 +101,7 @@ def assemble(
         phase_rule=on_probes(held),
         cell_x=cells.x,
         cell_z=cells.z,
-        cell_reflection=cells.average_reflection(probes, kept),
+        cell_reflection=cells.average_reflection(probes, kept, wall),
         cell_reflection_velocity_first=reflection[plane.probes :],
         x=plane.x,
         z=plane.z,
@@ -112,5 +114,6 @@ def assemble(
         goodrich=_goodrich(ready),
         title=plane.title,
         choices=facts_of(ready, phase),
-        notes=tuple(notes),
+        notes=(*notes, *said),
+        wall=None if wall is None else on_probes(wall),
     )

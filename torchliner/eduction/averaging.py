@@ -39,9 +39,12 @@ class Cells:
         matrix[inside, self.labels[inside]] = 1.0
         return matrix / matrix.sum(0).clamp(min=1)
 
-    def average_reflection(self, reflection: Tensor, used: Tensor) -> Tensor:
-        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F)."""
-        clean = torch.where(used[:, None], admittance_from_reflection(reflection), 0)
+    def average_reflection(
+        self, reflection: Tensor, used: Tensor, wall: Tensor | None = None
+    ) -> Tensor:
+        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
+        open_there = used[:, None] if wall is None else used[:, None] & ~wall
+        clean = torch.where(open_there, admittance_from_reflection(reflection), 0)
         average = self.membership(used.cpu()).T.to(clean) @ clean
         return (1 - average) / (1 + average)
 
