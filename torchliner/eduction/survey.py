@@ -10,7 +10,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from torchliner.records.slabs import Bounds
+from torchliner.records import VelocityPlane
+from torchliner.records.slabs import Bounds, slab_bounds
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
 from torchliner.signals.tones import line_sums, waves
 
@@ -102,6 +103,17 @@ def _join(parts: list[Survey], segments: int) -> Survey:
     fields = [name for name in vars(parts[0]) if name != "segments"]
     joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
     return Survey(**joined, segments=segments)
+
+
+def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), by slabs in float64."""
+    total = torch.zeros(plane.probes, dtype=torch.float64)
+    square = torch.zeros_like(total)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().to(torch.float64)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+    return total / plane.samples, square / plane.samples
 
 
 class _Sums:
