@@ -21,7 +21,7 @@ DATA = Path(__file__).resolve().parent.parent / "data"
 CASES = (
     ("slit_g01_145", "slit, Mach 0.1, 145 dB"),
     ("slit_g03_145", "slit, Mach 0.3, 145 dB"),
-    ("channel", "no liner: hard wall"),
+    ("channel", "no liner: hard wall\n(0.52, 1.04, 2.44 mm)"),
 )
 
 

@@ -65,6 +65,7 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None and options.output.resolve() in inputs:
         raise ValueError(f"the output {options.output} is an input; name another file")
     limits = Limits(*options.limits) if options.limits else Limits()
+    flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = [read_plane(path, lazy=True) for path in options.planes]
     names = [options.liner or liner_name(p, f) for p, f in zip(planes, options.planes, strict=True)]
     if len(set(names)) > 1:
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     ):
         study = study_heights(
             planes, load_liner(names[0]), options.frequency, lengths=lengths, cell_pitch=pitch,
-            flow=JetFlow(1e-3 * options.duct_height, options.shear), progress=step, **chosen,
+            flow=flow, progress=step, **chosen,
         )  # fmt: skip
     found = recommend_height(study, limits)
     if options.output is not None:
@@ -139,8 +140,10 @@ def _print(study: HeightStudy, found: Recommendation) -> None:
 
     print(f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "
           "deviation of R and X over windows")  # fmt: skip
-    print(f"{'y mm':>6s} {'length':>9s} {'probes':>6s} {'windows':>7s} "
-          f"{'admittance over probes':>22s} {'spread':>13s} {'velocity first':>15s} {'spread':>13s}")  # fmt: skip
+    orders = (
+        f"{'admittance over probes':>22s} {'spread':>13s} {'velocity first':>15s} {'spread':>13s}"
+    )
+    print(f"{'y mm':>6s} {'length':>9s} {'probes':>6s} {'windows':>7s} {orders}")
     for row in study.rows:
         spread = [_spread(row.probes_first_spread), _spread(row.velocity_first_spread)]
         label = length_label(row.length, study.pitch)

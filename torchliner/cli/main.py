@@ -17,7 +17,7 @@ COMMANDS = {
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
     "liner": "geometry, resonance and impedance of a liner",
-    "height": "Z over height and averaging length, imprint of the cells, and which height to take",
+    "height": "impedance over height and averaging length, and which height to take",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

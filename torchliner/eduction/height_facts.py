@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchliner.checks import plain_number
+from torchliner.checks import DataWarning, plain_number
 from torchliner.duct.jets import jet_velocity, penetration_height
 from torchliner.eduction.imprint import Imprint, cell_imprint
 from torchliner.eduction.survey import moments
@@ -25,10 +26,19 @@ class JetFlow:
     Args:
         duct_height: H, m.
         shear: of ``TanhProfile``.
+    Raises:
+        ValueError: see ``TanhProfile``.
     """
 
     duct_height: float = 50e-3
     shear: float = 0.05
+
+    def __post_init__(self) -> None:
+        self.profile(0.1, 343.2)
+
+    def profile(self, mach: float, sound_speed: float) -> TanhProfile:
+        """The profile at a bulk Mach number."""
+        return TanhProfile(mach, self.duct_height, self.shear, sound_speed)
 
 
 @dataclass(frozen=True)
@@ -140,7 +150,9 @@ def _jet(
     speed = jet_velocity(plane.incident_level, plain_number(porosity), impedance, plane.fluid)
     if not plane.mach:
         return speed, None, ["no jet height: without a mean flow A.2 sets no limit to a jet"]
-    profile = TanhProfile(plane.mach, flow.duct_height, flow.shear, float(plane.fluid.sound_speed))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: said once, by JetFlow
+        profile = flow.profile(plane.mach, float(plane.fluid.sound_speed))
     try:
         reach = penetration_height(speed, plain_number(diameter), profile)
     except ValueError as error:

@@ -19,6 +19,7 @@ from torchliner.report.style import COLOURS, MARKERS
 
 PART = {"resistance": "real", "reactance": "imag"}
 ORDERS = ("probes_first", "velocity_first")
+_V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 MOST_LENGTHS = 5  # curves a reader can tell apart
 
 
@@ -89,7 +90,7 @@ def impedance_over_height(study: HeightStudy) -> Table:
 
 
 def imprint_over_height(study: HeightStudy) -> Table:
-    """Imprints relative to the mean of the profile (of v_0: to that of v'), nan where unknown."""
+    """Imprints, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
     values: dict[str, Array] = {}
     known = [facts.imprint for facts in study.facts]
 
@@ -97,15 +98,16 @@ def imprint_over_height(study: HeightStudy) -> Table:
         if any(number is not None for number in numbers):
             values[name] = np.array([math.nan if n is None else n for n in numbers])
 
-    column("v' rms", [i and i.relative for i in known])
-    column("v' rms, first harmonic", [i and i.first / i.mean for i in known])
+    column("v' rms", [i.relative if i else None for i in known])
+    column("v' rms, first harmonic", [i.first / 2**0.5 / i.mean if i else None for i in known])
     column(
         "v' rms, between harmonics",
         [i.between / i.mean if i is not None and i.between is not None else None for i in known],
     )
     steady = [facts.mean_imprint for facts in study.facts]
-    column("v0", [s and i and s.rms / i.mean for s, i in zip(steady, known, strict=True)])
-    column("u' rms", [f.streamwise_imprint and f.streamwise_imprint.relative for f in study.facts])
+    column("v0", [s.rms / i.mean if s and i else None for s, i in zip(steady, known, strict=True)])
+    stream = [facts.streamwise_imprint for facts in study.facts]
+    column("u' rms", [u.relative if u else None for u in stream])
     heights = np.array([facts.height for facts in study.facts])
     if study.decay is not None:
         values["v' rms, fitted decay"] = study.decay.at(heights)
@@ -155,31 +157,30 @@ def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
     """Imprint of the cells over height, its fitted decay and that of an evanescent sound field."""
     table = imprint_over_height(study)
     figure, axes = subplots(1, 1, 3.0)
-    axis, heights = axes[0, 0], 1e3 * table.at
-    fine = np.linspace(table.at[0], table.at[-1], 60)
-    shown = [n for n in table.values if n != "v' rms, fitted decay"]
+    axis = axes[0, 0]
     names = {
-        "v' rms": r"$v'_{rms}$, all harmonics", "v' rms, first harmonic": r"$v'_{rms}$, first",
-        "v' rms, between harmonics": r"$v'_{rms}$, between harmonics", "v0": "$v_0$",
-        "u' rms": r"$u'_{rms}$",
+        "v' rms": rf"{_V}, all harmonics", "v' rms, first harmonic": rf"{_V}, first harmonic",
+        "v' rms, between harmonics": rf"{_V}, between harmonics", "v0": "$v_0$", "u' rms": _U,
     }  # fmt: skip
-    for i, name in enumerate(shown):
-        values = table.values[name]
-        line = "" if name == "v' rms" and study.decay is not None else ":"
-        axis.plot(heights, values, MARKERS[i] + line, color=COLOURS[i], label=names[name])
+    for i, name in enumerate(name for name in table.values if name in names):
+        decay = study.decay if name == "v' rms" else None
+        fitted = decay is not None and decay.follows
+        axis.plot(
+            1e3 * table.at, table.values[name], MARKERS[i] + ("" if fitted else ":"),
+            color=COLOURS[i], label=names[name],
+        )  # fmt: skip
+        if decay is not None and fitted:
+            text = rf"fit: $e^{{-y/l}}$, $l={1e3 * decay.length:.3g}$ mm"
+            axis.plot(1e3 * table.at, decay.at(table.at), "-", color=COLOURS[i], label=text)
     if study.decay is not None:
-        decay = study.decay
-        text = rf"fit: $e^{{-y/l}}$, $l={1e3 * decay.length:.3g}$ mm"
-        axis.plot(1e3 * fine, decay.at(fine), "-", color=COLOURS[0], label=text)
-        start = float(table.values["v' rms"][0])
-        sound = start * np.exp(-(fine - fine[0]) / decay.evanescent)
-        text = rf"sound: $l=L_c/2\pi={1e3 * decay.evanescent:.3g}$ mm"
-        axis.plot(1e3 * fine, sound, "--", color="0.4", label=text)
+        first = table.values["v' rms, first harmonic"][0]
+        sound = first * np.exp(-(table.at - table.at[0]) / study.decay.evanescent)
+        text = rf"sound: $l=L_c/2\pi={1e3 * study.decay.evanescent:.3g}$ mm"
+        axis.plot(1e3 * table.at, sound, "--", color="0.3", label=text)
     axis.set_yscale("log")
     axis.set_xlabel("$y$ (mm)")
-    axis.set_ylabel("cell-periodic part over mean")
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right center")
+    axis.set_ylabel("cell-periodic part (rms) over mean")
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside right center")
     figure.suptitle(f"{study.title}, {study.frequency:g} Hz", fontsize=9)
     return finish(figure, path)
 
@@ -193,44 +194,36 @@ def draw_rms_along_x(
 
     Args:
         cases: title, planes and cell pitch (m; None where there are no cells).
-        path: picture to write, or None.
+        path: picture to write, or None. Colours go by the heights of the first case.
     """
     figure, axes = subplots(2, len(cases), 4.4)
-    labels = [
-        ("v' rms (m/s)", "$v'_{rms}$ (m s$^{-1}$)"),
-        ("u' rms (m/s)", "$u'_{rms}$ (m s$^{-1}$)"),
-    ]
+    heights = np.array(sorted(plane.height or 0.0 for plane in cases[0][1]))
     for column, (title, planes, pitch) in enumerate(cases):
-        ordered = sorted(planes, key=lambda plane: plane.height or 0.0)
-        for i, plane in enumerate(ordered):
+        for plane in sorted(planes, key=lambda plane: plane.height or 0.0):
             profile = velocity_along_x(plane)
-            for axis, (name, _) in zip(axes[:, column], labels, strict=True):
-                if name in profile.values:
-                    axis.plot(
-                        1e3 * profile.x, profile.values[name], color=COLOURS[i],
-                        label=profile.label,
-                    )  # fmt: skip
-        _finish_column(axes[:, column], title, pitch, ordered[0], labels, column == 0)
-    for letter, axis in zip("abcdef", axes.flat, strict=False):
-        axis.set_title(f"({letter}) {axis.get_title()}".rstrip(), loc="left")
-        axis.set_title("")
+            colour = COLOURS[int(np.abs(heights - (plane.height or 0.0)).argmin())]
+            for axis, part in zip(axes[:, column], "vu", strict=True):
+                values = profile.values.get(f"{part}' rms (m/s)")
+                if values is not None:
+                    axis.plot(1e3 * profile.x, values, color=colour, label=profile.label)
+        _finish_column(axes[:, column], planes[0], pitch)
+        axes[0, column].set_title(f"({'abc'[column]}) {title}", loc="left")
+    for axis, part in zip(axes[:, 0], (_V, _U), strict=True):
+        axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(heights)
+    )
     return finish(figure, path)
 
 
-def _finish_column(
-    axes: Any, title: str, pitch: float | None, plane: VelocityPlane, labels: Any, first: bool
-) -> None:
-    axes[0].set_title(title)
-    axes[0].legend(loc="best", fontsize=7, handlelength=1.4)
+def _finish_column(axes: Any, plane: VelocityPlane, pitch: float | None) -> None:
     last = float(plane.x[-1])
-    for axis, (_, label) in zip(axes, labels, strict=True):
-        if pitch is not None:
-            for k in range(int(last / pitch + 1.5)):
-                axis.axvline(1e3 * k * pitch, color="0.7", linewidth=0.6, linestyle="--", zorder=0)
-        axis.set_ylim(bottom=0)
+    for axis in axes:
+        for k in range(0 if pitch is None else int(last / (pitch or 1.0) + 1.5)):
+            axis.axvline(
+                1e3 * k * (pitch or 0.0), color="0.7", linewidth=0.6, linestyle="--", zorder=0
+            )
+        tops = [float(np.max(line.get_ydata())) for line in axis.get_lines()]
+        axis.set_ylim(0, 1.1 * max(tops, default=1.0))
         axis.set_xlim(0, 1e3 * last)
-        if first:
-            axis.set_ylabel(label)
-        if axis.get_lines() and axis is axes[1]:
-            axis.legend(loc="best", fontsize=7, handlelength=1.4)
     axes[1].set_xlabel("$x$ (mm)")
