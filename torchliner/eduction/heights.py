@@ -27,7 +27,7 @@ CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 STATED = ("liner", "mach", "incident_level", "source_side")
 SAME_HEIGHT = 1e-6  # m
 
-Educe = Callable[[Sequence[VelocityPlane], Choices], list[ImpedanceMap]]
+Educe = Callable[[Sequence[VelocityPlane]], list[ImpedanceMap]]
 
 
 @dataclass(frozen=True)
@@ -143,18 +143,16 @@ def study_heights(
     if chosen.incident is not None:
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
-    def educe(some: Sequence[VelocityPlane], rules: Choices) -> list[ImpedanceMap]:
+    def educe(some: Sequence[VelocityPlane]) -> list[ImpedanceMap]:
         return [
-            replay(ready, backward=rules.phase != "averaged").map(rules.phase, reference_phase)
-            for ready in prepare(some, liner, wanted, rules)
+            replay(ready, backward=chosen.phase != "averaged").map(chosen.phase, reference_phase)
+            for ready in prepare(some, liner, wanted, chosen)
         ]
 
-    maps = educe(ordered, chosen)
+    maps = educe(ordered)
     rows = []
-    # A window of several probes has no wall or hole of its own.
-    rules = Choices(**{**choices, "wall_filter": None})
     for length in long:
-        rows += _rows_at(length, ordered, grids, maps, educe, rules)
+        rows += _rows_at(length, ordered, grids, maps, educe)
         if progress is not None:
             progress(1)
     known = [
@@ -255,7 +253,6 @@ def _rows_at(
     grids: Sequence[Grid],
     maps: Sequence[ImpedanceMap],
     educe: Educe,
-    rules: Choices,
 ) -> list[LengthRow]:
     """One averaging length at every height; all planes share one pass of levels and kernels."""
     shapes = [(grid.rows, grid.columns) for grid in grids]
@@ -263,7 +260,7 @@ def _rows_at(
     for plane, grid, seen, shape in zip(planes, grids, maps, shapes, strict=True):
         used = torch.isfinite(seen.reflection[..., 0].real).cpu().reshape(shape)
         cut.append(windows_of(grid, length, used, plane.samples))
-    found = educe([averaged_plane(p, w) for p, w in zip(planes, cut, strict=True)], rules)
+    found = educe([averaged_plane(p, w) for p, w in zip(planes, cut, strict=True)])
     rows = []
     for plane, shape, windows, seen, averaged in zip(planes, shapes, cut, maps, found, strict=True):
         probes = windows.mean(seen.averaged_admittance[..., 0].detach().cpu().reshape(shape))
