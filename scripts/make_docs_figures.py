@@ -10,10 +10,11 @@ from pathlib import Path
 
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
+from torchliner.eduction.heights import study_heights
 from torchliner.eduction.velocity import educe
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
-from torchliner.report import figures
+from torchliner.report import figures, height
 from torchliner.report.spectra import draw_spectrum
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,6 +38,13 @@ def main() -> None:
     channel = read_plane(DATA / "channel_y1.04mm.h5")
     null_test = educe(channel, load_liner("polito"), 1400.0)
     figures.draw_map(null_test, FIGURES / "channel_map.png")
+    for case, draw, name in (
+        ("slit_n130", height.draw_impedance_over_height, "height_n130_impedance"),
+        ("slit_g03_145", height.draw_imprint, "height_g03_imprint"),
+    ):
+        planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
+        study = study_heights(planes, load_liner(planes[0].liner))
+        draw(study, FIGURES / f"{name}.png")
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     print(f"pictures are in {FIGURES}")

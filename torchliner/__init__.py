@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Fluid": "torchliner.fluid",
     "displacement_thickness": "torchliner.flow_profiles",
+    "TanhProfile": "torchliner.flow_profiles",
     "DataWarning": "torchliner.checks",
     "SDoFLiner": "torchliner.liners.sdof",
     "TabulatedLiner": "torchliner.liners.tabulated",

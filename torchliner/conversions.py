@@ -48,6 +48,14 @@ def admittance_from_reflection(reflection: Tensor) -> Tensor:
     return (1 - reflection) / (1 + reflection)
 
 
+def impedance_from_admittance(admittance: Tensor) -> Tensor:
+    """Normalised impedance 1/y; inf, not nan, where y = 0 (a rigid wall)."""
+    require_complex("admittance", admittance)
+    rigid = admittance == 0
+    found = 1 / torch.where(rigid, torch.ones_like(admittance), admittance)
+    return torch.where(rigid, torch.full_like(found, torch.inf), found)
+
+
 def absorption_from_reflection(reflection: Tensor) -> Tensor:
     """Share of the incident power absorbed at normal incidence, 1 - |R|^2."""
     require_complex("reflection", reflection)

@@ -51,6 +51,7 @@ CHOICES = [
     "draws",
     "seed",
     "resample",
+    "wall_filter",
 ]
 
 
@@ -89,6 +90,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pre-roll", type=float, metavar="S", help="start that only emits")
     parser.add_argument("--running-window", type=float, metavar="S", help="of --drive running-rms")
     parser.add_argument("--minimum-coherence", type=float, help="for --phase self-consistent")
+    parser.add_argument("--wall-filter", type=float, metavar="C", help="squared coherence with the "
+                        "tone below which a probe counts as wall in averages")  # fmt: skip
     parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
     parser.add_argument("--allow-short", action="store_true", default=None,
                         help="accept fewer than four periods")  # fmt: skip

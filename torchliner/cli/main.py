@@ -18,6 +18,7 @@ COMMANDS = {
     "convert": "write a plane file from simulation files or plain arrays",
     "liner": "geometry, resonance and impedance of a liner",
     "audit": "how far each open choice moves the impedance, beside its interval",
+    "height": "impedance over height and averaging length, and which height to take",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

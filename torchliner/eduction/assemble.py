@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.eduction.prepare import Prepared
+from torchliner.eduction.walls import find_walls
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Interval, Uncertainty
 from torchliner.replay.kernels import impedance_of
@@ -95,6 +96,7 @@ def assemble(
     if uncertainty is not None:
         parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
         uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
+    wall, said = find_walls(ready)
     return ImpedanceMap(
         frequency=ready.frequency,
         reflection=on_probes(probes),
@@ -105,7 +107,7 @@ def assemble(
         phase_rule=on_probes(held),
         cell_x=cells.x,
         cell_z=cells.z,
-        cell_reflection=cells.average_reflection(probes, kept),
+        cell_reflection=cells.average_reflection(probes, kept, wall),
         cell_reflection_velocity_first=reflection[plane.probes :],
         x=plane.x,
         z=plane.z,
@@ -118,6 +120,7 @@ def assemble(
         goodrich=_goodrich(ready),
         title=plane.title,
         choices=facts_of(ready, phase),
-        notes=tuple(notes),
+        notes=(*notes, *said),
         uncertainty=uncertainty,
+        wall=None if wall is None else on_probes(wall),
     )

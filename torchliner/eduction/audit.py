@@ -22,7 +22,7 @@ from torchliner.eduction.averaging import ORDERS
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DRIVES, MEANS, DriveSpeed
 from torchliner.eduction.engines import tone_sums
-from torchliner.eduction.prepare import Prepared, prepare
+from torchliner.eduction.prepare import prepare
 from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.variants import Variant, VariantMaker
 from torchliner.eduction.velocity import Replayed
@@ -198,6 +198,13 @@ class _Work:
         quiet = dataclasses.replace(variant.ready, blocks=None)
         self._add(variant.factor, variant.name, self._value(Replayed(quiet, sums).map("averaged")))
 
+    def _pass(self, ready: Prepared) -> LineSums:
+        quiet = dataclasses.replace(ready, blocks=None)
+        sums, _ = with_smaller_slabs(
+            quiet.drive.velocity, lambda: tone_sums(quiet, False, self.progress)
+        )
+        return sums
+
     def _value(self, found: ImpedanceMap) -> complex:
         both = (found.liner_impedance, found.liner_impedance_velocity_first)
         return complex(both[self.order][0])
@@ -237,9 +244,7 @@ class _Work:
             )
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             other = dataclasses.replace(ready, drive=source, chosen=rules, blocks=None)
-            sums, _ = with_smaller_slabs(
-                source.velocity, lambda other=other: tone_sums(other, False, self.progress)
-            )
+            sums = self._pass(other)
             self.readings += drive != "rms"
             factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
             self._add(factor, name, self._value(Replayed(other, sums).map("averaged")))
@@ -282,9 +287,7 @@ class _Work:
         if not self.others:
             self.skipped["height"] = "one plane is given; name the other heights too"
         for other in self.others:
-            sums, _ = with_smaller_slabs(
-                other.drive.velocity, lambda other=other: tone_sums(other, False, self.progress)
-            )
+            sums = self._pass(other)
             self.readings += 1
             quiet = dataclasses.replace(other, blocks=None)
             height = other.plane.height

@@ -11,6 +11,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection
 from torchliner.records import VelocityPlane
 
+ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
 
 
@@ -39,9 +40,12 @@ class Cells:
         matrix[inside, self.labels[inside]] = 1.0
         return matrix / matrix.sum(0).clamp(min=1)
 
-    def average_reflection(self, reflection: Tensor, used: Tensor) -> Tensor:
-        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F)."""
-        clean = torch.where(used[:, None], admittance_from_reflection(reflection), 0)
+    def average_reflection(
+        self, reflection: Tensor, used: Tensor, wall: Tensor | None = None
+    ) -> Tensor:
+        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
+        open_there = used[:, None] if wall is None else used[:, None] & ~wall
+        clean = torch.where(open_there, admittance_from_reflection(reflection), 0)
         average = self.membership(used.cpu()).T.to(clean) @ clean
         return (1 - average) / (1 + average)
 

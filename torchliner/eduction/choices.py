@@ -59,6 +59,9 @@ class Choices:
         minimum_coherence: squared coherence of v with the tone below which ``self-consistent``
             falls back to ``averaged``; without a tone 0.5 is passed in 1 of 128 with 8 segments
             of two periods, in 1 of 2 with 2 (then noted).
+        wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as
+            wall: admittance 0 in the averages over probes (section 7.2). Its own value stays, and
+            the averages with velocity first are not touched. Default off.
         missing: probes holding nan or inf: ``refuse`` the plane or ``exclude`` them.
         allow_short: accept fewer than four periods.
         device, dtype: where and in what precision R is evaluated; default those of the data.
@@ -105,6 +108,7 @@ class Choices:
     draws: int = 999
     seed: int = 0
     resample: str = "time"
+    wall_filter: float | None = None
 
     def __post_init__(self) -> None:
         self._fill_in()
@@ -132,17 +136,27 @@ class Choices:
                 require_positive(name, getattr(self, name))
         if not 0 <= self.minimum_coherence <= 1:
             raise ValueError(f"minimum_coherence is {self.minimum_coherence:g}; it is 0 to 1")
-        require_choice("resample", self.resample, RESAMPLED)
-        if self.interval is not None and not 0 < self.interval < 1:
-            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
-        if self.interval is not None and self.draws * (1 - self.interval) < FEWEST_TAIL_DRAWS:
+        if self.wall_filter is not None and not 0 <= self.wall_filter <= 1:
             raise ValueError(
-                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
-                f"{math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)}"
+                f"wall_filter is {self.wall_filter:g}; it is a squared coherence, 0 to 1"
             )
+        self._check_resampling()
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)
+
+    def _check_resampling(self) -> None:
+        require_choice("resample", self.resample, RESAMPLED)
+        if self.interval is None:
+            return
+        if not 0 < self.interval < 1:
+            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
+        fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
+        if self.draws < fewest:
+            raise ValueError(
+                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
+                f"{fewest}"
+            )
 
     def _fill_in(self) -> None:
         """Defaults that hang on the incident signal, and what does not go with one."""
@@ -166,6 +180,11 @@ class Choices:
         if wave is not None and self.phase != "averaged":
             raise ValueError(
                 f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"
+            )
+        if wave is not None and self.wall_filter is not None:
+            raise ValueError(
+                "wall_filter asks for the coherence of v with a tone; with an incident signal "
+                "there is none, leave it out"
             )
         if wave is None and self.segment is not None:
             raise ValueError("segment is only used with an incident signal")

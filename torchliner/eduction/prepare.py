@@ -304,9 +304,7 @@ def _velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) 
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def kernel_band(
-    liner: Liner, examined: Sequence[Examined], chosen: Choices
-) -> tuple[float, float]:
+def kernel_band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> tuple[float, float]:
     """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
     if chosen.band is not None:
         low, high = chosen.band

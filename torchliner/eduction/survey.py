@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from torchliner.eduction.velocity_blocks import VelocityBlocks, VelocityBlockSums
-from torchliner.records.slabs import Bounds
+from torchliner.records import VelocityPlane
+from torchliner.records.slabs import Bounds, slab_bounds
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import line_sums, waves
@@ -115,6 +116,17 @@ def _join(parts: list[Survey], segments: int, blocks: VelocityBlocks | None) -> 
     fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
     joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
     return Survey(**joined, segments=segments, blocks=blocks)
+
+
+def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), by slabs in float64."""
+    total = torch.zeros(plane.probes, dtype=torch.float64)
+    square = torch.zeros_like(total)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().to(torch.float64)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+    return total / plane.samples, square / plane.samples
 
 
 class _Sums:

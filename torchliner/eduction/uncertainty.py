@@ -16,10 +16,15 @@ import math
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, impedance_from_reflection
+from torchliner.conversions import (
+    admittance_from_reflection,
+    impedance_from_admittance,
+    impedance_from_reflection,
+)
 from torchliner.eduction.block_deviations import BlockDeviations
 from torchliner.eduction.prepare import Prepared
 from torchliner.eduction.resampling import COLUMNS, Resampling
+from torchliner.eduction.walls import find_walls
 from torchliner.records import Interval, Uncertainty
 
 FEWEST_RUNS = 8  # below, an interval says little
@@ -38,14 +43,17 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
     weights = ready.blocks.sums(ready.record.weights(0, plane.samples))
     how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
-    groups = _groups(ready, reflection)
+    wall, _ = find_walls(ready)
+    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    silent = silent if wall is None else silent | wall
+    groups = _groups(ready, reflection, silent)
     parts = []
     step = max(1, COLUMNS // reflection.shape[1])
     for low in range(0, plane.probes, step):
         part = slice(low, min(low + step, plane.probes))
         series = moved.of(part)
         parts.append(how.over_time(series, reflection[part], impedance_from_reflection))
-        slope = admittance_slope(reflection[part]) * series
+        slope = torch.where(silent[part], 0, admittance_slope(reflection[part]) * series)
         for group in groups.values():
             group.add(part, slope)
     series = moved.of(slice(plane.probes, plane.probes + cells.count))
@@ -58,7 +66,7 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
         cells_velocity_first=how.over_time(series, averaged, impedance_from_reflection),
         liner=_of_liner(groups, how, chosen.resample),
         liner_velocity_first=how.over_time(
-            (admittance_slope(averaged) * series).mean(1), first, _inverse
+            (admittance_slope(averaged) * series).mean(1), first, impedance_from_admittance
         ),
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed, "resample": chosen.resample,
@@ -100,10 +108,6 @@ def admittance_slope(reflection: Tensor) -> Tensor:
     return -2 / (1 + reflection) ** 2
 
 
-def _inverse(admittance: Tensor) -> Tensor:
-    return 1 / admittance
-
-
 def _join(parts: list[Interval]) -> Interval:
     names = vars(parts[0])
     return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
@@ -137,18 +141,16 @@ class _Group:
 
     def interval(self, how: Resampling) -> Interval:
         """Of each group, (G, F)."""
-        return how.over_time(self.series, self.mean, _inverse)
+        return how.over_time(self.series, self.mean, impedance_from_admittance)
 
 
-def _groups(ready: Prepared, reflection: Tensor) -> dict[str, _Group]:
+def _groups(ready: Prepared, reflection: Tensor, silent: Tensor) -> dict[str, _Group]:
+    """``silent``: probes that add nothing to a mean admittance, left out or wall, (P, F)."""
     plane, cells = ready.plane, ready.cells
     assert ready.blocks is not None
     blocks = ready.blocks.count
     used = ready.used
-    admittance = torch.where(
-        used.to(reflection.device)[:, None],
-        admittance_from_reflection(reflection[: plane.probes]), 0,
-    )  # fmt: skip
+    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
     counts = {"liner": 1, "cells": cells.count}
     labels = {
         "liner": torch.zeros(plane.probes, dtype=torch.int64),
@@ -184,7 +186,7 @@ def _of_liner(groups: dict[str, _Group], how: Resampling, resample: str) -> Inte
     liner = groups["liner"]
     rows = groups.get("rows", liner)
     if rows.count < 2:
-        return how.over_time(liner.series[:, 0], liner.mean[0], _inverse)
+        return how.over_time(liner.series[:, 0], liner.mean[0], impedance_from_admittance)
     return how.over_tiles(
-        rows.series, liner.mean[0], _inverse, independent=resample == "time-cells"
+        rows.series, liner.mean[0], impedance_from_admittance, independent=resample == "time-cells"
     )

@@ -152,9 +152,7 @@ class VariantMaker:
         liner = self._sdof()
         for value in VENA_CONTRACTA:
             if value != liner.vena_contracta:
-                other = dataclasses.replace(
-                    self.ready, liner=liner.replace(vena_contracta=value)
-                )
+                other = dataclasses.replace(self.ready, liner=liner.replace(vena_contracta=value))
                 yield self._variant("vena contracta", f"{value:g}", other)
 
     def _readings(

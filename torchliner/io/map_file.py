@@ -116,6 +116,8 @@ def _write_fields(file: h5py.File, result: ImpedanceMap, dims: tuple[str, ...]) 
     write_variable(file, "inferred_incident_level", level, "dB", full)
     used = _plain(result.phase_rule.to(torch.int8))
     write_variable(file, "phase_rule_used", used, "1", full)
+    if result.wall is not None:
+        write_variable(file, "wall", _plain(result.wall.to(torch.int8)), "1", full)
     write_variable(file, "mean_velocity", _plain(result.mean_velocity), "m/s", dims)
     write_variable(file, "velocity_rms", _plain(result.velocity_rms), "m/s", dims)
 
@@ -177,6 +179,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             choices=read_json(file, "choices", path, {}),
             notes=tuple(read_json(file, "notes", path, [])),
             uncertainty=read_uncertainty(file, path),
+            wall=real("wall").to(torch.bool) if "wall" in file else None,
         )
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchliner.conversions import (
     absorption_from_reflection,
     admittance_from_reflection,
+    impedance_from_admittance,
     impedance_from_reflection,
     spl_from_pressure_amplitude,
 )
@@ -39,6 +40,8 @@ class ImpedanceMap:
         cell_reflection: from the admittance averaged over each cell's probes, (C, F).
         cell_reflection_velocity_first: from the velocity averaged over the cell, then replayed.
         x, z, height, fluid, reference, ...: as in the plane.
+        wall: probes that counted as wall, admittance 0, in the averages over probes, bool,
+            (..., F); None without a wall filter.
         choices: every option and what followed from it (kernel error, levels, versions).
         notes: doubts, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
@@ -68,6 +71,7 @@ class ImpedanceMap:
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     uncertainty: Uncertainty | None = None
+    wall: Tensor | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -90,6 +94,13 @@ class ImpedanceMap:
         return admittance_from_reflection(self.reflection)
 
     @property
+    def averaged_admittance(self) -> Tensor:
+        """The admittance that averages over probes take, (..., F): 0 where a probe is wall."""
+        if self.wall is None:
+            return self.admittance
+        return torch.where(self.wall, 0, self.admittance)
+
+    @property
     def absorption(self) -> Tensor:
         """1 - |R|^2, (..., F)."""
         return absorption_from_reflection(self.reflection)
@@ -110,9 +121,9 @@ class ImpedanceMap:
 
     @property
     def liner_impedance(self) -> Tensor:
-        """1 / mean of the admittance over all probes, (F,)."""
-        flat = self.admittance.reshape(-1, len(self.frequency))
-        return 1 / flat[torch.isfinite(flat.real).all(1)].mean(0)
+        """1 / mean of the admittance over all probes, 0 at those that count as wall, (F,)."""
+        flat = self.averaged_admittance.reshape(-1, len(self.frequency))
+        return impedance_from_admittance(flat[torch.isfinite(flat.real).all(1)].mean(0))
 
     @property
     def liner_spread(self) -> Tensor:

@@ -16,6 +16,7 @@ from torchliner.replay.compiled import GROUP, PAYS_FROM, Loop, Shape, compile_lo
 from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.levels import VelocityGrid, gather_rows
 from torchliner.replay.lines import Line
+from torchliner.replay.part_lines import PartLine
 from torchliner.replay.sources import Columns, SpeedSource, blocks, weighted_sums
 
 MOST_FUSED_PARTS = 16  # of a compiled loop: means over short blocks are summed eagerly
@@ -43,7 +44,7 @@ class ColumnSums:
 
     def __init__(
         self,
-        lines: Sequence[Line],
+        lines: Sequence[Line | PartLine],
         block_lines: Sequence[BlockLine],
         source: SpeedSource,
         index: int,

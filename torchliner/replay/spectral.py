@@ -26,6 +26,7 @@ from torchliner.replay.column_sums import ColumnSums, Task
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import Line
+from torchliner.replay.part_lines import PartLine
 from torchliner.replay.sources import SpeedSource, block_elements
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
@@ -34,7 +35,7 @@ SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares
 
 def spectral_sums(
     source: SpeedSource,
-    lines: Sequence[Line],
+    lines: Sequence[Line | PartLine],
     grid: VelocityGrid,
     *,
     block_lines: Sequence[BlockLine] = (),
@@ -138,7 +139,7 @@ def _coefficients(law: SpeedLaw | None, source: SpeedSource) -> Tensor | None:
 
 def _tasks(
     i: int,
-    line: Line,
+    line: Line | PartLine,
     coefficients: Tensor | None,
     samples: tuple[int, int],
     source: SpeedSource,

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchliner.eduction.survey import moments
 from torchliner.io.hdf5 import written_whole
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.records.slabs import slab_bounds
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
     for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
         if part is None:
             continue
-        mean, square = _moments(
+        mean, square = moments(
             VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
         )
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
@@ -108,16 +108,6 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
         values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
     assert x is not None
     return Profile(x, values, height_label(plane.height))
-
-
-def _moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
-    total = torch.zeros(plane.probes, dtype=torch.float64)
-    square = torch.zeros_like(total)
-    for begin, end in slab_bounds(plane.samples, plane.probes):
-        slab = plane.read(begin, end).cpu().to(torch.float64)
-        total += slab.sum(0)
-        square += (slab**2).sum(0)
-    return total / plane.samples, square / plane.samples
 
 
 def _over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:

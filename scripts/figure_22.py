@@ -1,0 +1,32 @@
+"""Figure 22: jet height over jet velocity and bulk Mach number, with the exponents that come out.
+
+python scripts/figure_22.py [-o FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from torchliner.duct.jets import jet_scaling
+from torchliner.report.jets import draw_jets, exponent_lines, height_over_mach, height_over_velocity
+
+SHEARS = (0.05, 0.1)  # the paper's, and that of its duct computations
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/figure_22"))
+    folder = parser.parse_args(arguments).output
+    folder.mkdir(parents=True, exist_ok=True)
+    scalings = [jet_scaling(shear) for shear in SHEARS]
+    draw_jets(scalings, folder / "figure_22.png")
+    height_over_velocity(scalings).write_csv(folder / "figure_22a.csv")
+    height_over_mach(scalings).write_csv(folder / "figure_22b.csv")
+    print("\n".join(exponent_lines(scalings)))
+    print(f"figure and numbers are in {folder}")
+
+
+if __name__ == "__main__":
+    main()

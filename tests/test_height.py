@@ -1,0 +1,378 @@
+"""Z against height and averaging length, the cells' imprint, the recommendation, the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, load_script, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, DONE, main
+from torchliner.eduction.heights import study_heights
+from torchliner.eduction.imprint import cell_imprint, fit_decay
+from torchliner.eduction.recommend import Limits, recommend_height
+from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+PITCH, SPACING = 12.44e-3, 1e-3
+
+
+def line_plane(velocity: torch.Tensor, height: float = 1e-3, **about):
+    """A line of probes 1 mm apart, or a (z, x) plane 2 mm apart along z."""
+    about.setdefault("x", SPACING * (0.5 + np.arange(velocity.shape[-2])))
+    if velocity.ndim == 3:
+        about.setdefault("z", 2e-3 * np.arange(velocity.shape[0]))
+    return plane_of(velocity, height=height, **about)
+
+
+@pytest.fixture(scope="module")
+def planes():
+    return [
+        line_plane(turbulence((3, 30, 480), seed=i, rms=1.0 + i), 1e-3 * (1 + i)) for i in (1, 0)
+    ]
+
+
+@pytest.fixture(scope="module")
+def study(planes, liner):
+    return study_heights(planes, liner)
+
+
+def test_one_spacing_has_no_order(study, liner, planes):
+    """Windows of one probe: both orders are the map's own average over probes."""
+    maps = tl.educe(planes[::-1], liner)
+    for row, found in zip(study.at_length(study.lengths[0]), maps, strict=True):
+        assert (row.probes, row.windows) == (1, 90)
+        assert row.probes_first == pytest.approx(row.velocity_first, rel=1e-12)
+        assert row.probes_first == pytest.approx(complex(found.liner_impedance[0]), rel=1e-12)
+
+
+def test_the_whole_plane_is_one_window(study, liner, planes):
+    """Admittance over all probes; the plane's mean velocity replayed."""
+    maps = tl.educe(planes[::-1], liner)
+    means = [plane_of(plane.velocity.reshape(-1, 480).mean(0)) for plane in planes[::-1]]
+    wanted = tl.educe(means, liner)
+    for row, whole, mean in zip(study.at_length(study.lengths[-1]), maps, wanted, strict=True):
+        assert (row.probes, row.windows) == (90, 1)
+        assert math.isnan(row.velocity_first_spread.real)
+        assert row.velocity_first == pytest.approx(complex(mean.impedance[0]), rel=1e-12)
+        assert row.probes_first == pytest.approx(complex(whole.liner_impedance[0]), rel=1e-12)
+
+
+def test_identical_probes_give_the_same_at_every_length(liner):
+    """A velocity without any variation along x and z: no order, no length, no spread."""
+    velocity = turbulence((480,), seed=3).expand(2, 26, 480)
+    wanted = complex(tl.educe(plane_of(velocity[0, 0]), liner).impedance[0])
+    for row in study_heights([line_plane(velocity)], liner).rows:
+        assert row.velocity_first == pytest.approx(wanted, rel=1e-9)
+        assert row.probes_first == pytest.approx(wanted, rel=1e-9)
+        if row.windows > 1:
+            assert abs(row.velocity_first_spread) < 1e-9
+
+
+def test_windows_equal_the_plain_loop():
+    """Running boxes, wholly inside, over used probes only; read by slabs as well."""
+    velocity = turbulence((4, 9, 50), seed=5)
+    plane = line_plane(velocity, z=1e-3 * np.arange(4))
+    used = torch.ones(4, 9, dtype=torch.bool)
+    used[1, 2] = False
+    windows = windows_of(grid_of(plane), 3e-3, used)
+    found = averaged_planes(plane, [windows])[0].velocity
+    assert found.shape == (2 * 7, 50)
+    index = 0
+    for z in range(2):
+        for x in range(7):
+            box = velocity[z : z + 3, x : x + 3][used[z : z + 3, x : x + 3]]
+            assert found[index].numpy() == pytest.approx(box.mean(0).numpy(), abs=1e-12)
+            index += 1
+
+
+def test_windows_are_thinned_where_memory_would_pass_the_limit(monkeypatch):
+    """Every second or third position, still inside."""
+    monkeypatch.setattr("torchliner.eduction.windows.BOXED_BYTES", 8 * 50 * 12)
+    plane = line_plane(turbulence((4, 9, 50), seed=5))
+    windows = windows_of(grid_of(plane), 1e-3, torch.ones(4, 9, dtype=torch.bool), 50)
+    assert windows.count <= 12
+    assert int(windows.left.max()) <= 8
+
+
+def test_planes_in_files_give_the_same(planes, study, liner, tmp_path):
+    """Read by slabs from a file: the numbers of the plane in memory."""
+    stored = []
+    for i, plane in enumerate(planes):
+        plane.write(tmp_path / f"{i}.h5")
+        stored.append(tl.read_plane(tmp_path / f"{i}.h5", lazy=True))
+    again = study_heights(stored, liner, dtype="float64")
+    for mine, theirs in zip(again.rows, study.rows, strict=True):
+        assert mine.velocity_first == pytest.approx(theirs.velocity_first, rel=1e-6)
+
+
+def test_left_out_probes_leave_no_trace(liner):
+    """nan at one probe: windows are averages over the others."""
+    velocity = turbulence((20, 480), seed=2)
+    velocity[4, 7] = torch.nan
+    rows = study_heights([line_plane(velocity)], liner, missing="exclude").rows
+    kept = [i for i in range(20) if i != 4]
+    wanted = complex(tl.educe(plane_of(velocity[kept].mean(0)), liner).impedance[0])
+    assert rows[-1].velocity_first == pytest.approx(wanted, rel=1e-9)
+    assert rows[0].windows == 20
+
+
+def test_a_wall_filter_acts_on_the_averages_over_probes_alone(liner, planes, study):
+    """Velocity first is as without it."""
+    found = study_heights(planes, liner, wall_filter=1.0)
+    for mine, plain in zip(found.rows, study.rows, strict=True):
+        assert mine.velocity_first == plain.velocity_first
+        assert mine.probes_first.real == math.inf
+
+
+@pytest.mark.parametrize(("count", "spacing"), [(48, PITCH / 12), (30, 1e-3), (12, PITCH / 12)])
+def test_imprint_finds_harmonics_on_any_grid(count, spacing):
+    """Amplitudes 0.5 and 0.2 on a mean of 2, growing along x where cells repeat."""
+    x = 0.3e-3 + spacing * np.arange(count)
+    turn = 2 * np.pi * x / PITCH
+    growth = 3.0 * x if count > 12 else 0.0
+    profile = 2.0 + 0.5 * np.cos(turn - 1) + 0.2 * np.sin(3 * turn) + growth
+    found = cell_imprint(x, profile, PITCH)
+    assert found.cells == int(count * spacing / PITCH + 0.01)
+    assert found.first == pytest.approx(0.5, abs=1e-10)
+    assert found.harmonics[1:3] == pytest.approx((0.0, 0.2), abs=1e-10)
+    assert found.rms == pytest.approx(math.sqrt((0.25 + 0.04) / 2), abs=1e-10)
+    assert found.between is None if found.cells == 1 else found.between < 1e-10
+
+
+def test_imprint_is_the_fourier_sum_on_whole_cells():
+    """An independent transform, 24 probes to each of three cells."""
+    profile = np.tile(np.random.default_rng(1).random(24), 3) + 1
+    lines = np.abs(np.fft.rfft(profile)) / 36
+    found = cell_imprint(PITCH / 24 * np.arange(72), profile, PITCH)
+    # The random cell has more harmonics than are fitted; they do not leak but for the growth.
+    assert found.harmonics == pytest.approx(lines[3:25:3], abs=0.02)
+    assert found.cells == 3
+
+
+def test_what_is_not_periodic_lies_between():
+    """A wave of 2.5 to a cell shows in ``between`` and not in the imprint."""
+    x = 1e-3 * np.arange(50)
+    found = cell_imprint(x, 1 + 0.3 * np.cos(5 * np.pi * x / PITCH), PITCH)
+    assert found.relative < 1e-10
+    assert found.between == pytest.approx(0.3 / math.sqrt(2), abs=1e-10)
+
+
+def test_imprint_refuses():
+    with pytest.raises(ValueError, match=r"span 10 mm, less than one cell of 12\.44 mm"):
+        cell_imprint(1e-3 * np.arange(10), np.ones(10), PITCH)
+    with pytest.raises(ValueError, match="do not resolve it; at least four"):
+        cell_imprint(5e-3 * np.arange(10), np.ones(10), PITCH)
+
+
+def test_decay_returns_its_own_law():
+    """a exp(-y/l) exactly; beside it L_c/(2 pi); growth and scatter are no decay."""
+    heights = [0.5e-3, 1e-3, 2.5e-3]
+    law = fit_decay(heights, [0.8 * math.exp(-y / 1.7e-3) for y in heights], PITCH)
+    assert law.length == pytest.approx(1.7e-3)
+    assert law.amplitude == pytest.approx(0.8)
+    assert law.evanescent == pytest.approx(PITCH / (2 * math.pi))
+    assert law.scatter == pytest.approx(1.0)
+    assert law.follows
+    assert fit_decay(heights[:2], [0.2, 0.1], PITCH) is None
+    assert not fit_decay(heights, [0.1, 0.2, 0.3], PITCH).follows
+    assert not fit_decay(heights, [0.4, 0.1, 0.3], PITCH).follows
+
+
+def evanescent_planes(heights, decay=PITCH / (2 * math.pi), wave=1.0):
+    """A plane wave over four cells plus their first harmonic, which dies off with height."""
+    x = SPACING * (0.5 + np.arange(50))
+    time = torch.arange(480, dtype=torch.float64) / RATE
+    tone = torch.cos(2 * math.pi * FREQUENCY * time)
+    shape = torch.as_tensor(np.cos(2 * math.pi * x / PITCH))
+    return [
+        line_plane(wave * (1 + 0.9 * math.exp(-y / decay) * shape)[:, None] * tone, y, x=x)
+        for y in heights
+    ]
+
+
+def test_a_sound_field_qualifies_where_its_imprint_has_died(liner):
+    """Laws: the harmonic's decay is found, and the lowest height below the limit is chosen."""
+    heights = [1e-3, 3e-3, 6e-3, 9e-3]
+    study = study_heights(evanescent_planes(heights), liner, lengths=[PITCH])
+    assert study.decay.length == pytest.approx(PITCH / (2 * math.pi), rel=1e-3)
+    found = recommend_height(study)
+    values = [0.9 * math.exp(-y * 2 * math.pi / PITCH) / math.sqrt(2) for y in heights]
+    wanted = next(y for y, v in zip(heights, values, strict=True) if v < 0.1)
+    assert found.height == wanted == 6e-3
+    assert "y = 6 mm is the lowest height that passes all three" in found.reasons[0]
+    assert any("acoustic drift of (A1), of the order of 0.150 + 0.180j" in r for r in found.reasons)
+    assert recommend_height(study, Limits(0.6, 1.0, 1.0)).height == 1e-3
+    assert recommend_height(study, Limits(imprint=1e-3)).height is None
+
+
+def test_the_top_height_is_never_chosen(liner):
+    """Whether Z has settled there cannot be known."""
+    study = study_heights(evanescent_planes([3e-3, 9e-3]), liner, lengths=[PITCH])
+    found = recommend_height(study)
+    assert found.height is None
+    assert any("has no plane above it" in line for line in found.unknown)
+    (last,) = [j for j in found.judgements if j.height == 9e-3 and j.name == "change"]
+    assert (last.value, last.passed) == (None, False)
+
+
+def test_no_truth_is_used(liner):
+    """Another reference, the same answer."""
+    planes = evanescent_planes([1e-3, 6e-3, 9e-3])
+    other = [tl.VelocityPlane(**{**vars(p), "reference": {"true": 9 + 9j}}) for p in planes]
+    mine = recommend_height(study_heights(planes, liner, lengths=[PITCH]))
+    theirs = recommend_height(study_heights(other, liner, lengths=[PITCH]))
+    assert (mine.height, mine.reasons) == (theirs.height, theirs.reasons)
+
+
+def shipped(case: str):
+    planes = [tl.read_plane(path, lazy=True) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
+    return planes, tl.load_liner(planes[0].liner)
+
+
+@pytest.mark.parametrize("case", ["slit_g01_145", "slit_g03_145"])
+def test_no_height_of_the_slits_with_flow_qualifies(case):
+    """Frozen: the two orders differ by more than half at every height."""
+    study = study_heights(*shipped(case), lengths=[12.44e-3])
+    found = recommend_height(study)
+    assert found.height is None
+    assert "no height of these qualifies" in found.reasons[0]
+    assert all(j.value > 0.5 for j in found.judgements if j.name == "orders")
+    assert all(0 < facts.jet_height < 1.2e-3 for facts in study.facts)
+
+
+def test_n115_is_an_evanescent_sound_field():
+    """At 115 dB the first harmonic decays over 1.977 mm; L_c/(2 pi) is 1.981 mm."""
+    study = study_heights(*shipped("slit_n115"), lengths=[12.44e-3])
+    assert 1e3 * study.first_decay.length == pytest.approx(1.977, abs=2e-3)
+    assert 1e3 * study.first_decay.evanescent == pytest.approx(1.981, abs=1e-3)
+    assert any("a single cell" in note for note in study.notes)
+
+
+def test_bad_planes_are_refused(liner):
+    v = turbulence((8, 480), seed=1)
+    for about, message in (
+        ({"height": None}, "states no height; set 'height'"),
+        ({"x": None}, "states no x; averaging lengths need the probes' places"),
+        ({"x": np.arange(8.0) ** 2}, "windows need probes in even, rising steps"),
+        ({"z": np.arange(8.0)}, "scattered probes"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            study_heights([line_plane(v, **about)], liner)
+    with pytest.raises(ValueError, match="no plane is given"):
+        study_heights([], liner)
+    with pytest.raises(ValueError, match="1 probe along x; averaging lengths need several"):
+        study_heights([line_plane(v[:1], x=[0.0])], liner)
+
+
+def test_planes_of_several_cases_are_refused(liner):
+    v = turbulence((8, 480), seed=1)
+    low = line_plane(v, 1e-3, mach=0.1)
+    for high, message in (
+        (line_plane(v, 2e-3, mach=0.3), r"not one case: mach is 0\.1 and 0\.3"),
+        (line_plane(v, 2e-3, mach=0.1, liner="onera"), "not one case: liner is '' and 'onera'"),
+        (line_plane(v, 2e-3, mach=0.1, provenance={"case": "b"}), "not one case: case is None"),
+        (line_plane(v, 2e-3, mach=0.1, frequency=1000.0), "different frequencies"),
+        (line_plane(v, 1e-3, mach=0.1), "are both at 1 mm; give one plane a height"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            study_heights([low, high], liner)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lengths": [0.5e-3]}, r"length 0\.5 mm is below the spacing of the probes, 1 mm"),
+        ({"lengths": [9e-3]}, r"length 9 mm is above the plane's length, 8 mm"),
+        ({"lengths": [-1.0]}, "averaging length"),
+        ({"incident": "noise:300:3000"}, "compared under a tone"),
+        ({"frequency": [1000.0, 1400.0]}, "at one frequency; 2 are given"),
+        ({"cell_pitch": 0.0}, "cell_pitch"),
+    ],
+)
+def test_bad_options_are_refused(liner, options, message):
+    with pytest.raises(ValueError, match=message):
+        study_heights([line_plane(turbulence((8, 480), seed=1))], liner, **options)
+
+
+def test_one_plane_without_a_cell_says_what_cannot_be_judged():
+    """A user's liner without a pitch, one height: an answer, with its gaps named."""
+
+    class Plain:
+        def impedance(self, frequency, speed=0.0):
+            return tl.load_liner("polito").impedance(frequency, speed)
+
+    study = study_heights([line_plane(turbulence((8, 480), seed=1))], Plain())
+    found = recommend_height(study)
+    assert found.height is None
+    text = " ".join((*found.unknown, *study.notes))
+    for words in ("give several planes", "the cells' imprint", "no cell pitch", "no jet height"):
+        assert words in text
+
+
+def run(capsys, *words: str) -> tuple[int, str, str]:
+    code = main(list(words))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+G03 = [str(DATA / f"slit_g03_145_y{y}mm.h5") for y in ("0.5", "1.5", "2.5")]
+SHORT = ("--lengths", "6", "12.44", "--quiet")
+
+
+def test_command_prints_writes_and_draws(capsys, tmp_path):
+    """Table, facts, answer; CSV of the rows; figures with their numbers."""
+    code, out, _ = run(
+        capsys, "height", *G03, *SHORT, "-o", str(tmp_path / "rows.csv"), "--figures", str(tmp_path)
+    )
+    assert code == DONE
+    for text in ("no height of these qualifies", "1 cell", "H_j mm", "true 1.662-0.460j", "sound:"):
+        assert text in out
+    rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
+    assert [row["averaging length (m)"] for row in rows[:2]] == ["0.006", "0.01244"]
+    assert float(rows[-1]["resistance, velocity first"]) == pytest.approx(2.62, abs=0.02)
+    made = {path.name for path in tmp_path.iterdir()}
+    for stem in ("impedance_over_height", "imprint_over_height"):
+        assert {f"{stem}.png", f"{stem}.csv"} <= made
+
+
+def test_command_json(capsys):
+    """JSON alone, with judgements; unknown values are null."""
+    code, out, _ = run(capsys, "height", G03[0], *SHORT, "--json", "--limits", "0.5", "2", "1")
+    found = json.loads(out)
+    assert code == DONE
+    assert found["recommended_height"] is None
+    assert [one["passed"] for one in found["judgements"]] == [True, True, False]
+    assert found["decay_length"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([G03[0], str(DATA / "slit_g01_145_y1.0mm.h5")], "not one case"),
+        ([G03[0], str(DATA / "orifice_o145_y1.0mm.h5")], "different liners, lbm_orifice, lbm_slit"),
+        ([G03[0], "-o", G03[0]], "is an input; name another file"),
+        ([G03[0], "--lengths", "0.01"], "below the spacing of the probes"),
+        ([G03[0], "--limits", "0", "1", "1"], "limit on imprint is 0"),
+        ([G03[0], "--shear", "0.01"], "shear is 0.01, below 0.03"),
+        ([str(DATA / "channel_y1.04mm.h5")], "names 'hard wall'"),
+        ([str(DATA / "channel_y1.04mm.h5"), "--liner", "polito"], "states no frequency"),
+    ],
+)
+def test_command_refuses(capsys, words, message):
+    code, out, err = run(capsys, "height", *words, "--quiet")
+    assert (code, out) == (BAD_INPUT, "")
+    assert message in err
+
+
+def test_figure_16_is_drawn(tmp_path):
+    """PNG, and a CSV a plane."""
+    load_script("figure_16").main(["-o", str(tmp_path)])
+    made = {path.name for path in tmp_path.iterdir()}
+    assert "figure_16.png" in made
+    assert sum(name.endswith(".csv") for name in made) == 11

@@ -1,0 +1,181 @@
+"""torchliner height."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchliner.cli.options import (
+    add_output_options,
+    liner_name,
+    print_json,
+    progress_bar,
+    warnings_on_stderr,
+)
+
+if TYPE_CHECKING:
+    from torchliner.eduction.heights import HeightStudy
+    from torchliner.eduction.recommend import Recommendation
+
+CHOICES = ("phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("planes", nargs="+", type=Path, help="plane files of one case, by height")
+    parser.add_argument("--liner", help="preset name, .toml or .csv; default: named in the files")
+    parser.add_argument("--frequency", type=float, metavar="HZ", help="default: the tone")
+    parser.add_argument("--lengths", nargs="+", type=float, metavar="MM", help="averaging lengths; "
+                        "default: a spacing, shares of a cell, whole cells, all")  # fmt: skip
+    parser.add_argument("--cell-pitch", type=float, metavar="MM", help="default: the liner's")
+    parser.add_argument("--duct-height", type=float, metavar="MM", default=50.0,
+                        help="of the jets' cross-flow (default 50)")  # fmt: skip
+    parser.add_argument("--shear", type=float, default=0.05, help="of its tanh profile, in half "
+                        "heights (default 0.05)")  # fmt: skip
+    parser.add_argument("--limits", nargs=3, type=float, metavar=("IMPRINT", "ORDERS", "CHANGE"),
+                        help="a height must keep to (default 0.1 0.1 0.1)")  # fmt: skip
+    parser.add_argument("--phase", choices=["averaged", "self-consistent"])
+    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
+    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
+    parser.add_argument("--edge", choices=["auto", "finite", "wrap", "silent"])
+    parser.add_argument("--wall-filter", type=float, metavar="C", help="squared coherence below "
+                        "which a probe counts as wall in averages over probes")  # fmt: skip
+    parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
+    parser.add_argument("--allow-short", action="store_true", default=None,
+                        help="accept fewer than four periods")  # fmt: skip
+    parser.add_argument("--memory", metavar="SIZE", help="for slabs and work, e.g. 500MB")
+    parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Study the heights, print rows, facts and the recommendation."""
+    from torchliner.eduction.height_facts import JetFlow
+    from torchliner.eduction.heights import study_heights
+    from torchliner.eduction.recommend import Limits, recommend_height
+    from torchliner.io.plane_file import read_plane
+    from torchliner.liners.catalogue import load_liner
+    from torchliner.report.height import write_rows
+
+    inputs = {path.resolve() for path in options.planes}
+    if options.liner is not None:
+        inputs.add(Path(options.liner).resolve())
+    if options.output is not None and options.output.resolve() in inputs:
+        raise ValueError(f"the output {options.output} is an input; name another file")
+    limits = Limits(*options.limits) if options.limits else Limits()
+    flow = JetFlow(1e-3 * options.duct_height, options.shear)
+    planes = [read_plane(path, lazy=True) for path in options.planes]
+    names = [options.liner or liner_name(p, f) for p, f in zip(planes, options.planes, strict=True)]
+    if len(set(names)) > 1:
+        raise ValueError(
+            f"the planes name different liners, {', '.join(sorted(set(names)))}; choose one with "
+            "--liner, or give the heights of one case"
+        )
+    chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
+    lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
+    pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
+    with (
+        warnings_on_stderr(options.quiet),
+        progress_bar(len(lengths or []) or 8, "averaging lengths", options.quiet) as step,
+    ):
+        study = study_heights(
+            planes, load_liner(names[0]), options.frequency, lengths=lengths, cell_pitch=pitch,
+            flow=flow, progress=step, **chosen,
+        )  # fmt: skip
+    found = recommend_height(study, limits)
+    if options.output is not None:
+        write_rows(study, options.output)
+    if options.figures is not None:
+        _draw(study, options.figures)
+    if options.json:
+        print_json(_plain(study, found))
+    else:
+        _print(study, found)
+    return 0
+
+
+def _draw(study: HeightStudy, folder: Path) -> None:
+    from torchliner.report import height
+
+    folder.mkdir(parents=True, exist_ok=True)
+    height.draw_impedance_over_height(study, folder / "impedance_over_height.png")
+    height.impedance_over_height(study).write_csv(folder / "impedance_over_height.csv")
+    imprint = height.imprint_over_height(study)
+    if imprint.values:
+        height.draw_imprint(study, folder / "imprint_over_height.png")
+        imprint.write_csv(folder / "imprint_over_height.csv")
+
+
+def _plain(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
+    from torchliner.report.height import imprint_over_height, plain_rows
+
+    imprint = imprint_over_height(study)
+    return {
+        "title": study.title,
+        "frequency": study.frequency,
+        "cell_pitch": study.pitch,
+        "rows": plain_rows(study),
+        "imprint": {"height (m)": imprint.at.tolist()}
+        | {name: values.tolist() for name, values in imprint.values.items()},
+        "decay_length": None if study.decay is None else study.decay.length,
+        "first_harmonic_decay_length": None
+        if study.first_decay is None
+        else study.first_decay.length,
+        "evanescent_length": None if study.decay is None else study.decay.evanescent,
+        "recommended_height": found.height,
+        "judgements": [vars(one) | {"passed": one.passed} for one in found.judgements],
+        "reasons": list(found.reasons),
+        "unknown": list(found.unknown),
+        "reference": study.reference,
+        "choices": study.choices,
+        "notes": list(study.notes),
+    }
+
+
+def _print(study: HeightStudy, found: Recommendation) -> None:
+    from torchliner.report.height import length_label
+    from torchliner.report.truth import format_complex
+
+    print(f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "
+          "deviation of R and X over windows")  # fmt: skip
+    orders = (
+        f"{'admittance over probes':>22s} {'spread':>13s} {'velocity first':>15s} {'spread':>13s}"
+    )
+    print(f"{'y mm':>6s} {'length':>9s} {'probes':>6s} {'windows':>7s} {orders}")
+    for row in study.rows:
+        spread = [_spread(row.probes_first_spread), _spread(row.velocity_first_spread)]
+        label = length_label(row.length, study.pitch)
+        print(f"{1e3 * row.height:6.2f} {label:>9s} {row.probes:6d} {row.windows:7d} "
+              f"{format_complex(row.probes_first):>22s} {spread[0]:>13s} "
+              f"{format_complex(row.velocity_first):>15s} {spread[1]:>13s}")  # fmt: skip
+    print(f"\n{'y mm':>6s} {'coherence':>9s} {'v_rms m/s':>10s} {'imprint v_rms':>13s} "
+          f"{'between':>8s} {'imprint u_rms':>13s} {'U_j m/s':>8s} {'H_j mm':>7s}")  # fmt: skip
+    for one in study.facts:
+        imprint, stream = one.imprint, one.streamwise_imprint
+        between = None if imprint is None or imprint.between is None else (
+            imprint.between / imprint.mean)  # fmt: skip
+        print(f"{1e3 * one.height:6.2f} {one.coherence:9.2f} {one.velocity_rms:10.3f} "
+              f"{_number(imprint.relative if imprint else None, 13, 4)} {_number(between, 8, 4)} "
+              f"{_number(stream.relative if stream else None, 13, 4)} "
+              f"{_number(one.jet_velocity, 8, 1)} "
+              f"{_number(one.jet_height and 1e3 * one.jet_height, 7, 2)}")  # fmt: skip
+    if study.first_decay is not None:
+        first = study.first_decay
+        print(f"first harmonic of v_rms: exp(-y/l), l = {1e3 * first.length:.3g} mm (sound: "
+              f"{1e3 * first.evanescent:.3g} mm); heights stray from it by a factor "
+              f"{first.scatter:.3g}")  # fmt: skip
+    print("\n" + "\n".join(found.reasons))
+    for line in found.unknown:
+        print(f"not judged: {line}")
+    for name, value in study.reference.items():
+        print(f"not used above: {name} {format_complex(value)}")
+
+
+def _spread(value: complex) -> str:
+    return "-" if value != value else f"{value.real:.3f} {value.imag:.3f}"
+
+
+def _number(value: float | None, width: int, digits: int) -> str:
+    return f"{'-':>{width}s}" if value is None else f"{value:{width}.{digits}f}"
