@@ -22,7 +22,7 @@ from torchliner.eduction.averaging import ORDERS
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DRIVES, MEANS, DriveSpeed
 from torchliner.eduction.engines import tone_sums
-from torchliner.eduction.prepare import prepare
+from torchliner.eduction.prepare import Prepared, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.variants import Variant, VariantMaker
 from torchliner.eduction.velocity import Replayed
