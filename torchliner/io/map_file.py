@@ -25,6 +25,7 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
+from torchliner.io.point_file import read_alongside, write_alongside
 from torchliner.records import ImpedanceMap
 
 SCHEMA = "torchliner map 1"
@@ -54,6 +55,7 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
             if getattr(result, key) is not None:
                 write_variable(file, key, float(getattr(result, key)), unit)
         write_references(file, result.reference)
+        write_alongside(file, result.alongside)
 
 
 def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
@@ -162,6 +164,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             title=text_attribute(file, "title") or "",
             choices=read_json(file, "choices", path, {}),
             notes=tuple(read_json(file, "notes", path, [])),
+            alongside=read_alongside(file, path),
         )
 
 

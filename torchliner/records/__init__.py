@@ -1,6 +1,15 @@
 """The records everything passes through."""
 
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.point_impedances import PointImpedances
+from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
 
-__all__ = ["SOURCE_SIDES", "ImpedanceMap", "StoredVelocity", "VelocityPlane"]
+__all__ = [
+    "SOURCE_SIDES",
+    "ImpedanceMap",
+    "PointImpedances",
+    "PressureRecord",
+    "StoredVelocity",
+    "VelocityPlane",
+]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.point_impedances import PointImpedances
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,7 @@ class ImpedanceMap:
         x, z, height, fluid, reference, ...: as in the plane.
         choices: every option and what followed from it (kernel error, levels, versions).
         notes: doubts, with numbers.
+        alongside: what other methods found for the same case, such as ``in_situ``.
     """
 
     frequency: Tensor
@@ -65,6 +67,7 @@ class ImpedanceMap:
     title: str = ""
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    alongside: tuple[PointImpedances, ...] = ()
 
     @property
     def impedance(self) -> Tensor:
@@ -125,6 +128,10 @@ class ImpedanceMap:
     def cell_impedance_velocity_first(self) -> Tensor:
         """Of each cell, velocity averaged over its probes, then replayed, (C, F)."""
         return impedance_from_reflection(self.cell_reflection_velocity_first)
+
+    def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
+        """The same map with the results of other methods beside it, for files and figures."""
+        return replace(self, alongside=(*self.alongside, *others))
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/formats.md."""
