@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.numbers import (
     Profile,
     against_height,
@@ -111,6 +112,7 @@ def draw_along_x(
             axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
             _draw_cells(axis, result, part, frequency_index, MARKERS[i % len(MARKERS)], colour)
         _draw_references(axis, ordered, part, frequency_index)
+        draw_alongside(axis, ordered, part, frequency_index)
         axis.set_xlabel("$x$ (mm)" if ordered[0].x is not None else "probe")
         axis.set_ylabel(label)
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -174,7 +176,9 @@ def draw_against_height(
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in rows if row.frequency == frequency]
     shown = [row.probes_first for row in rows] + [row.velocity_first for row in rows]
-    shown += _references(results, frequency_index).values()
+    references = _references(results, frequency_index)
+    references |= alongside_surfaces(results, frequency_index)
+    shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
     orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
     for i, (order, label) in enumerate(orders):
@@ -183,10 +187,9 @@ def draw_against_height(
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
         _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
-    references = _references(results, frequency_index)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
         axis.plot(
-            value.real, value.imag, "*" if i == 0 else "x", color="k", markersize=9 - 2 * i,
+            value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
         )  # fmt: skip
     axis.margins(0.15)

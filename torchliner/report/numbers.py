@@ -62,7 +62,7 @@ def height_label(height: float | None) -> str:
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile:
     """Resistance and reactance along x: admittance averaged over z where there is a z."""
     admittance = result.admittance[..., frequency_index]
-    x, average = _over_z(result.x, admittance)
+    x, average = over_z(result.x, admittance)
     impedance = 1 / average
     values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
     return Profile(x, values, height_label(result.height))
@@ -79,8 +79,8 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
             VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
         )
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
-        x, mean_x = _over_z(plane.x, mean)
-        _, variance = _over_z(plane.x, square - mean**2)
+        x, mean_x = over_z(plane.x, mean)
+        _, variance = over_z(plane.x, square - mean**2)
         if name == "v":
             values["v0 (m/s)"] = _array(mean_x)
         values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
@@ -98,7 +98,7 @@ def _moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
     return total / plane.samples, square / plane.samples
 
 
-def _over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
+def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
     """Mean over z of (z, x) or over probes of equal x; x itself, or the index without one."""
     values = values.detach().cpu()
     if values.ndim == 2:
