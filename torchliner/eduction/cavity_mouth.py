@@ -36,8 +36,8 @@ def mouth_velocity_ratio(
     """
     depth, speed = record.cavity_depth, record.fluid.sound_speed
     assert depth is not None
-    omega = 2 * torch.pi * frequency
-    gamma = 1j * omega.to(torch.complex128) / speed
+    omega = 2 * torch.pi * frequency.to(torch.float64)
+    gamma = 1j * omega / speed
     if losses == "viscothermal":
         if record.cavity_hydraulic_radius is None:
             raise ValueError(

@@ -53,10 +53,15 @@ def draw_alongside(
 ) -> None:
     """Other methods at the cells' centres: black symbols, as in figure 17."""
     for other, index in alongside_at(results, frequency_index):
-        for (end, order), face in zip(ORDERS, ("black", "white"), strict=True):
-            values = getattr(other, f"cell_impedance{end}")[:, index]
-            axis.plot(
-                1e3 * other.cell_x.numpy(), getattr(values, COMPLEX_PART[part]).numpy(), "X", zorder=4,
-                markersize=7, markerfacecolor=face, markeredgecolor="black", markeredgewidth=0.8,
-                label=f"{other.name}, {order}",
-            )  # fmt: skip
+        draw_cells(axis, other, part, index, f"{other.name}, ")
+
+
+def draw_cells(axis: Any, found: PointImpedances, part: str, index: int, label: str) -> None:
+    """Cell values, filled: admittance over points; open, larger and below: pressure first."""
+    for (end, order), face, size in zip(ORDERS, ("black", "white"), (5, 9), strict=True):
+        values = getattr(found, f"cell_impedance{end}")[:, index].numpy()
+        axis.plot(
+            1e3 * found.cell_x.numpy(), getattr(values, COMPLEX_PART[part]), "X",
+            markersize=size, markerfacecolor=face, markeredgecolor="black", markeredgewidth=0.7,
+            zorder=9 - 0.1 * size, label=f"{label}{order}",
+        )  # fmt: skip

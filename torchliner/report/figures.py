@@ -12,7 +12,7 @@ import numpy as np
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.numbers import (
-    Profile,
+    Table,
     against_height,
     height_label,
     impedance_along_x,
@@ -244,19 +244,19 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
 
 
 @styled
-def draw_liner(profiles: Sequence[Profile], title: str, path: str | Path | None = None) -> Figure:
+def draw_liner(profiles: Sequence[Table], title: str, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over frequency, one curve a speed (figure 3)."""
     figure, axes = subplots(1, 2, 2.9)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         for i, profile in enumerate(profiles):
             axis.plot(
-                profile.x, profile.values[part], color=COLOURS[i % len(COLOURS)],
+                profile.at, profile.values[part], color=COLOURS[i % len(COLOURS)],
                 linestyle=REFERENCE_STYLES[i % 4], label=profile.label,
             )  # fmt: skip
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         axis.set_xlabel("frequency $f$ (Hz)")
         axis.set_ylabel(label)
-        axis.set_xlim(profiles[0].x[0], profiles[0].x[-1])
+        axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
     axes[0, 1].set_ylim(-6, 6)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))

@@ -12,7 +12,7 @@ from torchliner.eduction.in_situ import in_situ
 from torchliner.eduction.wave_decomposition import WaveDecomposition, decompose_waves
 from torchliner.io.hdf5 import written_whole
 from torchliner.records import PointImpedances, PressureRecord
-from torchliner.report.alongside import COMPLEX_PART, ORDERS, points_along_x
+from torchliner.report.alongside import COMPLEX_PART, ORDERS, draw_cells, points_along_x
 from torchliner.report.figures import PARTS, finish, styled, subplots
 from torchliner.report.style import COLOURS
 from torchliner.report.truth import format_complex
@@ -212,18 +212,12 @@ def draw_in_situ(
     frequency = float(points.frequency[frequency_index])
     true = _stated(record, "true", frequency)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
-        complex_part = COMPLEX_PART[part]
         x = 1e3 * profile.x if known else profile.x
         axis.plot(x, profile.values[part], color=COLOURS[0], label="points")
-        for (end, order), face in zip(ORDERS, ("black", "white"), strict=True):
-            values = getattr(points, f"cell_impedance{end}")[:, frequency_index]
-            where = 1e3 * points.cell_x.numpy() if known else [x.mean()] * len(values)
-            axis.plot(
-                where, getattr(values, complex_part).numpy(), "X", markersize=7, zorder=4,
-                markerfacecolor=face, markeredgecolor="black", label=f"cells, {order}",
-            )  # fmt: skip
+        if known:
+            draw_cells(axis, points, part, frequency_index, "cells, ")
         if true is not None:
-            axis.axhline(getattr(true, complex_part), color="k", linewidth=0.9, label="true")
+            axis.axhline(getattr(true, COMPLEX_PART[part]), color="k", linewidth=0.9, label="true")
         axis.set_xlabel("$x$ (mm)" if known else "probe")
         axis.set_ylabel(label)
     handles, labels = axes[0, 0].get_legend_handles_labels()

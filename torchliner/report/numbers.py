@@ -15,6 +15,7 @@ from torch import Tensor
 from torchliner.io.hdf5 import written_whole
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.replay.kernels import BAND, Liner
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,15 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile
     impedance = 1 / average
     values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
     return Profile(x, values, height_label(result.height))
+
+
+def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Table:
+    """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
+    low, high = getattr(liner, "frequency_range", BAND)
+    frequency = np.linspace(low, high, 641)
+    values = liner.impedance(frequency, speed)
+    parts = {"resistance": _array(values.real), "reactance": _array(values.imag)}
+    return Table(frequency, parts, label, "frequency (Hz)")
 
 
 def velocity_along_x(plane: VelocityPlane) -> Profile:

@@ -82,7 +82,7 @@ def tone_amplitudes(
     Raises:
         ValueError: the record is too short to tell the tone from its conjugate and the mean.
     """
-    wanted = frequency.cpu()
+    wanted = frequency.to("cpu", torch.float64)
     plain = WindowSums.of(weights, begin, wanted, sampling_rate)
     once = line_sums(weights, wanted, sampling_rate, begin)
     window = WindowSums(
