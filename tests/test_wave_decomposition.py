@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import dataclasses
 import math
+import re
 
 import pytest
 import torch
@@ -168,6 +169,25 @@ def test_vortices_bias_the_microphones():
     assert abs(complex(two.impedance[0]) - record.reference["two microphones"]) < 0.002
     both = tl.decompose_waves(record, velocities=True)
     assert abs(complex(both.impedance[0]) - true) < 0.02
+
+
+PAGE = (DATA.parent / "docs" / "in_situ.md").read_text(encoding="utf-8")
+TABLE = re.findall(r"^\| (\w+) \| (\S+j) \| (.+j) \|$", PAGE, re.MULTILINE)
+
+
+@pytest.mark.filterwarnings("ignore:.*two plane waves leave:torchliner.DataWarning")
+@pytest.mark.parametrize(("case", "true", "values"), TABLE, ids=[row[0] for row in TABLE])
+def test_the_table_of_the_docs_is_current(case, true, values):
+    """docs/in_situ.md, all six cases, to the printed digits."""
+    assert len(TABLE) == 6
+    record = file_of(case)
+    dean = tl.in_situ(record)
+    found = [dean.liner_impedance, dean.liner_impedance_pressure_first]
+    for options in ({"microphones": "pair"}, {}, {"velocities": True}):
+        found.append(tl.decompose_waves(record, **options).impedance)
+    assert abs(complex(true) - record.reference["true"]) < 1e-3
+    for printed, value in zip(values.split(" | "), found, strict=True):
+        assert abs(complex(printed) - complex(value[0])) < 1e-3
 
 
 # --- bad input ----------------------------------------------------------------------------------
