@@ -1,10 +1,10 @@
-"""Cut the shipped planes in data/ out of the project's full simulation files.
+"""Cut the shipped planes and pressures in data/ out of the project's full simulation files.
 
     python scripts/make_data.py FOLDER
 
 FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5 and les_channel_planes.h5. What is cut,
 rounded and superposed is stated in each file and in data/README.md; checksums go to
-data/SHA256SUMS.
+data/SHA256SUMS. ``--only pressures`` writes the pressure records alone.
 """
 
 from __future__ import annotations
@@ -18,10 +18,13 @@ import torch
 from torch import Tensor
 
 from torchliner.io.plane_file import write_plane
+from torchliner.io.pressure_file import write_pressure
 from torchliner.io.resolved import read_channel, read_resolved
+from torchliner.io.resolved_pressure import read_resolved_pressure
 from torchliner.records import VelocityPlane
 
 HERE = Path(__file__).resolve().parent.parent / "data"
+SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"
 SLIT_CASES, SLIT_LINES = ("n115", "n130", "g01_145", "g03_145"), (0, 1, 2, 4)
 ORIFICE_CASES, ORIFICE_LINES = ("o115", "o145"), (0, 1, 4)
 CHANNEL_PLANES = (0, 1, 2)
@@ -29,6 +32,7 @@ STREAMWISE_LINE = 1  # the streamwise velocity is kept at y = 1 mm alone
 LENGTH, VELOCITY = 0.02, 749.06  # half height 20 mm, bulk velocity 100 m/s
 BULK_VELOCITY = 100.0
 MANTISSA_BITS = 11  # relative rounding 2.4e-4, far below the scatter of any record
+PRESSURE_STRIDE = {"n115": 2, "n130": 2}  # symmetric: 1e-7 in Z; with flow it would cost 5e-3
 TONE = (1400.0, 1.0)  # Hz, peak m/s into the liner
 
 
@@ -75,21 +79,26 @@ def write(plane: VelocityPlane, name: str) -> None:
     print(f"{name:32s} {path.stat().st_size / 1e6:6.2f} MB  {plane.title}")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path, help="folder with the three full simulation files")
-    folder = parser.parse_args().folder
-    HERE.mkdir(exist_ok=True)
+def make_slits(folder: Path) -> None:
+    """Planes over the resolved slit."""
     for case in SLIT_CASES:
         for line in SLIT_LINES:
-            plane = read_resolved(folder / "resolved_liner_lbm.h5", case, line, stride=2)
+            plane = read_resolved(folder / SLIT_FILE, case, line, stride=2)
             if line != STREAMWISE_LINE:
                 plane = dataclasses.replace(plane, streamwise=None)
             write(prepared(plane), f"slit_{case}_y{millimetres(plane):.1f}mm.h5")
+
+
+def make_orifices(folder: Path) -> None:
+    """Planes over the resolved orifice."""
     for case in ORIFICE_CASES:
         for line in ORIFICE_LINES:
-            plane = read_resolved(folder / "resolved_orifice_3d.h5", case, line)
+            plane = read_resolved(folder / ORIFICE_FILE, case, line)
             write(prepared(plane), f"orifice_{case}_y{millimetres(plane):.1f}mm.h5")
+
+
+def make_channel(folder: Path) -> None:
+    """Planes over the hard wall, and one with a tone."""
     for index in CHANNEL_PLANES:
         plane = read_channel(folder / "les_channel_planes.h5", index, LENGTH, VELOCITY)
         stream = plane.streamwise
@@ -107,6 +116,34 @@ def main() -> None:
             toned = with_tone(dataclasses.replace(plane, streamwise=None))
             toned = prepared(toned, stride_time=2, stride_z=2)
             write(toned, name.replace("channel_", "channel_tone_"))
+
+
+def make_pressures(folder: Path) -> None:
+    """Pressures of the resolved cases: on the surface rounded, elsewhere as they are."""
+    for name, cases in ((SLIT_FILE, SLIT_CASES), (ORIFICE_FILE, ORIFICE_CASES)):
+        for case in cases:
+            whole = read_resolved_pressure(folder / name, case, PRESSURE_STRIDE.get(case, 1))
+            record = dataclasses.replace(
+                whole,
+                facesheet=rounded(whole.facesheet),
+                provenance={**whole.provenance, "mantissa_bits_surface": MANTISSA_BITS},
+            )
+            path = HERE / f"pressure_{case}.h5"
+            write_pressure(record, path)
+            print(f"{path.name:32s} {path.stat().st_size / 1e6:6.2f} MB  {record.title}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path, help="folder with the three full simulation files")
+    parser.add_argument("--only", choices=["planes", "pressures"], help="leave the others as is")
+    options = parser.parse_args()
+    HERE.mkdir(exist_ok=True)
+    if options.only != "pressures":
+        for make in (make_slits, make_orifices, make_channel):
+            make(options.folder)
+    if options.only != "planes":
+        make_pressures(options.folder)
     files = sorted(HERE.glob("*.h5"))
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files]
     (HERE / "SHA256SUMS").write_text("\n".join(sums) + "\n")

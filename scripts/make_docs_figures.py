@@ -11,8 +11,10 @@ from pathlib import Path
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
 from torchliner.eduction.heights import study_heights
+from torchliner.eduction.in_situ import in_situ
 from torchliner.eduction.velocity import educe
 from torchliner.io.plane_file import read_plane
+from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.report import figures, height
 from torchliner.report.spectra import draw_spectrum
@@ -30,6 +32,12 @@ def main() -> None:
         figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
         figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
         figures.draw_velocity(planes, FIGURES / f"{case}_velocity.png")
+        if case == "slit_g03_145":
+            beside = in_situ(read_pressure(DATA / "pressure_g03_145.h5"))
+            both = [found.with_alongside(beside) for found in maps]
+            figures.draw_along_x(both, FIGURES / f"{case}_in_situ.png")
+    pressure = str(DATA / "pressure_n130.h5")
+    torchliner(["insitu", pressure, "--figure", str(FIGURES / "in_situ_n130.png")])
     planes = [read_plane(DATA / f"slit_n130_y{height}mm.h5") for height in ("1.0", "2.5")]
     wide = [300 + 50.0 * i for i in range(115)]
     spectra = educe(planes, load_liner(planes[0].liner), wide)

@@ -11,12 +11,13 @@ from torchliner.records.slabs import bounds_of
 from torchliner.replay.direct import direct_sums, replay_direct
 from torchliner.replay.edges import EDGE_RULES, Record
 from torchliner.replay.emissions import ComplexTones
-from torchliner.replay.incident import Means, WindowSums
+from torchliner.replay.incident import Means
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sources import HeldSpeed
 from torchliner.replay.spectral import spectral_sums
+from torchliner.signals.tones import WindowSums
 from torchliner.signals.windows import make_window
 
 FREQUENCIES = torch.tensor([FREQUENCY, 2100.0], dtype=torch.float64)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.options import (
     add_output_options,
+    frequencies,
     liner_name,
     print_json,
     progress_bar,
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
     from torchliner.report.numbers import HeightRow
 
-MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 CHOICES = [
     "engine",
     "phase",
@@ -65,6 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, help="map file, .h5/.nc or .csv; several "
                         "planes: their names are appended")  # fmt: skip
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
+    parser.add_argument("--in-situ", type=Path, metavar="FILE", help="pressure record of the same "
+                        "case: its in situ impedance stands in map, table and figures")  # fmt: skip
     parser.add_argument("--engine", choices=["auto", "spectral", "unfold", "direct"])
     parser.add_argument("--incident", metavar="SIGNAL", help="instead of tones: tones:500,900, "
                         "sweep:300:6000:logarithmic, noise:300:6000:SEED, or a .wav or .npy file"
@@ -111,19 +113,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_options(parser)
 
 
-def frequencies(text: str) -> list[float]:
-    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
-    numbers = [float(part) for part in text.split(":")]
-    if len(numbers) == 1:
-        return numbers
-    low, high, step = numbers
-    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
-        raise ValueError(text)
-    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
-
-
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
+    from torchliner.cli.insitu import with_in_situ
     from torchliner.eduction.velocity import educe
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
@@ -159,6 +151,8 @@ def run(options: argparse.Namespace) -> int:
                 )  # fmt: skip
             results |= dict(zip(members, several, strict=True))
         found = [results[i] for i in range(len(planes))]
+        if options.in_situ is not None:
+            found = with_in_situ(found, planes, options.in_situ)
         for path, result in zip(options.planes, found, strict=True):
             if path in outputs:
                 result.write(outputs[path])
@@ -173,9 +167,10 @@ def _check_targets(options: argparse.Namespace, outputs: dict[Path, Path]) -> No
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
     inputs = {path.resolve(): "a plane" for path in options.planes}
-    for name in ("liner", "incident"):
+    for name in ("liner", "incident", "in_situ"):
         if getattr(options, name) is not None:
-            inputs[Path(getattr(options, name)).resolve()] = f"what --{name} reads"
+            said = f"what --{name.replace('_', '-')} reads"
+            inputs[Path(getattr(options, name)).resolve()] = said
     for path in (*outputs.values(), *([options.reflected] if options.reflected else [])):
         if path.resolve() in inputs:
             raise ValueError(f"the output {path} is {inputs[path.resolve()]}; name another file")
@@ -261,6 +256,7 @@ def _draw_group(results: list[ImpedanceMap], planes: list[VelocityPlane], folder
 
 
 def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
+    from torchliner.report.alongside import alongside_surfaces
     from torchliner.report.numbers import against_height
     from torchliner.report.truth import format_complex
 
@@ -278,6 +274,9 @@ def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
               f"{row.level:11.1f}")  # fmt: skip
     _print_intervals(rows, results)
     seen: dict[str, None] = {}
+    for i, f in enumerate(results[0].frequency.tolist()):
+        beside = alongside_surfaces(results, i)
+        seen |= {f"{f:g} Hz, {n}: {format_complex(v)}": None for n, v in beside.items()}
     for result in results:
         case = result.title.split(", y =")[0]
         seen |= {f"{case}, {n}: {format_complex(v)}": None for n, v in result.reference.items()}
@@ -315,12 +314,19 @@ def _print_intervals(rows: Sequence[HeightRow], results: Sequence[ImpedanceMap])
 
 
 def _summary(result: ImpedanceMap) -> dict[str, Any]:
+    from torchliner.report.alongside import alongside_surfaces
     from torchliner.report.numbers import against_height
 
+    frequencies = result.frequency.tolist()
     return {
         "title": result.title,
         "rows": [vars(row) for row in against_height([result])],
         "reference": dict(result.reference),
+        "alongside": [
+            {"frequency": f, "impedance": alongside_surfaces([result], i)}
+            for i, f in enumerate(frequencies)
+            if result.alongside
+        ],
         "choices": dict(result.choices),
         "notes": list(result.notes),
     }

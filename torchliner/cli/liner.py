@@ -106,21 +106,19 @@ def _copy(name: str, path: Path) -> None:
 
 def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:
     """One liner: a curve a speed. Several: the linear impedance of each (figure 3)."""
-    import numpy as np
-
     from torchliner.report.figures import draw_liner
-    from torchliner.report.numbers import Profile
+    from torchliner.report.numbers import impedance_over_band
 
-    profiles = []
-    for name, liner in liners.items():
-        low, high = getattr(liner, "frequency_range", (300.0, 3500.0))
-        frequency = np.linspace(low, high, 641)
-        for speed in speeds if len(liners) == 1 else [0.0]:
-            values = liner.impedance(frequency, speed).numpy()
-            parts = {"resistance": values.real, "reactance": values.imag}
-            label = f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem
-            profiles.append(Profile(frequency, parts, label))
+    curves = [
+        impedance_over_band(
+            liner,
+            speed,
+            f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem,
+        )
+        for name, liner in liners.items()
+        for speed in (speeds if len(liners) == 1 else [0.0])
+    ]
     title = (
         f"liner model {Path(next(iter(liners))).stem}" if len(liners) == 1 else "linear impedance"
     )
-    draw_liner(profiles, title, path)
+    draw_liner(curves, title, path)

@@ -14,6 +14,7 @@ from torchliner.words import did_you_mean
 
 COMMANDS = {
     "educe": "impedance map of one or several velocity planes",
+    "insitu": "impedance from facesheet and backplate pressure, and from microphones",
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
     "liner": "geometry, resonance and impedance of a liner",

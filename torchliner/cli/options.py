@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
+MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
+
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """--json and --quiet."""
@@ -75,3 +77,14 @@ def liner_name(plane: VelocityPlane, path: Path) -> str:
             f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
         )
     return plane.liner
+
+
+def frequencies(text: str) -> list[float]:
+    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
+    numbers = [float(part) for part in text.split(":")]
+    if len(numbers) == 1:
+        return numbers
+    low, high, step = numbers
+    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
+        raise ValueError(text)
+    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]

@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection
-from torchliner.records import VelocityPlane
 
 ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
+
+
+class HasProbes(Protocol):
+    """What is known of a record's probes here."""
+
+    @property
+    def probes(self) -> int:
+        """P."""
+        ...
+
+    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
+        """x and z, m, each (P,) or None."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -50,8 +63,9 @@ class Cells:
         return (1 - average) / (1 + average)
 
 
-def sort_into_cells(plane: VelocityPlane, pitch: float | None) -> Cells:
-    """Cells of a plane: square tiles of side ``pitch`` (m) counted from the liner's edge.
+def sort_into_cells(plane: HasProbes, pitch: float | None) -> Cells:
+    """Cells of a plane, or of pressures on it: square tiles of side ``pitch`` (m) counted from the
+    liner's edge.
 
     The edge is x = 0 (z = 0) if the probes begin before or within a pitch of it, else half a
     spacing before the first probe. Tiles that probes span by less than 0.9 do not count, unless

@@ -20,13 +20,13 @@ from torchliner.eduction.review import needs_kernels, review_liner, review_recor
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
 from torchliner.replay.edges import Record
-from torchliner.replay.incident import WindowSums
 from torchliner.replay.kernels import BAND, KernelTable, Liner, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.waves import Tones
 from torchliner.signals.blocks import Blocks, plan_blocks
 from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.segments import segment_starts
+from torchliner.signals.tones import WindowSums
 from torchliner.signals.windows import make_window
 
 Progress = Callable[[int], None]

@@ -25,6 +25,7 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
+from torchliner.io.point_file import read_alongside, write_alongside
 from torchliner.io.uncertainty_file import read_uncertainty, write_uncertainty
 from torchliner.records import ImpedanceMap
 
@@ -57,6 +58,7 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         write_references(file, result.reference)
         if result.uncertainty is not None:
             write_uncertainty(file, result.uncertainty, dims)
+        write_alongside(file, result.alongside)
 
 
 def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
@@ -180,6 +182,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             notes=tuple(read_json(file, "notes", path, [])),
             uncertainty=read_uncertainty(file, path),
             wall=real("wall").to(torch.bool) if "wall" in file else None,
+            alongside=read_alongside(file, path),
         )
 
 

@@ -12,14 +12,20 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.fluid import Fluid
+from torchliner.io.axes import (
+    find_time_axis,
+    read_coordinate,
+    read_fluid,
+    read_times,
+    write_coordinates,
+    write_fluid,
+)
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     read_json,
     read_number,
     read_references,
-    read_si,
     text_attribute,
     to_json,
     write_dimension,
@@ -35,7 +41,6 @@ from torchliner.records.slabs import slab_bounds
 SCHEMA = "torchliner plane 1"
 VELOCITY, STREAMWISE = "wall_normal_velocity", "streamwise_velocity"
 COMPRESSED_ROWS = 256  # samples of a compressed tile
-UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 
 # name -> (quantity, units): scalar variables of the file and attributes of the record
 SCALARS = {
@@ -44,13 +49,6 @@ SCALARS = {
     "incident_level": ("level", "dB"),
     "mach": ("number", "1"),
     "displacement_thickness": ("length", "m"),
-}
-FLUID = {
-    "sound_speed": ("velocity", "m/s"),
-    "density": ("density", "kg/m3"),
-    "dynamic_viscosity": ("viscosity", "Pa s"),
-    "heat_capacity_ratio": ("number", "1"),
-    "prandtl": ("number", "1"),
 }
 
 
@@ -73,7 +71,7 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
             file.attrs[key] = getattr(plane, key)
         file.attrs["provenance"] = to_json(dict(plane.provenance))
         write_dimension(file, "time", np.arange(plane.samples) / plane.sampling_rate, "s")
-        dims = _write_coordinates(file, plane)
+        dims = write_coordinates(file, plane)
         _write_velocity(file, VELOCITY, plane, dims, compress)
         file[VELOCITY].attrs["positive"] = "away from the liner"
         if plane.streamwise is not None:
@@ -82,34 +80,8 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
         for key, (_, unit) in SCALARS.items():
             if getattr(plane, key) is not None:
                 write_variable(file, key, float(getattr(plane, key)), unit)
-        for key, (_, unit) in FLUID.items():
-            write_variable(file, key, float(getattr(plane.fluid, key)), unit)
+        write_fluid(file, plane.fluid)
         write_references(file, plane.reference)
-
-
-def _write_coordinates(file: h5py.File, plane: VelocityPlane) -> tuple[str, ...]:
-    """Coordinate variables; returns the dimensions after time."""
-    shape = plane.probe_shape
-    if len(shape) == 2:
-        for name, values, count in (("z", plane.z, shape[0]), ("x", plane.x, shape[1])):
-            known = values is not None
-            write_dimension(
-                file, name, values if known else np.arange(count), "m" if known else "1"
-            )
-        return ("z", "x")
-    if len(shape) == 0:
-        for name in ("x", "z"):
-            if getattr(plane, name) is not None:
-                write_variable(file, name, float(getattr(plane, name)), "m")
-        return ()
-    if plane.z is None and plane.x is not None and bool((plane.x.diff() > 0).all()):
-        write_dimension(file, "x", plane.x, "m")
-        return ("x",)
-    write_dimension(file, "probe", np.arange(shape[0]), "1")
-    for name in ("x", "z"):
-        if getattr(plane, name) is not None:
-            write_variable(file, name, getattr(plane, name), "m", ("probe",))
-    return ("probe",)
 
 
 def _write_velocity(
@@ -144,8 +116,8 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
     path = Path(path)
     with open_file(path) as file:
         velocity = get_dataset(file, VELOCITY, path)
-        rate, samples = _sampling_rate(file, path)
-        axis = _time_axis(velocity, samples, path)
+        rate, samples = read_times(file, path)
+        axis = find_time_axis(velocity, samples, path)
         shape = velocity.shape[1:] if axis == 0 else velocity.shape[:-1]
         stored = _stored(file, VELOCITY, axis, path)
         stream = None
@@ -156,12 +128,12 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
                     f"{velocity.shape}; they share probes and times"
                 )
             stream = _stored(file, STREAMWISE, axis, path)
-        coordinates: dict[str, Any] = {k: _coordinate(file, k, shape, path) for k in ("x", "z")}
+        coordinates: dict[str, Any] = {k: read_coordinate(file, k, shape, path) for k in ("x", "z")}
         plane = VelocityPlane(
             stored,
             sampling_rate=rate,
             streamwise=stream if lazy or stream is None else stream.load(),
-            fluid=_fluid(file, path),
+            fluid=read_fluid(file, path),
             **coordinates,
             **{k: read_number(file, k, q, path) for k, (q, _) in SCALARS.items() if k in file},
             source_side=text_attribute(file, "source_side") or "unknown",
@@ -181,75 +153,3 @@ def _stored(file: h5py.File, key: str, axis: int, path: Path) -> H5Velocity:
     return H5Velocity(
         path, key, axis, si_factor("velocity", text_attribute(dataset, "units"), name)
     )
-
-
-def _fluid(file: h5py.File, path: Path) -> Fluid:
-    values = {k: read_number(file, k, q, path) for k, (q, _) in FLUID.items() if k in file}
-    try:
-        return Fluid(**values)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _sampling_rate(file: h5py.File, path: Path) -> tuple[float, int]:
-    time = read_si(file, "time", "time", path)
-    name = f"{path}:/time"
-    if time.ndim != 1 or len(time) < 2:
-        raise ValueError(f"{name} has shape {time.shape}; a list of at least two times is needed")
-    if not np.isfinite(time).all():
-        raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    if step <= 0:
-        raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s")
-    error = np.abs(time - (time[0] + step * np.arange(len(time)))) / step
-    if error.max() > UNIFORMITY:
-        steps = np.diff(time)
-        worst = int(np.abs(steps - step).argmax())
-        raise ValueError(
-            f"{name} is not uniform: stamps are off by up to {error.max():.3g} sampling intervals "
-            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
-            f"{step:.6g} s on average. Resample the data to uniform times first"
-        )
-    return float(1 / step), len(time)
-
-
-def _time_axis(velocity: h5py.Dataset, samples: int, path: Path) -> int:
-    name = f"{path}:/{VELOCITY}"
-    shape = velocity.shape
-    if len(shape) not in (1, 2, 3):
-        raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
-    labels = [dim[0].name.split("/")[-1] if len(dim) else "" for dim in velocity.dims]
-    if labels[0] == "time" or (labels[-1] != "time" and shape[0] == samples):
-        axis = 0
-    elif shape[-1] == samples:
-        axis = -1
-    else:
-        raise ValueError(
-            f"{name} has shape {shape}, but /time has {samples} values; time is its first or last "
-            "axis"
-        )
-    if labels.count("time") == 0 and shape[0] == shape[-1] and len(shape) > 1:
-        raise ValueError(
-            f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach "
-            "the dimension scale 'time' to the right one"
-        )
-    if shape[axis] != samples or "time" in labels[1:-1]:
-        raise ValueError(
-            f"{name} has shape {shape} with time on axis {labels.index('time')}, /time has "
-            f"{samples} values; time is its first or last axis"
-        )
-    if [label for label in labels if label in ("z", "x")] == ["x", "z"]:
-        raise ValueError(f"{name} has dimensions {tuple(labels)}; z comes before x: transpose it")
-    return axis
-
-
-def _coordinate(file: h5py.File, key: str, shape: tuple[int, ...], path: Path) -> np.ndarray | None:
-    if key not in file or text_attribute(file[key], "units") == "1":
-        return None
-    values = read_si(file, key, "length", path).reshape(-1)
-    wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
-    if len(values) != wanted:
-        raise ValueError(
-            f"{path}:/{key} has {len(values)} values; the velocity's probes, {shape}, need {wanted}"
-        )
-    return values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -38,32 +39,20 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         ValueError: no such case or line.
     """
     cases = resolved_cases(path)
-    if case not in cases:
-        raise ValueError(
-            f"{path} has no case {case!r}{did_you_mean(case, list(cases))}; it holds "
-            f"{', '.join(cases) or 'none'}"
-        )
+    require_case(path, case, cases)
     if not 0 <= line < len(cases[case]):
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")
     with open_file(path) as file:
         group = file[case]
         three = "z" in group
         whole = slice(None)
-        velocity = _time_last(group, "v_n", (whole, line, ..., slice(None, None, stride)), path)
+        velocity = time_last(group, "v_n", (whole, line, ..., slice(None, None, stride)), path)
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
-            stream = _time_last(group, "u_x", (whole, line), path)
+            stream = time_last(group, "u_x", (whole, line), path)
         time = read_si(group, "time", "time", path)
-        density = _attribute(group, "density_kg_m3", path)
         truth = "insitu" if three else "wave"
         other = ("top row", "top") if three else ("in situ", "insitu")
-        provenance = {
-            "source": str(file.attrs.get("source", "")),
-            "solver": str(file.attrs.get("solver", "")),
-            "case": case,
-            "stride_x": stride,
-            "periods_behind_truth": int(_attribute(group, "n_periods_analysed", path)),
-        }
         return VelocityPlane(
             velocity,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
@@ -71,44 +60,75 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
             x=read_si(group, "x", "length", path)[::stride],
             z=read_si(group, "z", "length", path) if three else None,
             streamwise=stream,
-            # An isothermal lattice gas: gamma = 1, no thermal losses.
-            fluid=Fluid(
-                _attribute(group, "sound_speed_m_s", path),
-                density,
-                _attribute(group, "kinematic_viscosity_m2_s", path) * density,
-                1.0,
-                1.0,
-            ),
-            frequency=_attribute(group, "frequency_Hz", path),
-            incident_level=_attribute(group, "incident_SPL_dB_nominal", path),
-            mach=_attribute(group, "mach", path),
+            fluid=resolved_fluid(group, path),
+            frequency=read_attribute(group, "frequency_Hz", path),
+            incident_level=read_attribute(group, "incident_SPL_dB_nominal", path),
+            mach=read_attribute(group, "mach", path),
             source_side="normal",
             liner="lbm_orifice" if three else "lbm_slit",
             reference={
-                "true": _complex(group, truth, path),
-                other[0]: _complex(group, other[1], path),
+                "true": complex_attribute(group, truth, path),
+                other[0]: complex_attribute(group, other[1], path),
             },
             title=f"resolved {'orifice (3-D)' if three else 'slit (2-D)'}, case {case}, "
             f"y = {1e3 * cases[case][line]:g} mm",
-            provenance=provenance,
+            provenance=resolved_provenance(file, case, stride, path),
             name=f"{path}:/{case}/v_n[{line}]",
         )
 
 
-def _attribute(group: h5py.Group, key: str, path: str | Path) -> float:
+def require_case(path: str | Path, case: str, cases: Iterable[str]) -> None:
+    """Refuse a case that the file does not hold; the nearest is named."""
+    known = list(cases)
+    if case not in known:
+        raise ValueError(
+            f"{path} has no case {case!r}{did_you_mean(case, known)}; it holds "
+            f"{', '.join(known) or 'none'}"
+        )
+
+
+def resolved_fluid(group: h5py.Group, path: str | Path) -> Fluid:
+    """The gas of a case: isothermal on a lattice, so gamma = 1 and no thermal losses."""
+    density = read_attribute(group, "density_kg_m3", path)
+    viscosity = read_attribute(group, "kinematic_viscosity_m2_s", path) * density
+    return Fluid(read_attribute(group, "sound_speed_m_s", path), density, viscosity, 1.0, 1.0)
+
+
+def resolved_provenance(
+    file: h5py.File, case: str, stride: int, path: str | Path
+) -> dict[str, Any]:
+    """Where a cut of a case comes from."""
+    return {
+        "source": str(file.attrs.get("source", "")),
+        "solver": str(file.attrs.get("solver", "")),
+        "case": case,
+        "stride_x": stride,
+        "periods_behind_truth": int(read_attribute(file[case], "n_periods_analysed", path)),
+    }
+
+
+def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
+    """A number among the attributes.
+
+    Raises:
+        ValueError: there is none of this name.
+    """
     if key not in group.attrs:
         raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
     return float(group.attrs[key])
 
 
-def _complex(group: h5py.Group, key: str, path: str | Path) -> complex:
-    return complex(*(_attribute(group, f"Z_{key}_{part}", path) for part in ("re", "im")))
+def complex_attribute(group: h5py.Group, key: str, path: str | Path) -> complex:
+    """An impedance Z_key of a case, stored as two attributes."""
+    return complex(*(read_attribute(group, f"Z_{key}_{part}", path) for part in ("re", "im")))
 
 
-def _time_last(group: h5py.Group, key: str, part: Any, path: str | Path) -> np.ndarray:
-    """A part of a velocity dataset, m/s, its first remaining axis, time, moved to the end."""
+def time_last(
+    group: h5py.Group, key: str, part: Any, path: str | Path, quantity: str = "velocity"
+) -> np.ndarray:
+    """A part of a dataset, SI units, its first remaining axis, time, moved to the end."""
     dataset = get_dataset(group, key, path)
-    factor = si_factor("velocity", text_attribute(dataset, "units"), place(group, key, path))
+    factor = si_factor(quantity, text_attribute(dataset, "units"), place(group, key, path))
     values = np.ascontiguousarray(np.moveaxis(dataset[part], 0, -1))
     return values if factor == 1 else values * values.dtype.type(factor)
 
@@ -130,10 +150,10 @@ def read_channel(
         if not 0 <= plane < len(heights):
             raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {plane}")
         time = read_si(file, "t", "time", path)
-        values = _time_last(file, "v", plane, path)
+        values = time_last(file, "v", plane, path)
         stream = None
         if "u_plane1" in file and plane == 1:
-            stream = _time_last(file, "u_plane1", (), path)
+            stream = time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
             values,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
@@ -145,7 +165,7 @@ def read_channel(
             liner="hard wall",
             provenance={
                 "solver": str(file.attrs.get("solver", "")),
-                "Re_tau": _attribute(file, "Re_tau", path),
+                "Re_tau": read_attribute(file, "Re_tau", path),
                 "scale_length": length,
                 "scale_velocity": velocity,
             },

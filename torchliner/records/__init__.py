@@ -1,6 +1,8 @@
 """The records everything passes through."""
 
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.point_impedances import PointImpedances
+from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.uncertainty import Interval, Uncertainty
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
 
@@ -8,6 +10,8 @@ __all__ = [
     "SOURCE_SIDES",
     "ImpedanceMap",
     "Interval",
+    "PointImpedances",
+    "PressureRecord",
     "StoredVelocity",
     "Uncertainty",
     "VelocityPlane",

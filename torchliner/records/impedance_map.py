@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
 
 
@@ -45,6 +46,7 @@ class ImpedanceMap:
         choices: every option and what followed from it (kernel error, levels, versions).
         notes: doubts, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
+        alongside: what other methods found for the same case, such as ``in_situ``.
     """
 
     frequency: Tensor
@@ -72,6 +74,7 @@ class ImpedanceMap:
     notes: tuple[str, ...] = ()
     uncertainty: Uncertainty | None = None
     wall: Tensor | None = None
+    alongside: tuple[PointImpedances, ...] = ()
 
     @property
     def impedance(self) -> Tensor:
@@ -151,6 +154,10 @@ class ImpedanceMap:
     def cell_impedance_velocity_first(self) -> Tensor:
         """Of each cell, velocity averaged over its probes, then replayed, (C, F)."""
         return impedance_from_reflection(self.cell_reflection_velocity_first)
+
+    def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
+        """The same map with the results of other methods beside it, for files and figures."""
+        return replace(self, alongside=(*self.alongside, *others))
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/formats.md."""

@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
+from torchliner.records.probes import (
+    checked_coordinate,
+    coordinates_of_probes,
+    signal_tensor,
+)
 from torchliner.records.slabs import Reader
 
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
@@ -91,7 +95,8 @@ class VelocityPlane:
                 f"{tuple(self.velocity.shape)}; they share probes and times"
             )
         for label in ("x", "z"):
-            self._check_coordinate(label)
+            value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
+            object.__setattr__(self, label, value)
         for label in ("height", "frequency"):
             if getattr(self, label) is not None:
                 require_positive(f"{self.name}: {label}", getattr(self, label))
@@ -99,22 +104,6 @@ class VelocityPlane:
             raise ValueError(
                 f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"
             )
-
-    def _check_coordinate(self, label: str) -> None:
-        value = getattr(self, label)
-        if value is None:
-            return
-        values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
-        shape = self.probe_shape
-        wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
-        if len(values) != wanted:
-            raise ValueError(
-                f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need "
-                f"{wanted}"
-            )
-        if not bool(torch.isfinite(values).all()):
-            raise ValueError(f"{self.name}: {label} holds values that are not finite")
-        object.__setattr__(self, label, values)
 
     @property
     def samples(self) -> int:
@@ -138,12 +127,7 @@ class VelocityPlane:
 
     def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
         """x and z of every probe, m, each (P,) or None."""
-        x, z = self.x, self.z
-        if len(self.probe_shape) == 2:
-            rows, columns = self.probe_shape
-            x = None if x is None else x.repeat(rows)
-            z = None if z is None else z.repeat_interleave(columns)
-        return x, z
+        return coordinates_of_probes(self.x, self.z, self.probe_shape)
 
     @property
     def stored(self) -> StoredVelocity | None:
@@ -197,21 +181,6 @@ class VelocityPlane:
 
 
 def _velocity_tensor(value: Any, label: str, name: str) -> Any:
-    if isinstance(value, Tensor):
-        tensor = value
-    elif isinstance(value, StoredVelocity):
+    if not isinstance(value, Tensor) and isinstance(value, StoredVelocity):
         return value
-    else:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiuc":
-            raise TypeError(f"{name}: {label} is {array.dtype}; floating-point m/s are needed")
-        native = array.astype(array.dtype.newbyteorder("="), copy=False)
-        # torch knows no negative strides; only such an array is copied.
-        backwards = any(stride < 0 for stride in native.strides)
-        tensor = torch.as_tensor(native.copy() if backwards else native)
-    if tensor.dtype not in (torch.float32, torch.float64):
-        raise TypeError(
-            f"{name}: {label} is {tensor.dtype}; float32 or float64 in m/s is needed "
-            "(convert and scale it first, so that no unit is guessed)"
-        )
-    return tensor
+    return signal_tensor(value, label, name, "m/s")

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchliner.replay.block_lines import BlockMeans
-from torchliner.signals.tones import line_sums
+from torchliner.signals.tones import WindowSums
 
 PHASE_RULES = ("averaged", "self-consistent", "given")
 
@@ -32,28 +32,6 @@ class LineSums:
     forward: Tensor
     backward: Tensor | None
     blocks: BlockMeans | None = None
-
-
-@dataclass(frozen=True)
-class WindowSums:
-    """The window's own sums at each frequency: S0 = sum w and S2 = sum w e^{-2 j omega t}."""
-
-    zero: Tensor
-    twice: Tensor
-
-    @classmethod
-    def of(cls, weights: Tensor, start: int, frequency: Tensor, sampling_rate: float) -> WindowSums:
-        """Sums of a window of N samples that begins at sample ``start``."""
-        return cls(weights.sum(), line_sums(weights, 2 * frequency, sampling_rate, start))
-
-    def tone_amplitude(self, line: Tensor) -> Tensor:
-        """Amplitude A of A e^{j omega t} + A* e^{-j omega t} from its windowed line (..., F).
-
-        The conjugate term leaks into the line unless the window spans whole periods; both are
-        solved for, so a tone is recovered exactly from any record.
-        """
-        determinant = self.zero**2 - self.twice.abs() ** 2
-        return (self.zero * line - self.twice * line.conj()) / determinant
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.numbers import (
-    Profile,
+    Table,
     against_height,
     height_label,
     impedance_along_x,
@@ -114,6 +115,7 @@ def draw_along_x(
             axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
             _draw_cells(axis, result, part, frequency_index, MARKERS[i % len(MARKERS)], colour)
         _draw_references(axis, ordered, part, frequency_index)
+        draw_alongside(axis, ordered, part, frequency_index)
         axis.set_xlabel("$x$ (mm)" if ordered[0].x is not None else "probe")
         axis.set_ylabel(label)
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -190,7 +192,9 @@ def draw_against_height(
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in rows if row.frequency == frequency]
     shown = [row.probes_first for row in rows] + [row.velocity_first for row in rows]
-    shown += _references(results, frequency_index).values()
+    references = _references(results, frequency_index)
+    references |= alongside_surfaces(results, frequency_index)
+    shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
     orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
     for i, (order, label) in enumerate(orders):
@@ -202,10 +206,9 @@ def draw_against_height(
         for row, value in zip(rows, values, strict=True):
             _draw_cross(axis, value, getattr(row, f"interval{suffix}"), COLOURS[i])
         _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
-    references = _references(results, frequency_index)
     for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
         axis.plot(
-            value.real, value.imag, "*" if i == 0 else "x", color="k", markersize=9 - 2 * i,
+            value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
         )  # fmt: skip
     axis.margins(0.15)
@@ -268,19 +271,19 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
 
 
 @styled
-def draw_liner(profiles: Sequence[Profile], title: str, path: str | Path | None = None) -> Figure:
+def draw_liner(profiles: Sequence[Table], title: str, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over frequency, one curve a speed (figure 3)."""
     figure, axes = subplots(1, 2, 2.9)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         for i, profile in enumerate(profiles):
             axis.plot(
-                profile.x, profile.values[part], color=COLOURS[i % len(COLOURS)],
+                profile.at, profile.values[part], color=COLOURS[i % len(COLOURS)],
                 linestyle=REFERENCE_STYLES[i % 4], label=profile.label,
             )  # fmt: skip
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         axis.set_xlabel("frequency $f$ (Hz)")
         axis.set_ylabel(label)
-        axis.set_xlim(profiles[0].x[0], profiles[0].x[-1])
+        axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
     axes[0, 1].set_ylim(-6, 6)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))

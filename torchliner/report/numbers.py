@@ -15,6 +15,7 @@ from torch import Tensor
 from torchliner.eduction.survey import moments
 from torchliner.io.hdf5 import written_whole
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.replay.kernels import BAND, Liner
 
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile
     Where there is a z the admittance is averaged over it.
     """
     admittance = result.admittance[..., frequency_index]
-    x, average = _over_z(result.x, admittance)
+    x, average = over_z(result.x, admittance)
     impedance = 1 / average
     values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
     found = _interval_along_x(result, len(x))
@@ -90,6 +91,15 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     return Interval(*(value.cpu()[order] for value in vars(found.probes).values()))
 
 
+def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Table:
+    """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
+    low, high = getattr(liner, "frequency_range", BAND)
+    frequency = np.linspace(low, high, 641)
+    values = liner.impedance(frequency, speed)
+    parts = {"resistance": _array(values.real), "reactance": _array(values.imag)}
+    return Table(frequency, parts, label, "frequency (Hz)")
+
+
 def velocity_along_x(plane: VelocityPlane) -> Profile:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
     values: dict[str, Array] = {}
@@ -101,8 +111,8 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
             VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
         )
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
-        x, mean_x = _over_z(plane.x, mean)
-        _, variance = _over_z(plane.x, square - mean**2)
+        x, mean_x = over_z(plane.x, mean)
+        _, variance = over_z(plane.x, square - mean**2)
         if name == "v":
             values["v0 (m/s)"] = _array(mean_x)
         values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
@@ -110,7 +120,7 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
     return Profile(x, values, height_label(plane.height))
 
 
-def _over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
+def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
     """Mean over z of (z, x) or over probes of equal x; x itself, or the index without one."""
     values = values.detach().cpu()
     if values.ndim == 2:

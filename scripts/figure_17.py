@@ -1,0 +1,53 @@
+"""Figure 17 of the paper on the resolved cases: Z along x at all heights, in situ values in black.
+
+    python scripts/figure_17.py [FOLDER]
+
+The cases are not the paper's LES (docs/in_situ.md): two-dimensional slits under a flow, where
+vortices do not decay, and an orifice without flow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+
+from torchliner.checks import DataWarning
+from torchliner.eduction.in_situ import in_situ
+from torchliner.eduction.velocity import educe
+from torchliner.io.plane_file import read_plane
+from torchliner.io.pressure_file import read_pressure
+from torchliner.liners.catalogue import load_liner
+from torchliner.report.figures import draw_along_x
+from torchliner.report.numbers import impedance_along_x
+
+ROOT = Path(__file__).resolve().parent.parent
+CASES = {"g01_145": "slit", "g03_145": "slit", "o145": "orifice"}
+
+
+def draw_case(case: str, kind: str, folder: Path) -> None:
+    """PNG, a CSV for each height, and one of the in situ points and cells."""
+    planes = [read_plane(path) for path in sorted((ROOT / "data").glob(f"{kind}_{case}_y*.h5"))]
+    beside = in_situ(read_pressure(ROOT / "data" / f"pressure_{case}.h5"))
+    maps = [found.with_alongside(beside) for found in educe(planes, load_liner(planes[0].liner))]
+    draw_along_x(maps, folder / f"figure_17_{case}.png")
+    for found in maps:
+        height = 1e3 * (found.height or 0.0)
+        impedance_along_x(found).write_csv(folder / f"figure_17_{case}_y{height:.1f}mm.csv")
+    beside.write(folder / f"figure_17_{case}_in_situ.csv")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    default = ROOT / "results" / "figure_17"
+    parser.add_argument("folder", nargs="?", type=Path, default=default)
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore", DataWarning)
+    for case, kind in CASES.items():
+        draw_case(case, kind, folder)
+    print(f"pictures and numbers are in {folder}")
+
+
+if __name__ == "__main__":
+    main()

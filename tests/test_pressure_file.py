@@ -1,0 +1,272 @@
+"""Pressure records: what they refuse, and how they go through files."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import h5py
+import numpy as np
+import pytest
+import torch
+import xarray
+from conftest import DATA, SHARED, turbulence
+
+import torchliner as tl
+from torchliner.io.resolved_pressure import read_resolved_pressure
+
+FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5",
+        "o": SHARED / "data" / "resolved_orifice_3d.h5"}  # fmt: skip
+SAMPLES = 300
+
+
+def record(**about) -> tl.PressureRecord:
+    """Everything a record can hold, over one line of probes."""
+    about = {
+        "facesheet": turbulence((6, SAMPLES)).float(),
+        "backplate": turbulence((2, SAMPLES), seed=1).float(),
+        "sampling_rate": 40000.0,
+        "x": [0.001 * i for i in range(6)],
+        "cavity_depth": 0.038,
+        "cavity_porosity": 0.8,
+        "cavity_hydraulic_radius": 0.005,
+        "cell_pitch": 0.003,
+        "microphones": turbulence((3, SAMPLES), seed=2).float(),
+        "microphone_y": [0.01, 0.02, 0.03],
+        "microphone_velocity": turbulence((3, SAMPLES), seed=3).float(),
+        "microphone_mach": 0.1,
+        "frequency": 1400.0,
+        "incident_level": 130.0,
+        "mach": 0.3,
+        "reference": {"true": 1 - 0.5j},
+        "title": "made up",
+        "provenance": {"source": "a test"},
+        **about,
+    }
+    return tl.PressureRecord(about.pop("facesheet"), about.pop("backplate"), **about)
+
+
+def equal(one, two) -> bool:
+    if isinstance(one, torch.Tensor):
+        same = torch.isclose(one, two, rtol=0, atol=0, equal_nan=True)
+        return one.dtype == two.dtype and one.shape == two.shape and bool(same.all())
+    return one == two
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {},
+        {"cell_pitch": None, "probe_cell": [0, 0, 0, 1, 1, -1]},
+        {"backplate": turbulence((SAMPLES,), seed=4)},
+        {"backplate": turbulence((6, SAMPLES), seed=4)},
+        {"facesheet": turbulence((2, 3, SAMPLES)), "x": [0.0, 1.0, 2.0], "z": [0.0, 1.0]},
+        {"facesheet": turbulence((SAMPLES,)), "x": 0.5, "z": 0.1},
+        {"facesheet": turbulence((6, SAMPLES)), "z": [0.1] * 6},
+        {"facesheet": None, "backplate": None, "x": None},
+        {"microphones": None, "microphone_y": None, "microphone_velocity": None},
+    ],
+)
+def test_round_trip(about, tmp_path):
+    """Every field comes back, in its precision."""
+    before = record(**about)
+    before.write(tmp_path / "p.h5")
+    after = tl.read_pressure(tmp_path / "p.h5")
+    for field in dataclasses.fields(before):
+        if field.name == "name":
+            continue
+        one, two = (getattr(each, field.name) for each in (before, after))
+        if field.name == "sampling_rate":
+            assert two == pytest.approx(one, rel=1e-12)
+        else:
+            assert equal(one, two), field.name
+    assert after.name == str(tmp_path / "p.h5")
+
+
+def test_xarray_opens_it(tmp_path):
+    """netCDF-4 with named dimensions and units."""
+    record().write(tmp_path / "p.nc")
+    with xarray.open_dataset(tmp_path / "p.nc", engine="h5netcdf") as file:
+        assert file["facesheet_pressure"].dims == ("time", "x")
+        assert file["backplate_pressure"].dims == ("time", "cell")
+        assert file["microphone_pressure"].dims == ("time", "microphone")
+        assert file["backplate_pressure"].attrs["units"] == "Pa"
+        assert file.attrs["schema"] == "torchliner pressure 1"
+
+
+def test_units_are_converted(tmp_path):
+    """kPa and mm become Pa and m."""
+    record().write(tmp_path / "p.h5")
+    with h5py.File(tmp_path / "p.h5", "a") as file:
+        file["backplate_pressure"].attrs["units"] = "kPa"
+        file["cavity_depth"].attrs["units"] = "mm"
+    found = tl.read_pressure(tmp_path / "p.h5")
+    assert torch.allclose(found.backplate, 1000 * record().backplate)
+    assert found.cavity_depth == pytest.approx(0.038e-3)
+
+
+@pytest.mark.parametrize("case", ["n130", "o145"])
+@pytest.mark.skipif(not FULL["n"].exists(), reason="the full simulations are not here")
+def test_shipped_files_are_the_simulations(case):
+    """What was cut and rounded costs less than 1e-6 in Z."""
+    whole = read_resolved_pressure(FULL[case[0]], case)
+    cut = tl.read_pressure(DATA / f"pressure_{case}.h5")
+    assert torch.equal(whole.microphones, cut.microphones)
+    assert cut.cavity_porosity == pytest.approx({"n130": 146 / 182, "o145": (33 / 41) ** 2}[case])
+    assert cut.reference == whole.reference
+    one, two = (tl.in_situ(each).liner_impedance_pressure_first for each in (whole, cut))
+    assert abs(complex(one[0] - two[0])) < 1e-6
+    with pytest.raises(ValueError, match="has no case 'n13'"):
+        read_resolved_pressure(FULL[case[0]], "n13")
+    with pytest.raises(ValueError, match="stride is 0"):
+        read_resolved_pressure(FULL[case[0]], case, 0)
+
+
+# --- records that are refused -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("about", "match"),
+    [
+        ({"backplate": None}, "backplate pressure is missing; the in situ method needs it"),
+        ({"facesheet": None, "x": None}, "facesheet pressure is missing"),
+        ({"facesheet": None, "backplate": None, "x": None, "microphones": None},
+         "no pressure is given"),
+        ({"backplate": turbulence((2, 299))}, "backplate has 299 samples, facesheet 300; they "
+         "share one time base"),
+        ({"microphones": turbulence((3, 200))}, "microphones has 200 samples, facesheet 300"),
+        ({"backplate": turbulence((2, 2, SAMPLES))}, r"backplate has shape \(2, 2, 300\)"),
+        ({"facesheet": torch.zeros(6, 0)}, "at least one sample"),
+        ({"facesheet": torch.zeros(1, 1, 6, 3)}, "at most 2 axes before it"),
+        ({"x": [0.0, 1.0]}, "x has 2 values; probes of shape"),
+        ({"x": [0.0] * 5 + [float("nan")]}, "x holds values that are not finite"),
+        ({"cavity_depth": 0.0}, "cavity_depth is 0; it must be finite and above 0"),
+        ({"cavity_porosity": 80.0}, "it is the share of the surface"),
+        ({"cavity_porosity": 0.0}, "cavity_porosity is 0"),
+        ({"sampling_rate": float("nan")}, "sampling_rate .* is nan"),
+        ({"frequency": -1.0}, "frequency is -1"),
+        ({"microphone_mach": 1.0}, "microphone_mach is 1; .* below Mach 1"),
+        ({"microphone_mach": float("nan")}, "microphone_mach is nan"),
+        ({"microphone_y": None}, "microphone_y is missing, the 3 distances"),
+        ({"microphone_y": [0.1]}, "microphone_y has 1 values for 3"),
+        ({"microphone_y": [0.1, 0.2, float("inf")]}, "microphone_y holds values that are not"),
+        ({"microphones": None}, "microphones have no pressure"),
+        ({"microphone_velocity": turbulence((2, SAMPLES))}, "they go together"),
+        ({"probe_cell": [0, 1]}, "probe_cell has 2 values for 6 probes"),
+        ({"probe_cell": [0, 0, 0, 2, 2, 2]}, "numbered 0, 1, 2, ... without gaps"),
+        ({"probe_cell": [-1] * 6}, "numbered 0, 1, 2"),
+    ],
+)  # fmt: skip
+def test_refusals(about, match):
+    with pytest.raises(ValueError, match=match):
+        record(**about)
+
+
+@pytest.mark.parametrize(
+    ("about", "match"),
+    [
+        ({"facesheet": torch.zeros(6, SAMPLES, dtype=torch.int32)}, "facesheet is torch.int32"),
+        ({"backplate": np.array(["a"] * SAMPLES)}, "floating-point Pa are needed"),
+        ({"probe_cell": [0.0] * 6}, "whole numbers are needed"),
+        ({"cavity_depth": "38 mm"}, "one number is needed"),
+    ],
+)
+def test_wrong_kinds(about, match):
+    with pytest.raises(TypeError, match=match):
+        record(**about)
+
+
+@pytest.mark.parametrize("label", ["facesheet", "backplate", "microphones"])
+@pytest.mark.parametrize("fault", [float("nan"), float("inf")])
+def test_faults_are_placed(label, fault):
+    bad = turbulence((2, SAMPLES))
+    bad[1, 7] = fault
+    shape = {"facesheet": {"x": [0.0, 1.0]}, "microphones": {"microphone_y": [0.1, 0.2],
+             "microphone_velocity": None}}.get(label, {})  # fmt: skip
+    text = rf"{label} holds 1 nan or inf, the first at probe \(1,\), sample 7"
+    with pytest.raises(ValueError, match=text):
+        record(**{label: bad, **shape})
+
+
+# --- files that are refused ---------------------------------------------------------------------
+
+
+def spoiled(path, change) -> str:
+    record().write(path)
+    with h5py.File(path, "a") as file:
+        change(file)
+    return str(path)
+
+
+def replace(name, values, units="Pa"):
+    def change(file):
+        del file[name]
+        file[name] = values
+        file[name].attrs["units"] = units
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda f: f["facesheet_pressure"].attrs.__setitem__("units", "V"),
+         "facesheet_pressure has units 'V'; a pressure is needed"),
+        (lambda f: f["facesheet_pressure"].attrs.__delitem__("units"), "has no units attribute"),
+        (lambda f: f["microphone_velocity"].attrs.__setitem__("units", "Pa"),
+         "a velocity is needed"),
+        (lambda f: f["cavity_depth"].attrs.__setitem__("units", "Pa"), "a length is needed"),
+        (lambda f: f.__delitem__("backplate_pressure"), "backplate pressure is missing"),
+        (replace("backplate_pressure", np.zeros((77, 2))), "/time has 300 values"),
+        (replace("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
+        (lambda f: f.__delitem__("time"), "time is missing"),
+        (replace("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),
+        (lambda f: f.attrs.__setitem__("schema", "torchliner plane 1"), "is no pressure record"),
+        (lambda f: f.attrs.__setitem__("provenance", "{"), "is not JSON"),
+        (replace("cavity_porosity", 12.0, "1"), "cavity_porosity is 12"),
+    ],
+)  # fmt: skip
+def test_spoiled_files(change, match, tmp_path):
+    with pytest.raises(ValueError, match=match):
+        tl.read_pressure(spoiled(tmp_path / "p.h5", change))
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        tl.read_pressure(tmp_path / "nothing.h5")
+    (tmp_path / "text.h5").write_text("not HDF5")
+    with pytest.raises(OSError, match="is not an HDF5"):
+        tl.read_pressure(tmp_path / "text.h5")
+    record().write(tmp_path / "p.h5")
+    whole = (tmp_path / "p.h5").read_bytes()
+    (tmp_path / "short.h5").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(OSError, match="truncated"):
+        tl.read_pressure(tmp_path / "short.h5")
+    with h5py.File(tmp_path / "empty.h5", "w"):
+        pass
+    with pytest.raises(ValueError, match="facesheet_pressure is missing; the file holds: nothing"):
+        tl.read_pressure(tmp_path / "empty.h5")
+    with pytest.raises(ValueError, match="has 1 sample"):
+        tl.PressureRecord(torch.ones(1), torch.ones(1), sampling_rate=1.0).write(tmp_path / "x.h5")
+
+
+def test_points_go_through_files(tmp_path):
+    """What a method found comes back from netCDF-4, and stands in CSV."""
+    found = tl.in_situ(tl.read_pressure(DATA / "pressure_g01_145.h5"), [1000.0, 1400.0])
+    found.write(tmp_path / "z.h5")
+    again = tl.read_points(tmp_path / "z.h5")
+    for field in dataclasses.fields(found):
+        if field.name != "choices":
+            assert equal(getattr(found, field.name), getattr(again, field.name)), field.name
+    assert again.at(1400.0) == 1
+    assert again.at(1401.0) is None
+    found.write(tmp_path / "z.csv")
+    lines = (tmp_path / "z.csv").read_text().splitlines()
+    assert len(lines) == 1 + 2 * (292 + 2 + 1)
+    last = complex(*(float(v) for v in lines[-1].split(",")[6:8]))
+    assert last == pytest.approx(complex(found.liner_impedance_pressure_first[1]), abs=1e-8)
+    with pytest.raises(ValueError, match="holds no point impedances"):
+        tl.read_points(DATA / "pressure_n130.h5")
+    with pytest.raises(ValueError, match=r"cell_z has shape \(1,\)"):
+        dataclasses.replace(found, cell_z=torch.zeros(1))
+    with pytest.raises(TypeError, match="a complex tensor is needed"):
+        dataclasses.replace(found, liner_impedance=torch.zeros(2))

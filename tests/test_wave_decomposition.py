@@ -1,0 +1,243 @@
+"""Plane waves between microphones: synthetic ones with and without flow, then resolved cases."""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import math
+import re
+
+import pytest
+import torch
+from conftest import DATA, turbulence
+
+import torchliner as tl
+from torchliner.eduction.wave_decomposition import best_pair, split_waves, wavenumbers
+
+RATE, FREQUENCY, SAMPLES = 40000.0, 1400.0, 457
+FLUID = tl.Fluid()
+WAVELENGTH = FLUID.sound_speed / FREQUENCY
+
+
+def record_of(
+    reflection: complex,
+    places: list[float],
+    mach: float = 0.0,
+    frequency: float = FREQUENCY,
+    **about,
+) -> tl.PressureRecord:
+    """Microphones and velocities in A e^{jk+ y} + B e^{-jk- y}, A = 2 Pa, written out by hand.
+
+    The incident wave makes c (1 - M) towards the surface, the reflected one c (1 + M) away from it.
+    """
+    omega, c = 2 * math.pi * frequency, FLUID.sound_speed
+    time = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+    pressure, velocity = [], []
+    for y in places:
+        arriving = 2 * cmath.exp(1j * omega * y / (c * (1 - mach)))
+        leaving = 2 * reflection * cmath.exp(-1j * omega * y / (c * (1 + mach)))
+        turn = torch.exp(1j * omega * time)
+        pressure.append(((arriving + leaving) * turn).real)
+        velocity.append(((leaving - arriving) * turn).real / FLUID.characteristic_impedance)
+    return tl.PressureRecord(
+        microphones=torch.stack(pressure),
+        microphone_y=places,
+        microphone_velocity=torch.stack(velocity),
+        microphone_mach=mach,
+        sampling_rate=RATE,
+        frequency=frequency,
+        **about,
+    )
+
+
+def file_of(case: str) -> tl.PressureRecord:
+    return tl.read_pressure(DATA / f"pressure_{case}.h5")
+
+
+def as_the_file(record: tl.PressureRecord) -> dict:
+    periods = record.provenance["periods_behind_truth"]
+    return {"window": "boxcar", "start": record.duration - periods / record.frequency}
+
+
+@pytest.mark.parametrize("mach", [0.0, 0.3, -0.3, 0.9])
+@pytest.mark.parametrize("reflection", [0.0, 0.5 - 0.4j, -0.9, 1j])
+@pytest.mark.parametrize("options", [{}, {"microphones": "pair"}, {"velocities": True}])
+def test_known_waves_come_back(mach, reflection, options):
+    """R, Z and the level of the incident wave, whatever the flow along the axis."""
+    record = record_of(reflection, [0.01, 0.02, 0.028], mach)
+    found = tl.decompose_waves(record, **options)
+    assert abs(complex(found.reflection[0]) - reflection) < 1e-9
+    assert abs(complex(found.impedance[0]) - (1 + reflection) / (1 - reflection)) < 1e-8
+    level = 20 * math.log10(2 / math.sqrt(2) / 20e-6)
+    assert float(found.incident_level[0]) == pytest.approx(level, abs=1e-8)
+    assert float(found.residual[0]) < 1e-9
+
+
+def test_forgotten_flow_is_an_error():
+    """The case with flow is not blind to the Mach number, nor to its sign."""
+    record = record_of(0.5 - 0.4j, [0.05, 0.1], mach=0.3)
+    for wrong in (0.0, -0.3):
+        found = tl.decompose_waves(dataclasses.replace(record, microphone_mach=wrong))
+        assert abs(complex(found.reflection[0]) - (0.5 - 0.4j)) > 0.05
+
+
+def test_rigid_wall_and_open_end():
+    """R = 1: the pressure is largest at y = 0. R = -1: it is zero there."""
+    k = 2 * math.pi * FREQUENCY / FLUID.sound_speed
+    places = torch.tensor([0.01, 0.03], dtype=torch.float64)
+    for wave, reflection in ((torch.cos(k * places), 1.0), (torch.sin(k * places), -1.0)):
+        waves, _, _ = split_waves(
+            wave[:, None] + 0j, places, torch.tensor([FREQUENCY]).double(), FLUID.sound_speed
+        )
+        assert abs(complex(waves[1, 0] / waves[0, 0]) - reflection) < 1e-12
+
+
+def test_frequencies_are_a_batch():
+    """All frequencies at once equal one by one; leading axes are free."""
+    places = torch.tensor([0.01, 0.02, 0.035], dtype=torch.float64)
+    frequency = torch.tensor([500.0, 1400.0, 2100.0], dtype=torch.float64)
+    generator = torch.Generator().manual_seed(1)
+    pressure = torch.randn(4, 3, 3, generator=generator, dtype=torch.float64) + 0j
+    together, residual, condition = split_waves(pressure, places, frequency, 340.0)
+    assert together.shape == (4, 2, 3)
+    for i in range(3):
+        one, left, bad = split_waves(pressure[1, :, i : i + 1], places, frequency[i : i + 1], 340.0)
+        assert float((together[1, :, i] - one[:, 0]).abs().max()) < 1e-12
+        assert abs(float(residual[1, i] - left[0])) < 1e-12
+        assert abs(float(condition[i] - bad[0])) < 1e-10
+
+
+def test_least_squares_average_noise():
+    """Many microphones err less than two; the residual says how noisy they were."""
+    places = [0.01 + 0.004 * i for i in range(12)]
+    clean = record_of(0.5, places)
+    noise = turbulence((12, SAMPLES), rms=0.05)
+    noisy = dataclasses.replace(clean, microphones=clean.microphones + noise)
+    many = tl.decompose_waves(noisy)
+    two = tl.decompose_waves(noisy, microphones=(0, 3))
+    assert abs(complex(many.reflection[0]) - 0.5) < abs(complex(two.reflection[0]) - 0.5)
+    assert 0 < float(many.residual[0]) < 0.05
+
+
+def test_segments_are_an_h1_estimate():
+    """Over segments of a steady tone R stays what it is."""
+    record = record_of(0.5 - 0.4j, [0.01, 0.03])
+    found = tl.decompose_waves(record, segment=0.004)
+    assert abs(complex(found.reflection[0]) - (0.5 - 0.4j)) < 1e-9
+
+
+def test_the_best_pair_is_a_quarter_wavelength():
+    """Of 5 mm, a quarter and a half wavelength the quarter is best."""
+    quarter = WAVELENGTH / 4
+    places = torch.tensor([0.0, 0.005, quarter, 2 * quarter], dtype=torch.float64)
+    pair = best_pair(places, torch.tensor([FREQUENCY]).double(), FLUID.sound_speed)
+    assert pair in ((0, 2), (2, 3))
+    plus, minus = wavenumbers(torch.tensor([FREQUENCY]).double(), FLUID.sound_speed, 0.5)
+    assert float(plus / minus) == pytest.approx(3.0)
+
+
+# --- the resolved cases -------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore:.*two plane waves leave:torchliner.DataWarning")
+@pytest.mark.parametrize("case", ["n115", "n130", "g01_145", "g03_145", "o115", "o145"])
+def test_the_files_own_waves(case):
+    """Over the periods the file used, its own values: by five microphones, by p and v."""
+    record = file_of(case)
+    for options, own in (({}, "waves"), ({"velocities": True}, "pressure and velocity")):
+        found = tl.decompose_waves(record, **options, **as_the_file(record))
+        assert abs(complex(found.impedance[0]) - record.reference[own]) < 0.003
+
+
+@pytest.mark.parametrize("case", ["n115", "n130", "g01_145", "o115"])
+def test_whole_record_and_two_microphones(case):
+    """0.02 of the truth with the default window over the whole record, too."""
+    record = file_of(case)
+    for options in ({}, {"microphones": "pair"}, {"velocities": True}):
+        found = tl.decompose_waves(record, **options)
+        assert abs(complex(found.impedance[0]) - record.reference["true"]) < 0.02
+
+
+def test_vortices_bias_the_microphones():
+    """o145: the waves are 0.12 off the truth, as the file's; the fit says so; p and v are not."""
+    record = file_of("o145")
+    true = record.reference["true"]
+    with pytest.warns(tl.DataWarning, match=r"two plane waves leave 3.3 % of the signals"):
+        found = tl.decompose_waves(record)
+    assert abs(complex(found.impedance[0]) - true) == pytest.approx(0.116, abs=0.005)
+    two = tl.decompose_waves(record, microphones=(0, 3), **as_the_file(record))
+    assert abs(complex(two.impedance[0]) - record.reference["two microphones"]) < 0.002
+    both = tl.decompose_waves(record, velocities=True)
+    assert abs(complex(both.impedance[0]) - true) < 0.02
+
+
+PAGE = (DATA.parent / "docs" / "in_situ.md").read_text(encoding="utf-8")
+TABLE = re.findall(r"^\| (\w+) \| (\S+j) \| (.+j) \|$", PAGE, re.MULTILINE)
+
+
+@pytest.mark.filterwarnings("ignore:.*two plane waves leave:torchliner.DataWarning")
+@pytest.mark.parametrize(("case", "true", "values"), TABLE, ids=[row[0] for row in TABLE])
+def test_the_table_of_the_docs_is_current(case, true, values):
+    """docs/in_situ.md, all six cases, to the printed digits."""
+    assert len(TABLE) == 6
+    record = file_of(case)
+    dean = tl.in_situ(record)
+    found = [dean.liner_impedance, dean.liner_impedance_pressure_first]
+    for options in ({"microphones": "pair"}, {}, {"velocities": True}):
+        found.append(tl.decompose_waves(record, **options).impedance)
+    assert abs(complex(true) - record.reference["true"]) < 1e-3
+    for printed, value in zip(values.split(" | "), found, strict=True):
+        assert abs(complex(printed) - complex(value[0])) < 1e-3
+
+
+# --- bad input ----------------------------------------------------------------------------------
+
+
+def test_half_a_wavelength_is_singular():
+    """Named with the spacing; with flow the half wavelength is shorter by 1 - M^2."""
+    for mach in (0.0, 0.5):
+        half = WAVELENGTH / 2 * (1 - mach**2)
+        with pytest.raises(ValueError, match="their spacing is 1 times half a wavelength"):
+            tl.decompose_waves(record_of(0.5, [0.01, 0.01 + half], mach))
+    with pytest.raises(ValueError, match="2 times half a wavelength"):
+        tl.decompose_waves(record_of(0.5, [0.0, WAVELENGTH]))
+    with pytest.warns(tl.DataWarning, match="condition number of"):
+        tl.decompose_waves(record_of(0.5, [0.01, 0.01 + 0.49 * WAVELENGTH]))
+
+
+@pytest.mark.parametrize(
+    ("places", "options", "match"),
+    [
+        ([0.01], {}, "1 microphone is given; two waves need at least two"),
+        ([0.01, 0.02], {"microphones": [1]}, "1 microphone is given"),
+        ([0.01, 0.02], {"microphones": []}, "no microphone is given"),
+        ([0.01, 0.02, 0.01], {}, "microphones 0 and 2 coincide at y = 10 mm"),
+        ([0.01, 0.02], {"microphones": [0, 5]}, "has microphones 0 to 1, not 5"),
+        ([0.01, 0.02], {"microphones": "both"}, "give indices, 'all' or 'pair'"),
+        ([0.01, 0.02], {"frequency": 20000.0}, "at or above Nyquist"),
+        ([0.01, 0.02], {"start": 0.01}, "holds 1.99 periods of 1400 Hz"),
+    ],
+)
+def test_refusals(places, options, match):
+    with pytest.raises(ValueError, match=match):
+        tl.decompose_waves(record_of(0.5, places), **options)
+
+
+def test_missing_parts_are_named():
+    record = record_of(0.5, [0.01, 0.02])
+    with pytest.raises(ValueError, match="no microphone_velocity"):
+        tl.decompose_waves(dataclasses.replace(record, microphone_velocity=None), velocities=True)
+    silent = dataclasses.replace(
+        record, microphones=record.microphones * torch.tensor([[1.0], [0.0]])
+    )
+    with pytest.raises(ValueError, match="the pressure of microphone 1 is zero"):
+        tl.decompose_waves(silent)
+    with pytest.raises(ValueError, match="states no frequency"):
+        tl.decompose_waves(dataclasses.replace(record, frequency=None))
+    both = torch.ones(10)
+    with pytest.raises(ValueError, match="has no microphones"):
+        tl.decompose_waves(tl.PressureRecord(both, both, sampling_rate=1.0), 0.1)
+    with pytest.raises(ValueError, match="facesheet pressure is missing"):
+        tl.in_situ(record)
+    with pytest.raises(ValueError, match="mach is 1; plane waves run both ways"):
+        wavenumbers(torch.tensor([1.0]), 340.0, 1.0)

@@ -1,0 +1,293 @@
+r"""Plane waves between microphones and a surface: incident, reflected, and the impedance at y = 0.
+
+y is the distance from the surface. A wave exp(j omega t + j k+ y) runs towards it, exp(j omega t -
+j k- y) away from it, so
+
+.. math:: p(y) = A e^{+jk_+y} + B e^{-jk_-y}, \quad R = B/A, \quad Z = (1 + R)/(1 - R).
+
+With a mean flow of Mach number M along +y, away from the surface, the incident wave makes its way
+against it at c (1 - M) and the reflected one with it at c (1 + M): k+ = k/(1 - M), k- = k/(1 + M).
+In each wave p = -+ rho c v holds whatever the uniform M, v along +y, so the velocity into the
+surface is v_in = (A e^{jk_+y} - B e^{-jk_-y})/(rho c), and Z follows as without flow.
+
+Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0: spacings of a multiple of
+half a wavelength, n (1 - M^2) lambda/2.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, frequency_tensor
+from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
+from torchliner.eduction.in_situ import require_periods
+from torchliner.records import PressureRecord
+from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+
+SINGULAR = 1e3  # condition number: three digits of every pressure are lost
+DOUBTFUL = 20.0
+BIAS = 0.05  # of R: what two waves leave, times the condition number
+COINCIDENT = 1e-9  # m
+
+
+@dataclass(frozen=True, eq=False)
+class WaveDecomposition:
+    """Plane waves in front of a surface.
+
+    Args:
+        name: of the method, for tables.
+        frequency: Hz, (F,).
+        reflection: R at y = 0, complex128, (F,).
+        incident: rms over the segments of the incident wave's peak amplitude at y = 0, Pa, (F,).
+        residual: rms of what the two waves leave over that of the pressures, (F,); 0 for two
+            microphones without velocities, which two waves always fit.
+        condition: condition number of the equations, (F,): errors of the microphones grow by it.
+        microphones: indices of those that were used.
+        notes: doubts, with numbers.
+    """
+
+    name: str
+    frequency: Tensor
+    reflection: Tensor
+    incident: Tensor
+    residual: Tensor
+    condition: Tensor
+    microphones: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z at y = 0, (F,)."""
+        return impedance_from_reflection(self.reflection)
+
+    @property
+    def incident_level(self) -> Tensor:
+        """dB re 20 uPa rms, (F,)."""
+        return spl_from_pressure_amplitude(self.incident)
+
+
+def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
+    """k+ (towards the surface) and k- (away from it), 1/m, (F,); see the module for the signs.
+
+    Args:
+        frequency: Hz.
+        sound_speed: m/s.
+        mach: of the mean flow away from the surface, \\|M\\| < 1.
+    """
+    if not abs(mach) < 1:
+        raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
+    k = 2 * torch.pi * frequency / sound_speed
+    return k / (1 - mach), k / (1 + mach)
+
+
+def split_waves(
+    pressure: Tensor,
+    places: Tensor,
+    frequency: Tensor,
+    sound_speed: float,
+    mach: float = 0.0,
+    velocity: Tensor | None = None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Least-squares amplitudes of the two waves from complex pressures.
+
+    Args:
+        pressure: Pa, complex, (..., M, F).
+        places: y of the microphones, m, (M,).
+        frequency: Hz, (F,).
+        sound_speed: m/s.
+        mach: of the mean flow away from the surface.
+        velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many
+            equations more, which do not know the flow's turbulence as the pressures do.
+    Returns:
+        A and B at y = 0, (..., 2, F); relative residual, (..., F); condition number, (F,).
+    Raises:
+        ValueError: fewer than two microphones (one with velocities), microphones that coincide, or
+            a spacing of half a wavelength.
+    Source: for M = 0 and two microphones, ISO 10534-2.
+    """
+    fewest = 2 if velocity is None else 1
+    if len(places) < fewest:
+        raise ValueError(
+            f"{len(places)} microphone is given; two waves need at least two"
+            if len(places) else "no microphone is given; two waves need at least two"
+        )  # fmt: skip
+    _refuse_coincident(places)
+    plus, minus = wavenumbers(frequency, sound_speed, mach)
+    towards = torch.exp(1j * plus[:, None] * places)
+    away = torch.exp(-1j * minus[:, None] * places)
+    rows = torch.stack([towards, away], -1)
+    measured = pressure.to(torch.complex128)
+    if velocity is not None:
+        rows = torch.cat([rows, torch.stack([towards, -away], -1)], dim=1)
+        measured = torch.cat([measured, velocity.to(torch.complex128)], dim=-2)
+    values = torch.linalg.svdvals(rows)
+    condition = values[:, 0] / values[:, 1].clamp(min=1e-300)
+    _refuse_singular(condition, places, frequency, sound_speed, mach)
+    right = measured.movedim(-1, -2)  # (..., F, equations)
+    waves = torch.einsum("fij,...fj->...fi", torch.linalg.pinv(rows), right)
+    left = right - torch.einsum("fij,...fj->...fi", rows, waves)
+    residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
+    return waves.movedim(-1, -2), residual, condition
+
+
+def _refuse_coincident(places: Tensor) -> None:
+    for i, j in combinations(range(len(places)), 2):
+        if abs(float(places[i] - places[j])) < COINCIDENT:
+            raise ValueError(
+                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they "
+                "measure one pressure: move or leave out one of them"
+            )
+
+
+def _refuse_singular(
+    condition: Tensor, places: Tensor, frequency: Tensor, sound_speed: float, mach: float
+) -> None:
+    worst = int(condition.argmax())
+    if float(condition[worst]) < SINGULAR:
+        return
+    half = sound_speed * (1 - mach**2) / (2 * float(frequency[worst]))
+    span = float(places.max() - places.min())
+    raise ValueError(
+        f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz "
+        f"(condition number {float(condition[worst]):.2g}): their spacing is {span / half:.4g} "
+        f"times half a wavelength, {1e3 * half:.4g} mm, and a whole number of these, or 0, tells "
+        "the two waves not apart; take another frequency or another pair"
+    )
+
+
+def best_pair(
+    places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0
+) -> tuple[int, int]:
+    """The two microphones best conditioned at their worst frequency."""
+    plus, minus = wavenumbers(frequency, sound_speed, mach)
+    mean = (plus + minus) / 2
+    pairs = list(combinations(range(len(places)), 2))
+    apart = [float(torch.sin(mean * (places[i] - places[j])).abs().min()) for i, j in pairs]
+    return pairs[max(range(len(pairs)), key=lambda n: apart[n])]
+
+
+def decompose_waves(
+    record: PressureRecord,
+    frequency: Any = None,
+    *,
+    microphones: Sequence[int] | str = "all",
+    velocities: bool = False,
+    window: Any = "hann",
+    segment: float | None = None,
+    start: float = 0.0,
+    allow_short: bool = False,
+) -> WaveDecomposition:
+    """Reflection and impedance at y = 0 from microphones in front of the surface.
+
+    Over several segments R is the H1 estimate with the incident wave as the input.
+
+    Args:
+        record: with microphones.
+        frequency: Hz, one or several; default the record's own tone.
+        microphones: indices, ``all``, or ``pair``: the two best conditioned.
+        velocities: use the velocities at the microphones as well.
+        window, segment, start, allow_short: as for ``in_situ``.
+    Raises:
+        ValueError: microphones are missing, too few, coincide or are half a wavelength apart; one
+            is silent; the record is too short; a frequency is at or above Nyquist.
+    Warns:
+        DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
+    """
+    if record.microphones is None:
+        raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
+    if velocities and record.microphone_velocity is None:
+        raise ValueError(f"{record.name} has no microphone_velocity; leave velocities out")
+    if frequency is None and record.frequency is None:
+        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
+    wanted = frequency_tensor(
+        record.frequency if frequency is None else frequency, record.sampling_rate
+    ).cpu()
+    require_periods(record, wanted, start, allow_short)
+    chosen = _chosen(record, microphones, wanted)
+    options: dict[str, Any] = {"window": window, "segment": segment, "start": start}
+
+    def lines(signal: Tensor) -> Tensor:
+        return segment_amplitudes(signal[chosen], wanted, record.sampling_rate, **options)
+
+    pressure = lines(record.microphones)
+    if not bool((pressure.abs().amax(0) > 0).all()):
+        silent = chosen[int((pressure.abs().amax(0) == 0).any(-1).nonzero()[0])]
+        raise ValueError(
+            f"{record.name}: the pressure of microphone {silent} is zero; leave it out"
+        )
+    fluid = record.fluid
+    # Stored along +y, away from the surface; the waves' velocity is that into it.
+    inward = None
+    if velocities:
+        inward = -fluid.characteristic_impedance * lines(record.microphone_velocity)
+    places = record.microphone_y[chosen]
+    waves, residual, condition = split_waves(
+        pressure, places, wanted, fluid.sound_speed, record.microphone_mach, inward
+    )
+    spread = residual.square().mean(0).sqrt()
+    name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
+    notes = _notes(record, name, wanted, places, spread, condition)
+    for note in notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    return WaveDecomposition(
+        name=name,
+        frequency=wanted,
+        reflection=transfer_from_amplitudes(waves[:, 0], waves[:, 1]).response,
+        incident=2 * waves[:, 0].abs().square().mean(0).sqrt(),
+        residual=spread,
+        condition=condition,
+        microphones=tuple(chosen),
+        notes=tuple(notes),
+    )
+
+
+def _chosen(
+    record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor
+) -> list[int]:
+    count = len(record.microphone_y)
+    if microphones == "pair" and count > 1:
+        speed, mach = record.fluid.sound_speed, record.microphone_mach
+        return list(best_pair(record.microphone_y, frequency, speed, mach))
+    if isinstance(microphones, str):
+        if microphones not in ("all", "pair"):
+            raise ValueError(f"microphones is {microphones!r}; give indices, 'all' or 'pair'")
+        return list(range(count))
+    chosen = [int(i) for i in microphones]
+    wrong = [i for i in chosen if not 0 <= i < count]
+    if wrong:
+        raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")
+    return chosen
+
+
+def _notes(
+    record: PressureRecord,
+    name: str,
+    frequency: Tensor,
+    places: Tensor,
+    residual: Tensor,
+    condition: Tensor,
+) -> list[str]:
+    notes = []
+    bias = residual * condition
+    bad, poor = int(condition.argmax()), int(bias.argmax())
+    if float(condition[bad]) > DOUBTFUL:
+        span = 1e3 * float(places.max() - places.min())
+        notes.append(
+            f"{record.name}: {name} over {span:.3g} mm have a condition number of "
+            f"{float(condition[bad]):.3g} at {float(frequency[bad]):g} Hz; errors of the pressures "
+            "grow by it"
+        )
+    if float(bias[poor]) > BIAS:
+        notes.append(
+            f"{record.name}: {name}: two plane waves leave {100 * float(residual[poor]):.2g} % of "
+            f"the signals at {float(frequency[poor]):g} Hz; there is more than these (vortices, "
+            f"turbulence), and R may be off by {float(bias[poor]):.2g}"
+        )
+    return notes

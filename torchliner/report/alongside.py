@@ -1,0 +1,67 @@
+"""What other methods found beside a map: their numbers, and black symbols in its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from torchliner.records import ImpedanceMap, PointImpedances
+from torchliner.report.numbers import Profile, over_z
+
+ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))
+COMPLEX_PART = {"resistance": "real", "reactance": "imag"}
+
+
+def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Profile:
+    """Resistance and reactance of another method along x: admittance averaged over equal x."""
+    known = torch.isfinite(found.point_impedance[:, frequency_index].real)
+    place = found.point_x if bool(torch.isfinite(found.point_x).all()) else None
+    x, average = over_z(
+        None if place is None else place[known], 1 / found.point_impedance[known, frequency_index]
+    )
+    impedance = 1 / average
+    values = {"resistance": impedance.real.numpy(), "reactance": impedance.imag.numpy()}
+    return Profile(x, values, found.name)
+
+
+def alongside_at(
+    results: Sequence[ImpedanceMap], frequency_index: int
+) -> list[tuple[PointImpedances, int]]:
+    """What other methods found at the maps' frequency: each method once, with its index there."""
+    seen: dict[str, tuple[PointImpedances, int]] = {}
+    for result in results:
+        for other in result.alongside:
+            index = other.at(float(result.frequency[frequency_index]))
+            if index is not None:
+                seen.setdefault(other.name, (other, index))
+    return list(seen.values())
+
+
+def alongside_surfaces(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
+    """Whole-surface values of the other methods, in both orders, by name."""
+    return {
+        f"{other.name}, {order}": complex(getattr(other, f"liner_impedance{end}")[index])
+        for other, index in alongside_at(results, frequency_index)
+        for end, order in ORDERS
+    }
+
+
+def draw_alongside(
+    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
+) -> None:
+    """Other methods at the cells' centres: black symbols, as in figure 17."""
+    for other, index in alongside_at(results, frequency_index):
+        draw_cells(axis, other, part, index, f"{other.name}, ")
+
+
+def draw_cells(axis: Any, found: PointImpedances, part: str, index: int, label: str) -> None:
+    """Cell values, filled: admittance over points; open, larger and below: pressure first."""
+    for (end, order), face, size in zip(ORDERS, ("black", "white"), (5, 9), strict=True):
+        values = getattr(found, f"cell_impedance{end}")[:, index].numpy()
+        axis.plot(
+            1e3 * found.cell_x.numpy(), getattr(values, COMPLEX_PART[part]), "X",
+            markersize=size, markerfacecolor=face, markeredgecolor="black", markeredgewidth=0.7,
+            zorder=9 - 0.1 * size, label=f"{label}{order}",
+        )  # fmt: skip
