@@ -17,10 +17,7 @@ from torchliner.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from torchliner.records import ImpedanceMap, VelocityPlane
-    from torchliner.report.numbers import HeightRow
 
 CHOICES = [
     "engine",
@@ -119,6 +116,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.eduction.velocity import educe
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
+    from torchliner.report.summary import format_maps, plain_map
 
     chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
     if options.no_intervals:
@@ -157,8 +155,13 @@ def run(options: argparse.Namespace) -> int:
             if path in outputs:
                 result.write(outputs[path])
         if options.figures is not None:
-            _draw(found, planes, options.figures)
-    _print(found, options)
+            from torchliner.report.pictures import draw_pictures
+
+            draw_pictures(found, planes, options.figures)
+    if options.json:
+        print_json([plain_map(result) for result in found])
+    else:
+        print(format_maps(found))
     return 0
 
 
@@ -211,122 +214,3 @@ def _outputs(output: Path | None, planes: list[Path]) -> dict[Path, Path]:
     if len(set(named.values())) < len(planes):
         raise ValueError("planes of the same name would share one map file; educe them one by one")
     return named
-
-
-def _draw(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
-    """Pictures of all planes; those of other frequencies than the first go to folders of theirs."""
-    groups: dict[tuple[float, ...], list[int]] = {}
-    for i, result in enumerate(results):
-        groups.setdefault(tuple(result.frequency.tolist()), []).append(i)
-    for number, members in enumerate(groups.values()):
-        where = folder if number == 0 else folder / _stem(planes[members[0]])
-        _draw_group([results[i] for i in members], [planes[i] for i in members], where)
-
-
-def _stem(plane: VelocityPlane) -> str:
-    return Path(plane.name.split(":/")[0]).stem
-
-
-def _draw_group(results: list[ImpedanceMap], planes: list[VelocityPlane], folder: Path) -> None:
-    from torchliner.report import figures
-    from torchliner.report.numbers import impedance_along_x, velocity_along_x
-    from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
-
-    folder.mkdir(parents=True, exist_ok=True)
-    frequencies = results[0].frequency.tolist()
-    for i, frequency in enumerate(frequencies):
-        end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
-        for result, plane in zip(results, planes, strict=True):
-            stem = _stem(plane)
-            if result.mean_velocity.ndim == 2:
-                figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
-            impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
-        figures.draw_along_x(results, folder / f"along_x{end}.png", i)
-        if len(results) > 1:
-            figures.draw_against_height(results, folder / f"height{end}.png", i)
-    if len(frequencies) > 1:
-        draw_spectrum(results, folder / "spectrum.png")
-        for result, plane in zip(results, planes, strict=True):
-            stem = _stem(plane)
-            impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
-    for plane in planes:
-        stem = _stem(plane)
-        velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
-    figures.draw_velocity(planes, folder / "velocity.png")
-
-
-def _print(results: list[ImpedanceMap], options: argparse.Namespace) -> None:
-    from torchliner.report.alongside import alongside_surfaces
-    from torchliner.report.numbers import against_height
-    from torchliner.report.truth import format_complex
-
-    if options.json:
-        print_json([_summary(result) for result in results])
-        return
-    print(f"{'y mm':>6s} {'f Hz':>7s} {'Z, admittance over probes':>26s} {'spread R, X':>14s} "
-          f"{'Z, velocity first':>18s} {'coherence':>9s} {'incident dB':>11s}")  # fmt: skip
-    rows = against_height(results)
-    for row in rows:
-        height = "-" if row.height is None else f"{1e3 * row.height:.2f}"
-        spread = f"{row.spread.real:.3f} {row.spread.imag:.3f}"
-        print(f"{height:>6s} {row.frequency:7.1f} {format_complex(row.probes_first):>26s} "
-              f"{spread:>14s} {format_complex(row.velocity_first):>18s} {row.coherence:9.2f} "
-              f"{row.level:11.1f}")  # fmt: skip
-    _print_intervals(rows, results)
-    seen: dict[str, None] = {}
-    for i, f in enumerate(results[0].frequency.tolist()):
-        beside = alongside_surfaces(results, i)
-        seen |= {f"{f:g} Hz, {n}: {format_complex(v)}": None for n, v in beside.items()}
-    for result in results:
-        case = result.title.split(", y =")[0]
-        seen |= {f"{case}, {n}: {format_complex(v)}": None for n, v in result.reference.items()}
-        if result.choices.get("surface") == "hard wall":
-            seen[f"{case}: NULL TEST, there is a hard wall below these data and no liner; the "
-                 "values only show what this model makes of such a velocity"] = None  # fmt: skip
-    print("\n".join(seen) + "\n" * bool(seen), end="")
-    choices = results[0].choices
-    made = ", ".join(
-        f"{key} {choices[key]}" for key in ("engine", "phase", "edge", "drive", "kernel")
-    )
-    error = choices.get("kernel_error")
-    print(f"Z is p/(rho c v), exp(+jwt); {made}"
-          + (f"; kernel error in R {error:.1e}" if error is not None else ""))  # fmt: skip
-
-
-def _print_intervals(rows: Sequence[HeightRow], results: Sequence[ImpedanceMap]) -> None:
-    """Statistical intervals, apart from the spread over positions."""
-    found = results[0].uncertainty
-    if found is None:
-        return
-    print(f"\n{100 * found.settings['level']:g} % statistical interval (the spread above is that "
-          "over probes, no uncertainty)")  # fmt: skip
-    print(f"{'y mm':>6s} {'f Hz':>7s} {'R, over probes':>19s} {'X, over probes':>19s} "
-          f"{'R, velocity first':>19s} {'X, velocity first':>19s}")  # fmt: skip
-    for row in rows:
-        height = "-" if row.height is None else f"{1e3 * row.height:.2f}"
-        cells = []
-        for bounds in (row.interval, row.interval_velocity_first):
-            for part in ("real", "imag"):
-                ends = [getattr(end, part) for end in bounds or ()]
-                cells.append(" to ".join(f"{end:.3f}" for end in ends) or "-")
-        print(f"{height:>6s} {row.frequency:7.1f} " + " ".join(f"{cell:>19s}" for cell in cells))
-    print()
-
-
-def _summary(result: ImpedanceMap) -> dict[str, Any]:
-    from torchliner.report.alongside import alongside_surfaces
-    from torchliner.report.numbers import against_height
-
-    frequencies = result.frequency.tolist()
-    return {
-        "title": result.title,
-        "rows": [vars(row) for row in against_height([result])],
-        "reference": dict(result.reference),
-        "alongside": [
-            {"frequency": f, "impedance": alongside_surfaces([result], i)}
-            for i, f in enumerate(frequencies)
-            if result.alongside
-        ],
-        "choices": dict(result.choices),
-        "notes": list(result.notes),
-    }

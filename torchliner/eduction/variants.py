@@ -85,7 +85,7 @@ class VariantMaker:
     def _variant(
         self, factor: str, name: str, ready: Prepared, *, kind: str | None = None,
         grid: VelocityGrid | None = None, of_kernel: bool | None = None,
-        part: tuple[int, int] = (0, 1),
+        part: tuple[int, int] | None = None,
     ) -> Variant:  # fmt: skip
         """``part``: first sample and step where the record is one of a part."""
         chosen, record = ready.chosen, ready.record
@@ -97,8 +97,7 @@ class VariantMaker:
         (line,) = plan_lines(
             ready.liner, [self.frequency], record, grid, kernels, of_kernel=of_kernel
         )
-        whole = part == (0, 1)
-        return Variant(factor, name, ready, line if whole else PartLine(line, *part))
+        return Variant(factor, name, ready, line if part is None else PartLine(line, *part))
 
     def _kernel(self, ready: Prepared, grid: VelocityGrid, kind: str) -> KernelTable:
         rate = ready.record.sampling_rate

@@ -1,0 +1,53 @@
+"""All pictures of a run in one folder, each with its numbers as CSV beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.report import figures
+from torchliner.report.numbers import impedance_along_x, velocity_along_x
+from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
+
+
+def draw_pictures(
+    results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path
+) -> None:
+    """Pictures of all planes; those of other frequencies than the first go to folders of theirs."""
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for i, result in enumerate(results):
+        groups.setdefault(tuple(result.frequency.tolist()), []).append(i)
+    for number, members in enumerate(groups.values()):
+        where = folder if number == 0 else folder / _stem(planes[members[0]])
+        _draw_group([results[i] for i in members], [planes[i] for i in members], where)
+
+
+def _stem(plane: VelocityPlane) -> str:
+    return Path(plane.name.split(":/")[0]).stem
+
+
+def _draw_group(
+    results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    frequencies = results[0].frequency.tolist()
+    for i, frequency in enumerate(frequencies):
+        end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
+        for result, plane in zip(results, planes, strict=True):
+            stem = _stem(plane)
+            if result.mean_velocity.ndim == 2:
+                figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
+            impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
+        figures.draw_along_x(results, folder / f"along_x{end}.png", i)
+        if len(results) > 1:
+            figures.draw_against_height(results, folder / f"height{end}.png", i)
+    if len(frequencies) > 1:
+        draw_spectrum(results, folder / "spectrum.png")
+        for result, plane in zip(results, planes, strict=True):
+            stem = _stem(plane)
+            impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
+    for plane in planes:
+        stem = _stem(plane)
+        velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
+    figures.draw_velocity(planes, folder / "velocity.png")
