@@ -1,0 +1,286 @@
+"""The audit: each row is an eduction with one choice changed, and the reading count is honest."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.eduction.audit import audit
+from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
+from torchliner.liners.readings import porosity_readings
+
+SLIT = DATA / "slit_n130_y2.5mm.h5"
+SPACING = 12.44e-3 / 16
+
+
+class Counted:
+    """A stored velocity that counts the samples read of it."""
+
+    def __init__(self, velocity: torch.Tensor) -> None:
+        self.velocity = velocity
+        self.shape, self.dtype = tuple(velocity.shape), velocity.dtype
+        self.tile_rows, self.samples_read = 1, 0
+
+    def read(self, begin, end, out=None):
+        self.samples_read += min(end, self.shape[-1]) - begin
+        return self.velocity[..., begin:end].reshape(-1, end - begin).T
+
+    def load(self):
+        return self.velocity
+
+
+def make_plane(seed: int = 0, height: float = 2e-3, **about) -> tl.VelocityPlane:
+    """Two cells of 16 probes: a tone and turbulence, 20 whole periods."""
+    samples = round(20 * RATE / FREQUENCY)
+    time = torch.arange(samples, dtype=torch.float64) / RATE
+    tone = 1.5 * torch.cos(2 * torch.pi * FREQUENCY * time + 0.4)
+    velocity = 0.3 + tone + turbulence((32, samples), seed, rms=1.5)
+    x = SPACING * (torch.arange(32) + 0.5)
+    return plane_of(velocity, x=x, height=height, **about)
+
+
+@pytest.fixture(scope="module")
+def planes() -> list[tl.VelocityPlane]:
+    return [make_plane(), make_plane(1, 1e-3)]
+
+
+@pytest.fixture(scope="module")
+def onera() -> tl.SDoFLiner:
+    return tl.load_liner("onera")
+
+
+@pytest.fixture(scope="module")
+def found(planes, onera):
+    return audit(planes, onera, velocity_max=20.0)
+
+
+def row(found, factor: str, start: str):
+    (one,) = [each for each in found.of(factor) if each.variant.startswith(start)]
+    return one
+
+
+EDUCED = {
+    ("window", "boxcar"): {"window": "boxcar"},
+    ("window", "blackman"): {"window": "blackman"},
+    ("edge", "silent"): {"edge": "silent"},
+    ("edge", "wrap"): {"edge": "wrap"},
+    ("kernel", "two-sided"): {"response": "kernel"},
+    ("kernel", "causal"): {"kernel": "causal"},
+    ("levels", "200 uniform"): {"response": "kernel", "spacing": "uniform",
+                                "interpolation": "linear"},
+    ("mean velocity", "removed"): {"mean": "removed"},
+    ("drive", "rms"): {"drive": "rms"},
+    ("drive", "running-rms"): {"drive": "running-rms"},
+    ("phase rule", "self-consistent"): {"phase": "self-consistent"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", EDUCED, ids=" ".join)
+@pytest.mark.parametrize("order", ["probes first", "velocity first"])
+def test_row_is_an_eduction_with_that_choice(planes, onera, found, which, order):
+    """One pass for all gives what a run for each gives."""
+    if order == "velocity first":
+        found = audit(planes[0], onera, order=order, velocity_max=20.0)
+    single = tl.educe(planes[0], onera, velocity_max=20.0, **EDUCED[which])
+    wanted = single.liner_impedance if order == "probes first" else (
+        single.liner_impedance_velocity_first
+    )  # fmt: skip
+    mine = row(found, *which)
+    if which == ("drive", "rms"):
+        (mine,) = [each for each in found.of("drive") if each.variant == "rms"]
+    assert abs(mine.impedance - complex(wanted[0])) < 1e-10
+    assert mine.change == mine.impedance - found.base
+
+
+@pytest.mark.parametrize("value", [0.75, 0.85])
+def test_vena_contracta(planes, onera, found, value):
+    single = tl.educe(planes[0], onera.replace(vena_contracta=value), velocity_max=20.0)
+    assert abs(row(found, "vena contracta", f"{value}").impedance
+               - complex(single.liner_impedance[0])) < 1e-10  # fmt: skip
+
+
+def test_readings_of_the_liner(planes, onera, found):
+    """Velocity as the cells see it; porosity over the whole surface, the cavity its share or all."""
+    alpha = onera.open_area_fraction
+    whole = onera.replace(porosity=0.065 * alpha, open_area_fraction=1.0)
+    for which, liner in (
+        (("velocity reading", "conserved"), onera.replace(velocity_reading="conserved")),
+        (("porosity reading", "global, phi_c = 1"), whole),
+        (("porosity reading", "global, phi_c = 0.635"), whole.replace(cavity_porosity=alpha)),
+    ):
+        single = tl.educe(planes[0], liner, velocity_max=20.0)
+        assert abs(row(found, *which).impedance - complex(single.liner_impedance[0])) < 1e-10
+
+
+def test_global_liner_is_read_locally(planes):
+    """PoliTo: 8.78 % in the cells of 9.90 mm every 12.44 mm, 1636 Hz instead of 1409."""
+    found = audit(planes[0], tl.load_liner("polito"), velocity_max=20.0)
+    local = row(found, "porosity reading", "local 8.68 %")
+    readings = porosity_readings(tl.load_liner("polito"))
+    assert readings[local.variant].resonance() == pytest.approx(1636.3, abs=4)
+
+
+def test_parts_of_the_record(planes, onera, found):
+    """Halves and every second sample, as records of their own."""
+    plane, n = planes[0], planes[0].samples
+    for which, velocity, rate in (
+        (("half the record", "first"), plane.velocity[:, : n // 2], RATE),
+        (("half the record", "second"), plane.velocity[:, n // 2 :], RATE),
+        (("sampling rate", "every second sample, 21000 Hz"), plane.velocity[:, ::2], RATE / 2),
+    ):
+        part = dataclasses.replace(plane, velocity=velocity, sampling_rate=rate)
+        single = tl.educe(part, onera, velocity_max=20.0)
+        assert abs(row(found, *which).impedance - complex(single.liner_impedance[0])) < 1e-10
+
+
+def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
+    """No phase of the incident wave lies outside the rows of a stated phase."""
+    rows = [each.impedance for each in found.of("phase rule") if "given" in each.variant]
+    assert len(rows) == 4
+    for psi in (0.1, 0.8, 1.9, 2.9):
+        single = tl.educe(planes[0], onera, phase="given", reference_phase=psi, velocity_max=20.0)
+        value = complex(single.liner_impedance[0])
+        assert min(z.real for z in rows) - 1e-3 < value.real < max(z.real for z in rows) + 1e-3
+        assert min(z.imag for z in rows) - 1e-3 < value.imag < max(z.imag for z in rows) + 1e-3
+
+
+def test_height_order_and_length(planes, onera, found):
+    """The other plane; the other order; the velocity over windows of a share of a cell."""
+    other = tl.educe(planes[1], onera, velocity_max=20.0)
+    assert (
+        abs(row(found, "height", "y = 1 mm").impedance - complex(other.liner_impedance[0])) < 1e-10
+    )
+    base = tl.educe(planes[0], onera, velocity_max=20.0)
+    assert abs(found.base - complex(base.liner_impedance[0])) < 1e-12
+    first = complex(base.liner_impedance_velocity_first[0])
+    assert abs(row(found, "averaging order", "velocity first").impedance - first) < 1e-12
+    grid = grid_of(planes[0])
+    windows = windows_of(grid, 0.25 * 12.44e-3, torch.ones(1, 32, dtype=torch.bool), 600)
+    (averaged,) = averaged_planes(planes[0], [windows])
+    single = tl.educe(averaged, onera, velocity_max=20.0)
+    quarter = row(found, "averaging length", "velocity over 0.25").impedance
+    assert abs(quarter - complex(single.liner_impedance[0])) < 1e-10
+    bounds = base.uncertainty.liner
+    assert abs(found.low - complex(bounds.low[0])) < 1e-12
+    assert abs(found.high - complex(bounds.high[0])) < 1e-12
+
+
+def test_sorted_by_what_moves_most(found):
+    sizes = [max(abs(r.change) for r in found.of(factor)) for factor in found.factors]
+    assert sizes == sorted(sizes, reverse=True)
+    assert set(found.factors) == {
+        "window", "edge", "kernel", "levels", "vena contracta", "velocity reading",
+        "porosity reading", "half the record", "sampling rate", "phase rule", "drive",
+        "mean velocity", "averaging order", "averaging length", "height",
+    }  # fmt: skip
+
+
+def test_readings_are_counted(onera):
+    """What the audit says it read is what was read: 5 times one plane, 2 times the other."""
+    stored = [Counted(make_plane(seed).velocity) for seed in (0, 1)]
+    planes = [
+        dataclasses.replace(make_plane(seed, height), velocity=each)
+        for seed, height, each in zip((0, 1), (2e-3, 1e-3), stored, strict=True)
+    ]
+    found = audit(planes, onera)
+    samples = planes[0].samples
+    # The running rms reads half a period more at each slab's sides.
+    reads = [each.samples_read / samples for each in stored]
+    assert round(sum(reads)) == found.readings == 7
+    assert reads[1] == 2
+
+
+# What cannot be varied
+
+
+class Plain:
+    """A user's liner without parameters."""
+
+    def __init__(self, liner: tl.SDoFLiner) -> None:
+        self.inner = liner
+
+    def impedance(self, frequency, speed):
+        return self.inner.impedance(frequency, speed)
+
+
+def test_what_does_not_apply_is_listed(onera):
+    """Another model, no cells, short, coarse, no tone in the data: each with its reason."""
+    velocity = turbulence((3, 7 * 10), rms=2.0)
+    plane = plane_of(velocity, sampling_rate=14000.0)
+    found = audit(plane, Plain(onera), allow_short=True)
+    skipped = found.skipped
+    assert "Plain has no such parameter; only SDoF liners have" in skipped["vena contracta"]
+    assert "only SDoF" in skipped["velocity reading"]
+    assert "only SDoF" in skipped["porosity reading"]
+    assert skipped["half the record"] == "half the record holds 3.5 periods, fewer than 4"
+    assert "would leave 5 samples per period, fewer than 8" in skipped["sampling rate"]
+    assert skipped["averaging length"] == "the liner states no cell_pitch"
+    assert "one plane is given" in skipped["height"]
+    assert "no probe is coherent with 1400 Hz by 0.5" in skipped["phase rule, self-consistent"]
+
+
+def test_lengths_need_even_probes(onera):
+    plane = make_plane()
+    shifted = dataclasses.replace(plane, x=plane.x**1.1)
+    found = audit(shifted, onera)
+    assert "even, rising steps" in found.skipped["averaging length"]
+    few = dataclasses.replace(plane, velocity=plane.velocity[:2], x=plane.x[:2])
+    assert "none of 0.25, 0.5, 1 cells" in audit(few, onera).skipped["averaging length"]
+
+
+def test_offset_hangs_on_its_reading():
+    plane = tl.read_plane(SLIT)
+    found = audit(plane, tl.load_liner("lbm_slit"))
+    assert "impedance_offset was fixed under its own" in found.skipped["porosity reading"]
+    assert "are the same" in found.skipped["velocity reading"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"phase": "given"}, "phase cannot be chosen for an audit"),
+        ({"incident": "noise:300:3000"}, "incident cannot be chosen"),
+        ({"order": "first"}, "order is 'first'; one of probes first, velocity first"),
+        ({"frequency": [900.0, 1400.0]}, "an audit has one frequency; 2 are given"),
+    ],
+)
+def test_bad_options(onera, options, message):
+    with pytest.raises(ValueError, match=message):
+        audit(make_plane(), onera, **options)
+
+
+# The command
+
+
+def test_command(tmp_path, capsys):
+    """Table, CSV, figure and JSON say the same."""
+    out, picture = tmp_path / "a.csv", tmp_path / "a.png"
+    assert main(["audit", str(SLIT), "--quiet", "-o", str(out), "--figure", str(picture)]) == 0
+    printed = capsys.readouterr().out
+    assert "95 % statistical interval R" in printed
+    assert "does not apply to these data:" in printed
+    assert "the velocity was read through 5 times" in printed
+    assert picture.stat().st_size > 10_000
+    rows = list(csv.DictReader(out.open()))
+    assert [r["variant"] for r in rows if r["factor"] == "interval"] == ["low", "high"]
+    assert any(r["variant"] == "does not apply" and "one plane" in r["note"] for r in rows)
+    assert main(["audit", str(SLIT), "--quiet", "--json", "--order", "velocity first"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["order"] == "velocity first"
+    assert abs(found["base"]["resistance"] - 0.174) < 1e-3
+    assert found["not_applicable"]["height"].startswith("one plane")
+
+
+def test_command_does_not_overwrite(tmp_path, capsys):
+    assert main(["audit", str(SLIT), "-o", str(SLIT)]) == 2
+    assert "is an input or the other output" in capsys.readouterr().err
+    same = str(tmp_path / "a.csv")
+    assert main(["audit", str(SLIT), "-o", same, "--figure", same]) == 2
+    assert "is an input or the other output" in capsys.readouterr().err
