@@ -21,6 +21,8 @@ _HOMES = {
     "read_plane": "torchliner.io.plane_file",
     "read_map": "torchliner.io.map_file",
     "educe": "torchliner.eduction.velocity",
+    "sensitivities": "torchliner.eduction.sensitivity",
+    "calibrate": "torchliner.eduction.calibration",
     "Tones": "torchliner.replay.waves",
     "Sweep": "torchliner.replay.waves",
     "BandNoise": "torchliner.replay.waves",

@@ -17,6 +17,8 @@ COMMANDS = {
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
     "liner": "geometry, resonance and impedance of a liner",
+    "sensitivity": "change of Z with each parameter of a liner; tolerances propagated",
+    "calibrate": "parameters of a liner fitted to known impedances, and what they predict",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

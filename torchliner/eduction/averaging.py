@@ -11,6 +11,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection
 from torchliner.records import VelocityPlane
 
+ORDERS = ("probes first", "velocity first")  # of averaging: the admittance, or the velocity
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
 
 

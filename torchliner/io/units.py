@@ -13,6 +13,8 @@ FACTORS: dict[str, dict[str, float]] = {
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
     "density": {"kg/m3": 1.0, "kg m-3": 1.0},
+    "temperature": {"K": 1.0},
+    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "mbar": 1e2, "bar": 1e5, "atm": 101325.0},
     "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0},
 }  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.eduction.averaging import ORDERS
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.prepare import prepare
 from torchliner.eduction.velocity import replay
@@ -22,7 +23,6 @@ DRIVES = (
     ("running-rms", "kept"),
 )
 PHASES = ("averaged", "self-consistent", "given")
-ORDERS = ("probes first", "velocity first")
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
 
 
