@@ -15,7 +15,6 @@ from torchliner.cli.options import (
     refuse_inputs,
     warnings_on_stderr,
 )
-from torchliner.cli.sensitivity import RULES, add_rules
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
@@ -78,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         _write(found, liners[0], options)
     if options.figure is not None:
-        report.draw_predictions(rows, "calibrated prediction", options.figure)
+        report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
     if options.json:
         print_json(_summary(found, rows))
     else:

@@ -86,7 +86,8 @@ def run(options: argparse.Namespace) -> int:
         write_rows(rows, options.output)
     if options.figure is not None:
         first = [row for row in rows if row["frequency"] == frequency[0]]
-        title = f"{found.found.title}, {frequency[0]:g} Hz, {order}; {said}"
+        title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
+        title += f"; {said}" if tolerances else ""
         draw_contributions(first, title, options.figure)
     if options.json:
         print_json({"order": order, "limits": options.limits if tolerances else None, "rows": rows,

@@ -45,7 +45,7 @@ class Calibration:
         degrees_of_freedom: data and priors less parameters.
         chi_square: sum of squared residuals over their uncertainties; with ``residual`` the plain
             sum of squares.
-        posterior: draws in SI; None where nothing says how wide it is.
+        posterior: draws in SI; None without draws, or where nothing says how wide it is.
         interval: 95 % of the posterior, (2, n).
         singular_values: of the Jacobian per box width and standard uncertainty, falling, (n,).
         unseen: sets of parameters that the data cannot tell apart.
@@ -115,7 +115,7 @@ class Calibration:
                 )
                 for row in self.posterior.draws
             ]
-            draws = weights.impedance(torch.stack(laws))
+            draws = weights.impedances(torch.stack(laws))
         return Prediction(ready.frequency, found, draws, self.posterior)
 
 
@@ -146,7 +146,7 @@ def calibrate(
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
         prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
         frequency: Hz; default each plane's tone.
-        draws, seed: of the posterior.
+        draws, seed: of the posterior; 0 draws for none.
         choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
     Raises:
         ValueError: fewer data (R and X of each plane and frequency) than parameters, bounds that

@@ -82,7 +82,8 @@ class Fit:
         singular, axes = self._svd
         limit = UNSEEN * float(singular[0])
         if self.scale == self.scale:
-            limit = max(limit, self.scale**0.5)  # one standard uncertainty is the width of the box
+            # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
+            limit = max(limit, (12 * self.scale) ** 0.5)
         names = self.misfit.names
         return tuple(
             tuple(n for n, part in zip(names, axis.abs().tolist(), strict=True) if part > NAMED)
@@ -100,8 +101,8 @@ class Fit:
         )
 
     def posterior(self, draws: int, seed: int) -> tuple[Posterior | None, list[str]]:
-        """Draws in SI, and doubts about them; None where no noise is known."""
-        if self.scale != self.scale:
+        """Draws in SI, and doubts about them; None without draws or where no noise is known."""
+        if draws < 1 or self.scale != self.scale:
             return None, []
         misfit, count, lowest = self.misfit, 2 * len(self.misfit.wanted), [self.chi_square]
 

@@ -27,6 +27,7 @@ from torchliner.liners.sdof import SDoFLiner
 from torchliner.replay.incident import Means
 
 MOST_BYTES = 4 << 30  # of W
+WORK_NUMBERS = 1 << 22  # complex, held at once for many laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,12 @@ class LevelWeights:
     def impedance(self, law: Tensor) -> Tensor:
         """Z of the liner, (..., F)."""
         return 1 / admittance_from_reflection(self.reflection(law)).mean(-2)
+
+    def impedances(self, laws: Tensor) -> Tensor:
+        """Z for many laws, (M, L, 6) to (M, F), a block of them at a time."""
+        count, _, width = self.weights.shape
+        block = max(1, WORK_NUMBERS // (count * max(width, self.weights.shape[1])))
+        return torch.cat([self.impedance(part) for part in laws.split(block)])
 
     def anchored(self, liner: SDoFLiner) -> LevelWeights:
         """The same with E of ``liner``, from a whole replay."""

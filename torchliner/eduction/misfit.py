@@ -70,7 +70,7 @@ class Misfit:
         rows = [self.laws(each) for each in values.unbind()]
         return torch.cat(
             [
-                plane.impedance(torch.stack([row[i] for row in rows]))
+                plane.impedances(torch.stack([row[i] for row in rows]))
                 for i, plane in enumerate(self.planes)
             ],
             dim=-1,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,38 +119,51 @@ def format_predictions(rows: Sequence[PredictionRow]) -> str:
 
 @styled
 def draw_predictions(
-    rows: Sequence[PredictionRow], title: str, path: str | Path | None = None
+    panels: Mapping[str, Sequence[PredictionRow]], title: str, path: str | Path | None = None
 ) -> Figure:
-    """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse."""
-    figure, axes = subplots(1, 1, 3.8)
-    axis = axes[0, 0]
-    for i, label in enumerate(dict.fromkeys(row.label for row in rows)):
-        colour = COLOURS[i % len(COLOURS)]
-        for row in (row for row in rows if row.label == label):
-            if row.true is not None:
-                axis.plot(row.true.real, row.true.imag, "*", color=colour, markersize=10)
-                axis.plot(
-                    [row.true.real, row.after.real], [row.true.imag, row.after.imag], ":",
-                    color=colour, linewidth=0.8,
-                )  # fmt: skip
-            axis.plot(row.before.real, row.before.imag, "o", color=colour, markerfacecolor="white")
-            axis.plot(row.after.real, row.after.imag, "s", color=colour, markersize=3.5)
-            axis.plot(*_ellipse(row), color=colour, linewidth=0.9)
-        axis.plot([], [], "-", color=colour, label=label)
+    """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse.
+
+    Args:
+        panels: rows by the title of their panel.
+        title: of the figure.
+        path: where to save it.
+    """
+    figure, axes = subplots(1, len(panels), 3.6)
+    names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
+    for axis, (heading, rows) in zip(axes[0], panels.items(), strict=True):
+        for row in rows:
+            _draw_prediction(axis, row, COLOURS[names.index(row.label) % len(COLOURS)])
+        axis.axhline(0, color="0.8", linewidth=0.6, zorder=0)
+        axis.margins(0.08)
+        axis.set_title(heading)
+        axis.set_xlabel(PARTS[0][1])
+    axes[0, 0].set_ylabel(PARTS[1][1])
+    for i, name in enumerate(names):
+        axes[0, 0].plot([], [], "-", color=COLOURS[i % len(COLOURS)], label=name)
     for marker, label, face in (
         ("*", "true", "k"),
         ("o", "model as it was", "white"),
         ("s", "calibrated, 95 % ellipse", "k"),
     ):
-        axis.plot([], [], marker, color="k", markerfacecolor=face, label=label)
-    axis.axhline(0, color="0.8", linewidth=0.6, zorder=0)
-    axis.margins(0.08)
-    axis.set_xlabel(PARTS[0][1])
-    axis.set_ylabel(PARTS[1][1])
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        axes[0, 0].plot([], [], marker, color="k", markerfacecolor=face, label=label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     figure.suptitle(title, fontsize=9)
     return finish(figure, path)
+
+
+def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:
+    if row.true is not None:
+        axis.plot(row.true.real, row.true.imag, "*", color=colour, markersize=10)
+        axis.plot(
+            [row.true.real, row.after.real], [row.true.imag, row.after.imag], ":",
+            color=colour, linewidth=0.8,
+        )  # fmt: skip
+    axis.plot(
+        row.before.real, row.before.imag, "o", color=colour, markerfacecolor="white", markersize=7
+    )
+    axis.plot(row.after.real, row.after.imag, "s", color=colour, markersize=3.5)
+    axis.plot(*_ellipse(row), color=colour, linewidth=0.9)
 
 
 def _ellipse(row: PredictionRow) -> tuple[Any, Any]:
