@@ -117,6 +117,13 @@ def test_gradient_equals_differences():
         assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(residuals.abs().max())
 
 
+def test_residuals_by_hand():
+    """R over u(R), X over u(X), the prior over its spread."""
+    values = torch.tensor([0.9, 0.02], dtype=torch.float64)
+    found = misfit().residuals(values, torch.tensor([1.03 + 0.3j], dtype=torch.complex128))
+    assert found.tolist() == pytest.approx([3.0, 5.0, 1.0])
+
+
 def linear_toy(seed, count=8):
     """y = A u + noise in the unit box."""
     generator = torch.Generator().manual_seed(seed)
