@@ -266,6 +266,7 @@ MISTAKES = [
     ({"parameters": {}}, "no parameter is free"),
     ({"parameters": {"vena_contracta": (0.9, 0.5)}}, "0.9 to 0.5; finite ones are needed"),
     ({"parameters": {"porosity": (0.0, 0.5)}}, "it is above 0 and at most 1"),
+    ({"parameters": {"porosity": (-0.1, 0.5)}}, "-0.1 to 0.5; it is above 0"),
     ({"parameters": {"vena_contracta": (0.5, 1.5)}}, "0.5 to 1.5; it is above 0 and at most 1"),
     ({"parameters": {"porosty": (0.1, 0.5)}}, r"did you mean 'porosity'"),
     ({"references": "true"}, r"holds no reference 'true' \(it holds: none\)"),
