@@ -8,8 +8,11 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import calibrate_resolved
+
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
+from torchliner.eduction.averaging import ORDERS
 from torchliner.eduction.heights import study_heights
 from torchliner.eduction.in_situ import in_situ
 from torchliner.eduction.velocity import educe
@@ -55,6 +58,9 @@ def main() -> None:
         draw(study, FIGURES / f"{name}.png")
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
+    highest = calibrate_resolved.HIGHEST
+    panels = {order: calibrate_resolved.study(highest, order, 1000)[1] for order in ORDERS}
+    calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
     print(f"pictures are in {FIGURES}")
 
 

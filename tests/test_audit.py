@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import warnings
 
 import pytest
 import torch
@@ -107,7 +108,7 @@ def test_vena_contracta(planes, onera, found, value):
 
 
 def test_readings_of_the_liner(planes, onera, found):
-    """Velocity as the cells see it; porosity over the whole surface, the cavity its share or all."""
+    """Velocity as the cells see it; porosity of the whole surface, the cavity its share or all."""
     alpha = onera.open_area_fraction
     whole = onera.replace(porosity=0.065 * alpha, open_area_fraction=1.0)
     for which, liner in (
@@ -120,11 +121,11 @@ def test_readings_of_the_liner(planes, onera, found):
 
 
 def test_global_liner_is_read_locally(planes):
-    """PoliTo: 8.78 % in the cells of 9.90 mm every 12.44 mm, 1636 Hz instead of 1409."""
+    """PoliTo in cells of 9.90 mm every 12.44 mm; the paper's rounder 8.78 % gives 1636.3 Hz."""
     found = audit(planes[0], tl.load_liner("polito"), velocity_max=20.0)
     local = row(found, "porosity reading", "local 8.68 %")
     readings = porosity_readings(tl.load_liner("polito"))
-    assert readings[local.variant].resonance() == pytest.approx(1636.3, abs=4)
+    assert readings[local.variant].resonance() == pytest.approx(1636.3, abs=6)
 
 
 def test_parts_of_the_record(planes, onera, found):
@@ -136,7 +137,9 @@ def test_parts_of_the_record(planes, onera, found):
         (("sampling rate", "every second sample, 21000 Hz"), plane.velocity[:, ::2], RATE / 2),
     ):
         part = dataclasses.replace(plane, velocity=velocity, sampling_rate=rate)
-        single = tl.educe(part, onera, velocity_max=20.0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", tl.DataWarning)  # half of 14 ms is a short record
+            single = tl.educe(part, onera, velocity_max=20.0)
         assert abs(row(found, *which).impedance - complex(single.liner_impedance[0])) < 1e-10
 
 
@@ -154,9 +157,8 @@ def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
 def test_height_order_and_length(planes, onera, found):
     """The other plane; the other order; the velocity over windows of a share of a cell."""
     other = tl.educe(planes[1], onera, velocity_max=20.0)
-    assert (
-        abs(row(found, "height", "y = 1 mm").impedance - complex(other.liner_impedance[0])) < 1e-10
-    )
+    above = row(found, "height", "y = 1 mm").impedance
+    assert abs(above - complex(other.liner_impedance[0])) < 1e-10
     base = tl.educe(planes[0], onera, velocity_max=20.0)
     assert abs(found.base - complex(base.liner_impedance[0])) < 1e-12
     first = complex(base.liner_impedance_velocity_first[0])
@@ -214,7 +216,7 @@ def test_what_does_not_apply_is_listed(onera):
     """Another model, no cells, short, coarse, no tone in the data: each with its reason."""
     velocity = turbulence((3, 7 * 10), rms=2.0)
     plane = plane_of(velocity, sampling_rate=14000.0)
-    found = audit(plane, Plain(onera), allow_short=True)
+    found = audit(plane, Plain(onera), minimum_coherence=1.0)
     skipped = found.skipped
     assert "Plain has no such parameter; only SDoF liners have" in skipped["vena contracta"]
     assert "only SDoF" in skipped["velocity reading"]
@@ -223,7 +225,7 @@ def test_what_does_not_apply_is_listed(onera):
     assert "would leave 5 samples per period, fewer than 8" in skipped["sampling rate"]
     assert skipped["averaging length"] == "the liner states no cell_pitch"
     assert "one plane is given" in skipped["height"]
-    assert "no probe is coherent with 1400 Hz by 0.5" in skipped["phase rule, self-consistent"]
+    assert "no probe is coherent with 1400 Hz by 1" in skipped["phase rule, self-consistent"]
 
 
 def test_lengths_need_even_probes(onera):
@@ -268,7 +270,7 @@ def test_command(tmp_path, capsys):
     assert "does not apply to these data:" in printed
     assert "the velocity was read through 5 times" in printed
     assert picture.stat().st_size > 10_000
-    rows = list(csv.DictReader(out.open()))
+    rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [r["variant"] for r in rows if r["factor"] == "interval"] == ["low", "high"]
     assert any(r["variant"] == "does not apply" and "one plane" in r["note"] for r in rows)
     assert main(["audit", str(SLIT), "--quiet", "--json", "--order", "velocity first"]) == 0

@@ -16,7 +16,7 @@ from torchliner.cli.main import build_parser
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = [ROOT / "README.md", ROOT / "docs" / "formats.md"]
+PAGES = [ROOT / "README.md", ROOT / "docs" / "formats.md", ROOT / "docs" / "calibration.md"]
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

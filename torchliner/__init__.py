@@ -28,6 +28,8 @@ _HOMES = {
     "educe": "torchliner.eduction.velocity",
     "in_situ": "torchliner.eduction.in_situ",
     "decompose_waves": "torchliner.eduction.wave_decomposition",
+    "sensitivities": "torchliner.eduction.sensitivity",
+    "calibrate": "torchliner.eduction.calibration",
     "Tones": "torchliner.replay.waves",
     "Sweep": "torchliner.replay.waves",
     "BandNoise": "torchliner.replay.waves",

@@ -49,6 +49,9 @@ class Fluid:
         Args:
             temperature: K, 150 to 1500 (range of the viscosity law).
             pressure: Pa.
+
+        Both may be 0-d float64 tensors, through which derivatives pass.
+
         Raises:
             ValueError: temperature outside the range; 20 instead of 293.15 is the usual slip.
         """

@@ -20,6 +20,8 @@ COMMANDS = {
     "liner": "geometry, resonance and impedance of a liner",
     "audit": "how far each open choice moves the impedance, beside its interval",
     "height": "impedance over height and averaging length, and which height to take",
+    "sensitivity": "change of Z with each parameter of a liner; tolerances propagated",
+    "calibrate": "parameters of a liner fitted to known impedances, and what they predict",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

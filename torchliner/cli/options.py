@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +17,33 @@ if TYPE_CHECKING:
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 
 
+RULES = ("phase", "drive", "mean", "edge", "kernel")
+
+
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """--json and --quiet."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no warnings")
+
+
+def add_rules(parser: argparse.ArgumentParser) -> None:
+    """What ``educe`` leaves open, for commands that replay tones."""
+    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
+    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
+    parser.add_argument("--edge", choices=["finite", "wrap", "silent"])
+    parser.add_argument("--kernel", choices=["two-sided", "causal"])
+    parser.add_argument(
+        "--order", choices=["probes first", "velocity first"], default="velocity first",
+        help="of averaging: the admittance over probes, or the velocity (default)",
+    )  # fmt: skip
+
+
+def split_pair(text: str, option: str) -> tuple[str, str]:
+    """NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"{option} {text!r} cannot be read; write NAME=VALUE")
+    return name.strip(), value.strip()
 
 
 def print_json(value: Any) -> None:
@@ -45,10 +68,25 @@ def warnings_on_stderr(quiet: bool) -> Iterator[None]:
     """Show warnings as one line each, or not at all."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "always")
+        # Of torch itself, when it first differentiates forward.
+        warnings.filterwarnings("ignore", message=".torch.jit.script. is deprecated")
         warnings.showwarning = lambda message, *_, **__: print(
             f"warning: {message}", file=sys.stderr
         )
         yield
+
+
+def refuse_inputs(outputs: Iterable[Path | None], inputs: Iterable[Path | str | None]) -> None:
+    """No output may be an input, or another output.
+
+    Raises:
+        ValueError: one is.
+    """
+    taken = {Path(path).resolve() for path in inputs if path is not None}
+    for path in (path for path in outputs if path is not None):
+        if path.resolve() in taken:
+            raise ValueError(f"the output {path} is an input or another output; name another file")
+        taken.add(path.resolve())
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 from torchliner.cli.options import add_output_options, liner_name, print_json, progress_bar
@@ -19,9 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
-    from torchliner.io.hdf5 import written_whole
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
+    from torchliner.report.numbers import write_rows
     from torchliner.report.truth import format_summary, format_truth, truth_table
 
     planes = [read_plane(path) for path in options.planes]
@@ -32,10 +31,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(len(planes), "truth table", options.quiet) as step:
         rows = truth_table(planes, lambda plane: load_liner(names[id(plane)]), step)
     if options.output is not None:
-        with written_whole(options.output) as temporary, temporary.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].plain().keys())
-            writer.writeheader()
-            writer.writerows(row.plain() for row in rows)
+        write_rows([row.plain() for row in rows], options.output)
     if options.json:
         print_json([row.plain() for row in rows])
     else:

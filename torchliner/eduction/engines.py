@@ -10,6 +10,7 @@ from torchliner.replay.block_lines import BlockLine, plan_block_lines
 from torchliner.replay.direct import direct_sums
 from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
+from torchliner.replay.kernels import Liner, build_kernels
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import ToneSink
 from torchliner.replay.spectral import spectral_sums
@@ -66,3 +67,13 @@ def unfold_into(
         ready.drive, ready.kernels, emission, ready.record, sinks, progress=progress,
         tolerance=ready.chosen.rank_tolerance, memory=ready.chosen.tail_memory,
     )  # fmt: skip
+
+
+def with_liner(ready: Prepared, liner: Liner) -> Prepared:
+    """The same survey, drive and levels with another liner; its kernels are built anew."""
+    kernels = ready.kernels
+    if kernels is not None:
+        kernels = build_kernels(
+            liner, ready.grid, kernels.sampling_rate, kind=kernels.kind, band=kernels.band
+        )
+    return dataclasses.replace(ready, liner=liner, kernels=kernels)

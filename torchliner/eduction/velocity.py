@@ -168,10 +168,11 @@ class Replayed:
     def _uncertainty(
         self, phase: str, reflection: Tensor, psi: Tensor | None, means: Means, held: Tensor
     ) -> Uncertainty | None:
-        """None without blocks, or where the survey did not keep what this rule needs."""
-        ready = self.ready
-        wants_velocity = phase == "self-consistent" or ready.chosen.drive == "rms"
-        if ready.blocks is None or (wants_velocity and ready.seen.blocks is None):
+        """None where the sums, or the survey, did not keep the blocks that this rule needs."""
+        ready, of_rms = self.ready, self.ready.chosen.drive == "rms"
+        wants_velocity = phase == "self-consistent" or of_rms
+        missing = self.sums.blocks is None and not of_rms
+        if ready.blocks is None or missing or (wants_velocity and ready.seen.blocks is None):
             return None
         moved = BlockDeviations(ready, self.sums.blocks, phase, psi, means, held)
         return uncertainty_of(ready, reflection.detach(), moved)

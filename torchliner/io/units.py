@@ -13,8 +13,9 @@ FACTORS: dict[str, dict[str, float]] = {
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
     "density": {"kg/m3": 1.0, "kg m-3": 1.0},
+    "temperature": {"K": 1.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "mbar": 100.0, "bar": 1e5, "uPa": 1e-6,
-                 "MPa": 1e6, "psi": 6894.757293168361},
+                 "MPa": 1e6, "psi": 6894.757293168361, "atm": 101325.0},
     "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0},
 }  # fmt: skip
 

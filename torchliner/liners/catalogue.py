@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -54,6 +55,7 @@ class SDoFFile(_Strict):
     open_area_fraction: float = Field(1.0, gt=0, le=1)
     vena_contracta: float = Field(0.8, gt=0, le=1)
     velocity_reading: Literal["as_measured", "conserved"] = "as_measured"
+    velocity_gain: float = Field(1.0, gt=0)
     impedance_offset: tuple[float, float] = (0.0, 0.0)
     cell_pitch: float | None = Field(None, gt=0)
     flow_facing_porosity: float | None = Field(None, gt=0, le=1)
@@ -123,6 +125,24 @@ def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
     if path.suffix.lower() == ".toml":
         return _build(_read_text(path), path, path.stem)
     return _build(preset_text(text), Path(f"{text}.toml"), text)
+
+
+def liner_text(liner: SDoFLiner, source: str, description: str = "") -> str:
+    """TOML text that ``load_liner`` reads back as ``liner``.
+
+    Args:
+        liner: SDoF liner of plain numbers.
+        source: where the numbers come from.
+        description: one line.
+    """
+    facts = liner.describe()
+    fluid = facts.pop("fluid")
+    facts = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description,
+             "source": source, **facts}  # fmt: skip
+    # A JSON string, number or list of these is a TOML one.
+    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
+    lines += ["", "[fluid]", *(f"{key} = {json.dumps(value)}" for key, value in fluid.items())]
+    return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
 
 
 def _read_text(path: Path) -> str:

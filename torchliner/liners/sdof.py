@@ -47,6 +47,8 @@ class SDoFLiner:
         vena_contracta: C_vc.
         velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``,
             |v_c| = |v|/alpha. The paper leaves it open.
+        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is
+            this times the reading above. 1 in the paper.
         impedance_offset: constant added to Z, normalised (a correction fixed by a measurement).
         cell_pitch: L_c, m, for averages over cells; None if there are no cells.
         flow_facing_porosity: porosity of the whole surface for eq. (2.7);
@@ -73,11 +75,13 @@ class SDoFLiner:
     flow_facing_porosity: float | None = None
     fluid: Fluid = field(default_factory=Fluid)
     name: str = "sdof"
+    velocity_gain: Parameter = 1.0
 
     def __post_init__(self) -> None:
         for name in ("facesheet_thickness", "orifice_diameter", "cavity_depth"):
             require_positive(f"liner {name} (m)", getattr(self, name))
         require_positive("liner cavity_hydraulic_radius (m)", self.cavity_hydraulic_radius)
+        require_positive("liner velocity_gain", self.velocity_gain)
         fractions = ["porosity", "cavity_porosity", "open_area_fraction", "vena_contracta"]
         if self.flow_facing_porosity is not None:
             fractions.append("flow_facing_porosity")
@@ -122,7 +126,8 @@ class SDoFLiner:
         contraction = real_tensor(self.vena_contracta).to(omega.device)
         a, b, c, d = speed_law_coefficients(omega, radius, porosity, contraction, self.fluid)
         # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
-        k = 1 / alpha if self.velocity_reading == "conserved" else torch.ones_like(alpha)
+        k = real_tensor(self.velocity_gain).to(omega.device)
+        k = k / alpha if self.velocity_reading == "conserved" else k
         return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:

@@ -1,0 +1,118 @@
+"""Fit the slit's model where there is no flow, and see what it says where there is.
+
+    python scripts/calibrate_resolved.py [--draws M]
+
+Offset and vena contracta are fitted to the true impedances of n115 and n130 and predict g01_145 and
+g03_145; the offset of the orifice is fitted to o115 and predicts o145. Two variants, the highest
+plane and all planes, each in both orders of averaging. Table, CSV and picture go to
+results/calibration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torchliner as tl
+from torchliner.eduction.averaging import ORDERS
+from torchliner.report.calibration import (
+    PredictionRow,
+    draw_predictions,
+    format_calibration,
+    format_predictions,
+    parameter_rows,
+    prediction_rows,
+)
+from torchliner.report.numbers import write_rows
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA, RESULTS = ROOT / "data", ROOT / "results" / "calibration"
+OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}
+FREE = {"vena_contracta": (0.4, 1.0), **OFFSET}
+# Wave decomposition and in-situ value of the same run differ by up to 0.0021 (n115, n130, o115).
+NOISE = 0.002
+# Scatter of the truth over blocks of the record (slit), difference of its two ways (orifice).
+SCATTER = {"g01_145": 0.029 + 0.007j, "g03_145": 0.162 + 0.135j, "o145": 0.0075 + 0.0013j}
+HIGHEST, ALL = "highest plane", "all planes"
+
+
+def planes_of(case: str, variant: str) -> list[tl.VelocityPlane]:
+    """Shipped planes of a case."""
+    kind = "orifice" if case.startswith("o") else "slit"
+    files = sorted(DATA.glob(f"{kind}_{case}_y*.h5"))
+    return [tl.read_plane(path) for path in (files if variant == ALL else files[-1:])]
+
+
+def fitted(cases: Sequence[str], free: Any, variant: str, order: str, draws: int) -> Any:
+    """The calibration, and the liner as it was."""
+    planes = [plane for case in cases for plane in planes_of(case, variant)]
+    liner = tl.load_liner(planes[0].liner)
+    # Planes of one run share one reference: used k times, it weighs as one with noise sqrt(k).
+    noise = NOISE * (len(planes) / len(cases)) ** 0.5
+    found = tl.calibrate(planes, liner, "true", free, order=order, noise=noise, draws=draws)
+    return found, liner
+
+
+def predicted(
+    cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, order: str, draws: int
+) -> tuple[Any, list[PredictionRow]]:
+    """Calibration on ``cases`` and the rows of ``targets``."""
+    found, liner = fitted(cases, free, variant, order, draws)
+    rows = []
+    for target in targets:
+        for plane in planes_of(target, variant):
+            more = prediction_rows(found, plane, liner, label=target, noise=SCATTER[target])
+            rows += more
+    return found, rows
+
+
+def study(variant: str, order: str, draws: int) -> tuple[list[Any], list[PredictionRow]]:
+    """Slit and orifice."""
+    slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, order, draws)
+    orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, order, draws)
+    return [slit, orifice], rows + more
+
+
+def draw(panels: dict[str, list[PredictionRow]], path: Path) -> None:
+    """Both orders side by side."""
+    draw_predictions(panels, "fitted without flow (n115, n130; o115), 1400 Hz, y = 2.5 mm", path)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Everything, printed and written."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--draws", type=int, default=1000)
+    draws = parser.parse_args(arguments).draws
+    warnings.simplefilter("ignore", tl.DataWarning)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    parameters: list[dict[str, Any]] = []
+    predictions: list[dict[str, Any]] = []
+    panels = {}
+    for variant in (HIGHEST, ALL):
+        for order in ORDERS:
+            fits, rows = study(variant, order, draws)
+            about = {"variant": variant, "order": order}
+            print(f"\n== {variant}, {order}")
+            for name, found in zip(("slit", "orifice"), fits, strict=True):
+                print(format_calibration(found))
+                parameters += [{**about, "fit": name, **row} for row in parameter_rows(found)]
+            shown = [dataclasses.replace(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm")
+                     for row in rows]  # fmt: skip
+            print(format_predictions(shown))
+            predictions += [{**about, **row.plain()} for row in rows]
+            if variant == HIGHEST:
+                panels[order] = rows
+    write_rows(parameters, RESULTS / "parameters.csv")
+    write_rows(predictions, RESULTS / "predictions.csv")
+    draw(panels, RESULTS / "predictions.png")
+    print(f"\nNumbers and picture are in {RESULTS}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

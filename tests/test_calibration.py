@@ -1,0 +1,373 @@
+"""Parameters fitted to known impedances, their posterior, and what they predict."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
+from torchliner.eduction.calibration import calibrate
+from torchliner.eduction.choices import Choices
+from torchliner.eduction.level_weights import law_at, level_weights
+from torchliner.eduction.misfit import Misfit
+from torchliner.eduction.posterior import Posterior, sample_posterior
+from torchliner.eduction.prepare import prepare
+from torchliner.liners.catalogue import liner_text, preset_names
+from torchliner.liners.parameters import plain_liner
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
+    pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
+]
+BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}
+TRUE = {"vena_contracta": 0.68, "offset_resistance": 0.05, "offset_reactance": -0.11}
+
+
+def start():
+    return tl.load_liner("polito").replace(cell_pitch=5e-3)
+
+
+def true_liner():
+    return plain_liner(start(), TRUE)
+
+
+def plane(rms, seed=1):
+    return plane_of(turbulence((8, 420), seed, rms), x=[(i + 0.5) * 10e-3 / 8 for i in range(8)])
+
+
+def planes():
+    return [plane(0.4, 1), plane(3.0, 2)]
+
+
+def impedance(each, liner, order="velocity first", **options):
+    found = tl.educe(each, liner, dtype="float64", **options)
+    first = order == "velocity first"
+    return (found.liner_impedance_velocity_first if first else found.liner_impedance)[0]
+
+
+def references(order="velocity first", **options):
+    return [complex(impedance(each, true_liner(), order, **options)) for each in planes()]
+
+
+@pytest.mark.parametrize(
+    ("order", "edge"),
+    [("velocity first", "finite"), ("probes first", "finite"), ("probes first", "wrap")],
+)
+def test_known_parameters_are_recovered(order, edge):
+    """References made with known numbers give them back; 4 data for 3 numbers."""
+    found = calibrate(planes(), start(), references(order, edge=edge), BOUNDS, order=order,
+                      edge=edge, draws=0)  # fmt: skip
+    wanted = torch.tensor([TRUE[name] for name in found.parameters], dtype=torch.float64)
+    assert float((found.values - wanted).abs().max()) < 1e-7
+    assert found.anchor_error < 1e-9
+    again = [complex(impedance(each, found.liner, order, edge=edge)) for each in planes()]
+    assert [complex(z) for z in found.found] == pytest.approx(again, abs=1e-9)
+    assert found.on_bound == found.unseen == ()
+
+
+def prepared(edge="finite", order="velocity first"):
+    chosen = Choices(dtype="float64", edge=edge)
+    return level_weights(prepare([plane(3.0)], start(), None, chosen)[0], order)
+
+
+@pytest.mark.parametrize("order", ["velocity first", "probes first"])
+def test_the_sum_over_levels_is_the_replay(order):
+    """Anchored at one liner it is exact there; elsewhere off by the ends of the record alone."""
+    for edge, limit in (("wrap", 1e-6), ("finite", 1e-3)):
+        weights = prepared(edge, order).anchored(start())
+        for liner, most in ((start(), 1e-12), (true_liner(), limit)):
+            wanted = impedance(plane(3.0), liner, order, edge=edge)
+            found = weights.impedance(law_at(liner, weights.lines))[0]
+            assert abs(complex(found - wanted)) < most * abs(complex(wanted))
+
+
+def test_many_laws_are_one_by_one():
+    """A law's impedance does not depend on its neighbours."""
+    weights = prepared().anchored(start())
+    laws = torch.stack([law_at(start().replace(vena_contracta=c), weights.lines)
+                        for c in (0.6, 0.8, 0.9)])  # fmt: skip
+    found = weights.impedances(laws)
+    assert torch.allclose(found, torch.stack([weights.impedance(law) for law in laws]), rtol=1e-13)
+
+
+def misfit():
+    wanted = torch.tensor([1 + 0.2j], dtype=torch.complex128)
+    low = torch.tensor([0.5, 0.01], dtype=torch.float64)
+    high = torch.tensor([1.0, 0.05], dtype=torch.float64)
+    noise = torch.tensor([0.01 + 0.02j], dtype=torch.complex128)
+    return Misfit([prepared().anchored(start())], [start()], ("vena_contracta", "cavity_depth"),
+                  low, high, wanted, noise, {"vena_contracta": (0.8, 0.1)})  # fmt: skip
+
+
+def test_gradient_equals_differences():
+    """The Jacobian of the least squares, prior included."""
+    each, share, step = misfit(), torch.tensor([0.4, 0.7], dtype=torch.float64), 1e-6
+    residuals, slopes = each.slopes(share)
+    assert slopes.shape == (3, 2)
+    for i in range(2):
+        along = torch.zeros(2, dtype=torch.float64)
+        along[i] = step
+        above, below = each.slopes(share + along)[0], each.slopes(share - along)[0]
+        difference = (above - below) / (2 * step)
+        assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(residuals.abs().max())
+
+
+def test_residuals_by_hand():
+    """R over u(R), X over u(X), the prior over its spread."""
+    values = torch.tensor([0.9, 0.02], dtype=torch.float64)
+    found = misfit().residuals(values, torch.tensor([1.03 + 0.3j], dtype=torch.complex128))
+    assert found.tolist() == pytest.approx([3.0, 5.0, 1.0])
+
+
+def linear_toy(seed, count=8):
+    """y = A u + noise in the unit box."""
+    generator = torch.Generator().manual_seed(seed)
+    matrix = torch.randn(count, 2, generator=generator, dtype=torch.float64)
+    truth = torch.tensor([0.45, 0.55], dtype=torch.float64)
+    noise = 0.03 * torch.randn(count, generator=generator, dtype=torch.float64)
+    data = matrix @ truth + noise
+    best = torch.linalg.lstsq(matrix, data[:, None]).solution[:, 0]
+    return matrix, data, truth, best
+
+
+def toy_posterior(seed, stated, draws=800):
+    matrix, data, truth, best = linear_toy(seed)
+    square = (data - matrix @ best).square().sum()
+    scale = 0.03**2 if stated else float(square) / (len(data) - 2)
+
+    def log_density(at):
+        misfits = (data - at @ matrix.T).square().sum(1)
+        return -misfits / (2 * scale) if stated else -len(data) / 2 * misfits.log()
+
+    return sample_posterior(log_density, best, matrix.T @ matrix / scale, draws, seed), truth, scale
+
+
+def test_posterior_of_a_linear_model_is_gaussian():
+    """Mean, covariance and quantiles as by linear algebra."""
+    found, _, scale = toy_posterior(3, True, 40_000)
+    matrix, _, _, best = linear_toy(3)
+    covariance = torch.linalg.inv(matrix.T @ matrix) * scale
+    spread = covariance.diagonal().sqrt()
+    # 20 000 independent draws: 1 % of a standard deviation, 1.5 % of a variance.
+    assert found.effective > 15_000
+    assert float(((found.mean(found.draws) - best) / spread).abs().max()) < 0.03
+    away = (found.covariance(found.draws) - covariance) / torch.outer(spread, spread)
+    assert float(away.abs().max()) < 0.06
+    low, high = found.quantiles(found.draws, (0.025, 0.975))
+    assert float(((high - low) / (2 * 1.96 * spread) - 1).abs().max()) < 0.04
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["noise stated", "noise unknown"])
+def test_posterior_covers_the_truth(stated):
+    """95 % intervals hold the truth in 95 % of 300 data sets (binomial scatter 1.3 %)."""
+    inside = []
+    for seed in range(300):
+        found, truth, _ = toy_posterior(seed, stated)
+        low, high = found.quantiles(found.draws, (0.025, 0.975))
+        inside.append(((low <= truth) & (truth <= high)).double())
+    share = torch.stack(inside).mean(0)
+    assert float((share - 0.95).abs().max()) < 0.045
+
+
+def test_quantiles_follow_the_weights():
+    """By hand: three draws of weight 0.2, 0.7, 0.1."""
+    found = Posterior(torch.zeros(3, 1), torch.tensor([0.2, 0.7, 0.1], dtype=torch.float64))
+    values = torch.tensor([[3.0], [1.0], [2.0]], dtype=torch.float64)
+    assert found.quantiles(values, (0.5, 0.75, 0.95))[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert found.effective == pytest.approx(1 / 0.54)
+
+
+def test_prediction_has_the_spread_of_the_parameters():
+    """On the fitted plane it is the fit; its covariance is J cov J^T, the noise being small."""
+    found = calibrate(planes(), start(), references(), BOUNDS, noise=0.002, draws=800, seed=4)
+    prediction = found.predict(plane(3.0, 2))
+    assert complex(prediction.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
+    slopes = tl.sensitivities(plane(3.0, 2), found.liner, None, found.parameters)
+    parts = torch.view_as_real(slopes.liner_velocity_first[:, 0])
+    wanted = parts.T @ found.covariance @ parts
+    spread = wanted.diagonal().sqrt()
+    away = (prediction.covariance[0] - wanted) / torch.outer(spread, spread)
+    assert float(away.abs().max()) < 0.2  # 500 independent draws
+    truth = complex(found.found[1]) + 3 * complex(prediction.standard[0].real)
+    assert prediction.misses(truth).real == pytest.approx(-3, abs=1e-6)
+    assert prediction.misses(truth, 1e9 + 1e9j).real == pytest.approx(0, abs=1e-6)
+    inside = (found.interval[0] < found.values) & (found.values < found.interval[1])
+    assert bool(inside.all())
+
+
+def test_noise_scales_the_uncertainty():
+    """Twice the noise, twice the spread."""
+    one, two = (calibrate(planes(), start(), references(), BOUNDS, noise=u, draws=0).standard
+                for u in (0.001, 0.002))  # fmt: skip
+    assert float((two / one - 2).abs().max()) < 1e-6
+
+
+def test_a_prior_holds_what_the_data_do_not_see():
+    """Thickness and offset act alike at one frequency: with a prior the prior comes back."""
+    free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
+    prior = {"facesheet_thickness": (8e-4, 1e-5)}
+    found = calibrate(planes()[0], start(), references()[0], free, noise=1e-3, prior=prior,
+                      draws=0)  # fmt: skip
+    assert float(found.values[0]) == pytest.approx(8e-4, rel=1e-6)
+    assert float(found.standard[0]) == pytest.approx(1e-5, rel=1e-3)
+
+
+def test_what_cannot_be_told_apart_is_named():
+    """At one frequency a thickness moves Z as some offset does, but for the window's side lines."""
+    free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.9, 0.9)}
+    with pytest.warns(tl.DataWarning, match=r"do not tell facesheet_thickness.* apart"):
+        found = calibrate(planes(), true_liner(), references(), free, noise=1e-3, draws=0)
+    (group,) = found.unseen
+    assert group[0] == "facesheet_thickness"
+    assert set(group[1:]) <= {"offset_resistance", "offset_reactance"}
+    assert float(found.singular_values[-1]) < 1e-3 * float(found.singular_values[0])
+
+
+def test_two_frequencies_tell_them_apart():
+    """The mass of the thickness grows with frequency, an offset does not."""
+    free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
+    wanted = tl.educe(planes()[0], true_liner().replace(facesheet_thickness=7e-4),
+                      [1000.0, 2000.0], dtype="float64").liner_impedance_velocity_first  # fmt: skip
+    found = calibrate(planes()[0], true_liner(), [wanted], free, frequency=[1000.0, 2000.0],
+                      noise=1e-4, draws=0)  # fmt: skip
+    assert found.unseen == ()
+    assert float(found.values[0]) == pytest.approx(7e-4, abs=1e-9)
+
+
+def test_a_bound_is_named_with_the_remedy():
+    """A coefficient that had to be smaller than its bound."""
+    with pytest.warns(tl.DataWarning) as said:
+        found = calibrate(planes(), start(), references(), {"vena_contracta": (0.75, 1.0)},
+                          noise=0.01, draws=0)  # fmt: skip
+    wanted = "vena_contracta ends on its lower bound, 0.75: the"
+    assert any(wanted in str(each.message) for each in said)
+    assert found.on_bound == ("vena_contracta",)
+    assert float(found.values[0]) == pytest.approx(0.75, abs=1e-3)
+    assert any("widen the bound" in note for note in found.notes)
+    assert any("times the stated noise" in note for note in found.notes)
+
+
+def test_as_many_data_as_parameters_say_nothing_of_the_noise():
+    with pytest.warns(tl.DataWarning, match="nothing left over.*state noise"):
+        found = calibrate(planes()[0], start(), references()[0], {"offset": (-0.5, 0.5)})
+    assert found.posterior is None
+    assert all(math.isnan(u) for u in found.standard.tolist())
+    assert math.isnan(complex(found.predict(planes()[1]).standard[0]).real)
+
+
+MISTAKES = [
+    ({"parameters": {**BOUNDS, "porosity": (0.01, 0.1)}, "planes": 1},
+     r"2 data \(R and X of 1 impedances\) and 0 priors cannot fix 4 parameters \(vena_contracta,"),
+    ({"parameters": {}}, "no parameter is free"),
+    ({"parameters": {"vena_contracta": (0.9, 0.5)}}, "0.9 to 0.5; finite ones are needed"),
+    ({"parameters": {"porosity": (0.0, 0.5)}}, "it is above 0 and at most 1"),
+    ({"parameters": {"porosity": (-0.1, 0.5)}}, "-0.1 to 0.5; it is above 0"),
+    ({"parameters": {"vena_contracta": (0.5, 1.5)}}, "0.5 to 1.5; it is above 0 and at most 1"),
+    ({"parameters": {"porosty": (0.1, 0.5)}}, r"did you mean 'porosity'"),
+    ({"references": "true"}, r"holds no reference 'true' \(it holds: none\)"),
+    ({"references": None}, "no reference is given"),
+    ({"references": [1 + 0j]}, "1 references for 2 planes"),
+    ({"references": [complex("nan"), 1.0]}, "is not finite"),
+    ({"references": [[1.0, 2.0], [1.0]]}, "has 1 frequencies and 2 reference impedances"),
+    ({"noise": 0.0}, "finite and above 0"),
+    ({"noise": [0.1, 0.1, 0.1]}, "3 values for 2 planes"),
+    ({"prior": {"vena_contracta": (0.8, 0.1)}}, "state noise too"),
+    ({"prior": {"vena_contracta": (0.8, 0.0)}, "noise": 0.1}, "standard deviation above 0"),
+    ({"prior": {"porosity": (0.8, 0.1)}, "noise": 0.1}, "unknown parameter of a prior"),
+    ({"order": "probes"}, "did you mean 'probes first'"),
+    ({"engine": "unfold"}, "engine 'spectral', phase 'averaged', not 'unfold'"),
+    ({"phase": "given"}, "not 'spectral', 'given'"),
+    ({"liners": 3}, "2 planes and 3 liners"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "message"), MISTAKES, ids=[m[:30] for _, m in MISTAKES])
+def test_mistakes_are_refused(changes, message):
+    options = dict(changes)
+    several = planes()[: options.pop("planes", 2)]
+    liners = [start()] * options.pop("liners", 0) or start()
+    wanted = options.pop("references", [1 + 0j] * len(several))
+    free = options.pop("parameters", BOUNDS)
+    with pytest.raises(ValueError, match=message):
+        calibrate(several, liners, wanted, free, **options)
+
+
+def test_tables_have_nothing_to_fit():
+    with pytest.raises(TypeError, match="only an SDoFLiner"):
+        calibrate(planes(), object(), [1.0, 1.0], BOUNDS)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_liner_survives_its_file(name, tmp_path):
+    """Written as TOML and read again it is the same."""
+    liner = tl.load_liner(name)
+    path = tmp_path / "mine.toml"
+    path.write_text(liner_text(liner, 'from "here"'), encoding="utf-8")
+    assert tl.load_liner(path).describe() == liner.describe()
+
+
+FILES = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130", "g01_145")]
+
+
+def test_command_fits_predicts_and_writes(capsys, tmp_path):
+    """The file written is the liner that was fitted, and says to what."""
+    target, picture = tmp_path / "mine.toml", tmp_path / "z.png"
+    code = main(["calibrate", *FILES[:2], "--free", "vena_contracta=0.5:1.0", "--free", "offset",
+                 "--noise", "0.002", "--predict", FILES[2], "--draws", "200", "-o", str(target),
+                 "--figure", str(picture), "--json", "--quiet"])  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    assert code == DONE
+    values = {row["parameter"]: row["value"] for row in found["parameters"]}
+    liner = tl.load_liner(target)
+    assert liner.vena_contracta == pytest.approx(values["vena_contracta"], rel=1e-9)
+    assert liner.impedance_offset.imag == pytest.approx(values["offset_reactance"], rel=1e-9)
+    text = target.read_text()
+    assert "fitted to slit_n115_y2.5mm.h5, slit_n130_y2.5mm.h5 (reference true)" in text
+    (row,) = found["predictions"]
+    assert row["misses"]["reactance"] > 10
+    assert picture.stat().st_size > 10_000
+    # From the first run of this module: what n115 and n130 say, and miss.
+    assert values["vena_contracta"] == pytest.approx(0.8064, abs=2e-4)
+    assert row["after"]["resistance"] == pytest.approx(0.557, abs=2e-3)
+
+
+def test_command_ends_with_1_on_a_bound(capsys):
+    code = main(["calibrate", FILES[1], "--free", "vena_contracta=0.9:1.0", "--noise", "0.002",
+                 "--draws", "0"])  # fmt: skip
+    out, err = capsys.readouterr()
+    assert code == CHECK_FAILED
+    assert "vena_contracta" in out
+    assert "ends on its lower bound" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--free", "vena_contracta=0.5"], "write NAME=LOW:HIGH"),
+        (["--free", "offset", "--free", "offset_reactance"], "names offset_reactance twice"),
+        (["--free", "offset", "--reference", "tru"], "holds no reference 'tru'"),
+        (["--free", "offset", "--reference", "1+1j", "no"], "cannot be read"),
+        (["--free", "offset", "-o", FILES[0]], "is an input"),
+        (["--free", "offset", "--figure", "x.png"], "name planes with --predict"),
+        (["--free", "offset", "--free", "porosity"], "2 data (R and X of 1 impedances)"),
+    ],
+)
+def test_command_refuses(capsys, words, message):
+    assert main(["calibrate", FILES[0], *words]) == BAD_INPUT
+    assert message in capsys.readouterr().err
+
+
+def test_the_script_weighs_planes_of_one_run_once():
+    """Four heights against one reference are as sure as one height, not twice as sure."""
+    script = load_script("calibrate_resolved")
+    sure = [
+        script.fitted(("n130",), script.OFFSET, variant, "velocity first", 0)[0].standard
+        for variant in (script.HIGHEST, script.ALL)
+    ]
+    assert float((sure[1] / sure[0] - 1).abs().max()) < 0.02
+    assert FREQUENCY == 1400.0

@@ -1,0 +1,302 @@
+"""Derivatives of the educed impedance in the liner's parameters, and tolerances propagated."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, frozen_plane, plane_of, turbulence
+from torch.autograd import forward_ad
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, DONE, main
+from torchliner.eduction.budget import covariance_of
+from torchliner.io.tolerances import parse_tolerance
+from torchliner.liners.parameters import NUMBERS, air_state, value_of, with_values
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
+    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
+]
+SLIT = str(DATA / "slit_n130_y2.5mm.h5")
+# Interpolation between 200 levels of the derivative up to 16 m/s; each result states its own.
+LEVELS = 1e-4
+
+
+def model(**changes):
+    given = {
+        "facesheet_thickness": 1e-3, "orifice_diameter": 1e-3, "porosity": 0.06,
+        "cavity_depth": 38e-3, "cavity_hydraulic_radius": 4e-3, "cavity_porosity": 0.9,
+        "open_area_fraction": 0.8, "vena_contracta": 0.78, "impedance_offset": 0.03 - 0.02j,
+        "velocity_gain": 0.9, "velocity_reading": "conserved", "cell_pitch": 5e-3,
+        "fluid": tl.Fluid.from_temperature(300.0, 9e4),
+    }  # fmt: skip
+    return tl.SDoFLiner(**{**given, **changes})
+
+
+def cells_plane():
+    """Twelve probes over two cells."""
+    return plane_of(turbulence((12, 300), seed=2), x=[(i + 0.5) * 10e-3 / 12 for i in range(12)])
+
+
+def moved(name, value):
+    """The model with one number changed, without the module under test where that can be."""
+    if name.startswith("offset_"):
+        part = 1 if name == "offset_resistance" else 1j
+        return model(impedance_offset=0.03 - 0.02j + part * (value - value_of(model(), name)))
+    if name in ("temperature", "pressure"):
+        state = {"temperature": 300.0, "pressure": 9e4, name: value}
+        return model(fluid=tl.Fluid.from_temperature(**state))
+    return model(**{name: value})
+
+
+def quantities(found):
+    return {
+        "probes": found.impedance,
+        "cells": found.cell_impedance,
+        "cells_velocity_first": found.cell_impedance_velocity_first,
+        "liner": found.liner_impedance,
+        "liner_velocity_first": found.liner_impedance_velocity_first,
+    }
+
+
+def largest(found, wanted):
+    return float((found - wanted).abs().max() / wanted.abs().max())
+
+
+@pytest.fixture(scope="module")
+def wrapped():
+    return tl.sensitivities(cells_plane(), model(), edge="wrap", velocity_max=16.0)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_every_parameter_against_differences(wrapped, name):
+    """All from one replay; central differences of ``educe`` agree, probe by probe."""
+    step = 1e-5 * abs(value_of(model(), name))
+    above, below = (
+        quantities(tl.educe(cells_plane(), moved(name, value_of(model(), name) + sign * step),
+                            edge="wrap", velocity_max=16.0))
+        for sign in (1, -1)
+    )  # fmt: skip
+    row = wrapped.parameters.index(name)
+    for key in above:
+        wanted = (above[key] - below[key]) / (2 * step)
+        assert largest(getattr(wrapped, key)[row], wanted) < LEVELS
+    assert float(wrapped.level_error[row]) < LEVELS
+
+
+@pytest.mark.parametrize(
+    ("name", "phase"),
+    [("orifice_diameter", "averaged"), ("temperature", "self-consistent"), ("porosity", "given")],
+)
+def test_ends_and_phases_against_whole_replays(name, phase):
+    """With kernels, ends of the record and nonlinear phase rules: as ``educe`` differentiated."""
+    options = {"phase": phase, "velocity_max": 16.0, "minimum_coherence": 0.0}
+    if phase == "given":
+        options["reference_phase"] = 0.3
+    found = tl.sensitivities(cells_plane(), model(), [1000.0, FREQUENCY], [name], **options)
+    value = torch.tensor(value_of(model(), name), dtype=torch.float64)
+    with forward_ad.dual_level():
+        dual = with_values(model(), {name: forward_ad.make_dual(value, torch.ones_like(value))})
+        whole = quantities(tl.educe(cells_plane(), dual, [1000.0, FREQUENCY], **options))
+        for key, value in whole.items():
+            slope = forward_ad.unpack_dual(value).tangent
+            assert slope.shape[-1] == 2
+            assert largest(getattr(found, key)[0], slope) < LEVELS
+
+
+@pytest.mark.parametrize("edge", ["finite", "wrap", "silent"])
+def test_frozen_velocity_gives_the_models_own_slope(edge):
+    """With |v| constant dZ/dp is that of the formula; of the offset it is 1 and j exactly."""
+    names = ["porosity", "vena_contracta", "offset_resistance", "offset_reactance"]
+    found = tl.sensitivities(frozen_plane(2.0), model(), FREQUENCY, names, edge=edge)
+    limit = 3e-3 if edge == "silent" else LEVELS  # the start-up of 16 periods
+    for i, name in enumerate(names[:2]):
+        step = 1e-6 * value_of(model(), name)
+        above, below = (moved(name, value_of(model(), name) + s * step).impedance(FREQUENCY, 2.0)
+                        for s in (1, -1))  # fmt: skip
+        assert largest(found.probes[i], (above - below) / (2 * step)) < limit
+    assert float((found.liner[2:, 0] - torch.tensor([1, 1j])).abs().max()) < limit
+
+
+def test_scaling_is_by_value(wrapped):
+    """1 % of the parameter, and any step."""
+    wanted = 0.01 * wrapped.values[:, None] * wrapped.liner
+    assert torch.equal(wrapped.per_percent().liner, wanted)
+    assert wrapped.units[wrapped.parameters.index("temperature")] == "K"
+
+
+def test_state_of_air():
+    """Temperature and pressure come back from the gas they made."""
+    assert air_state(tl.Fluid.from_temperature(280.0, 8e4)) == pytest.approx((280.0, 8e4))
+
+
+@pytest.mark.parametrize("reading", ["as_measured", "conserved"])
+def test_velocity_gain_scales_the_velocity(reading):
+    """Z with gain g at |v| is Z without at g |v|."""
+    plain = model(velocity_gain=1.0, velocity_reading=reading)
+    scaled = plain.replace(velocity_gain=1.7)
+    speeds = torch.tensor([0.0, 0.3, 2.0, 9.0], dtype=torch.float64)
+    found, wanted = scaled.impedance(FREQUENCY, speeds), plain.impedance(FREQUENCY, 1.7 * speeds)
+    assert largest(found, wanted) < 1e-14
+
+
+def test_one_tolerance_is_one_contribution(wrapped):
+    """Rectangular limits are divided by sqrt 3, a standard uncertainty is taken as it is."""
+    row = wrapped.parameters.index("orifice_diameter")
+    for limits, factor in (("rectangular", 3**-0.5), ("standard", 1.0)):
+        budget = wrapped.propagate({"orifice_diameter": "0.02 mm"}, limits=limits)
+        wanted = factor * 2e-5 * wrapped.liner[row, 0]
+        found = complex(budget.combined("probes first")[0])
+        assert found == pytest.approx(complex(abs(wanted.real), abs(wanted.imag)), rel=1e-12)
+        probes = factor * 2e-5 * wrapped.probes[row]
+        assert torch.allclose(budget.probes.imag, probes.imag.abs(), rtol=1e-12)
+
+
+def test_the_budget_against_monte_carlo():
+    """Draws within the limits, frozen |v|: the covariance of R and X, to the draws' scatter."""
+    tolerances = {"orifice_diameter": "0.02 mm", "porosity": "2 %", "cavity_depth": "0.1 mm"}
+    found = tl.sensitivities(frozen_plane(2.0), model(), FREQUENCY, list(tolerances), edge="wrap")
+    budget = found.propagate(tolerances, limits="rectangular")
+    generator = torch.Generator().manual_seed(1)
+    draws = 2 * torch.rand(600, 3, generator=generator, dtype=torch.float64) - 1
+    values = found.values + draws * budget.half_widths
+    impedance = torch.stack(
+        [
+         model(**dict(zip(tolerances, row, strict=True))).impedance(FREQUENCY, 2.0)
+         for row in values.tolist()]
+    )  # fmt: skip
+    wanted = torch.cov(torch.view_as_real(impedance.reshape(-1)).T)
+    # 600 draws scatter by some 5 %; the second order of these tolerances is below that.
+    assert largest(budget.covariance["velocity first"][0], wanted) < 0.15
+
+
+def test_correlated_tolerances_add_or_cancel(wrapped):
+    """Correlation 1 adds changes, -1 subtracts them, and the order of names does not matter."""
+    tolerances = {"porosity": "1 %", "vena_contracta": 0.01}
+    alone = wrapped.propagate(tolerances, limits="standard")
+    changes = alone.contributions["velocity first"][:, 0]
+    for sign in (1.0, -1.0):
+        pair = {("vena_contracta", "porosity"): sign}
+        budget = wrapped.propagate(tolerances, limits="standard", correlation=pair)
+        wanted = changes[0] + sign * changes[1]
+        assert complex(budget.combined("velocity first")[0]).real == pytest.approx(
+            abs(float(wanted.real)), rel=1e-9
+        )
+    largest_first = [part.parameter for part in alone.sorted("velocity first")]
+    assert largest_first == ["porosity", "vena_contracta"]
+
+
+def test_covariance_by_hand():
+    """Two independent changes, 3 + 4j and 1 - 2j."""
+    found = covariance_of(torch.tensor([3 + 4j, 1 - 2j], dtype=torch.complex128),
+                          torch.eye(2, dtype=torch.float64))  # fmt: skip
+    assert found.tolist() == [[10.0, 10.0], [10.0, 20.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "wanted"),
+    [
+        ("0.02 mm", "orifice_diameter", 2e-5),
+        ("+-0.02mm", "orifice_diameter", 2e-5),
+        ("±1e-2 mm", "orifice_diameter", 1e-5),
+        ("1 %", "cavity_depth", 3.8e-4),
+        ("0.5 K", "temperature", 0.5),
+        ("2 kPa", "pressure", 2000.0),
+        (0.01, "porosity", 0.01),
+        ("0.01", "porosity", 0.01),
+    ],
+)
+def test_tolerances_are_read(text, name, wanted):
+    """Units and per cent to SI half-widths."""
+    found = parse_tolerance(text, name, NUMBERS[name].quantity, value_of(model(), name))
+    assert found == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ({"orifice_diameter": 0.02}, r"orifice_diameter is 0.02, without a unit.*'0.02 m'.* mm,"),
+        ({"orifice_diameter": "2e-5"}, "without a unit; orifice_diameter is a length"),
+        ({"temperature": "1"}, r"without a unit; temperature is a temperature: write '1 K'"),
+        ({"pressure": "1 kpa"}, r"unit 'kpa' is none of a pressure \(did you mean 'kPa'"),
+        ({"porosity": "0.1 mm"}, "unit 'mm' is none of a number: %"),
+        ({"porosity": "0 %"}, "must be finite and above 0"),
+        ({"porosity": "-1 %"}, "write a half-width above 0"),
+        ({"porosty": "1 %"}, "did you mean 'porosity'"),
+        ({}, "no tolerance is stated"),
+    ],
+)
+def test_tolerances_without_meaning_are_refused(wrapped, tolerances, message):
+    with pytest.raises(ValueError, match=message):
+        wrapped.propagate(tolerances, limits="standard")
+
+
+def test_other_slips_are_refused(wrapped):
+    plane = cells_plane()
+    zero = tl.sensitivities(plane, model(impedance_offset=0j), FREQUENCY, ["offset"], edge="wrap")
+    with pytest.raises(ValueError, match="offset_resistance is 0; state it as a number"):
+        zero.propagate({"offset_resistance": "5 %"}, limits="standard")
+    with pytest.raises(ValueError, match="unknown reading of the limits 'uniform'"):
+        wrapped.propagate({"porosity": "1 %"}, limits="uniform")
+    with pytest.raises(ValueError, match="is -1 to 1"):
+        wrapped.propagate({"porosity": "1 %", "pressure": "1 kPa"}, limits="standard",
+                          correlation={("porosity", "pressure"): 1.2})  # fmt: skip
+    three = {"porosity": "1 %", "pressure": "1 kPa", "temperature": "1 K"}
+    pairs = {("porosity", "pressure"): 0.9, ("pressure", "temperature"): 0.9,
+             ("porosity", "temperature"): -0.9}  # fmt: skip
+    with pytest.raises(ValueError, match="contradict each other"):
+        wrapped.propagate(three, limits="standard", correlation=pairs)
+    with pytest.raises(ValueError, match=r"unknown parameter 'cavity_dept' \(did you mean"):
+        tl.sensitivities(plane, model(), FREQUENCY, ["cavity_dept"])
+    with pytest.raises(ValueError, match="named twice"):
+        tl.sensitivities(plane, model(), FREQUENCY, ["offset", "offset_reactance"])
+    with pytest.raises(ValueError, match="engine 'spectral', not 'unfold'"):
+        tl.sensitivities(plane, model(), FREQUENCY, engine="unfold")
+    with pytest.raises(TypeError, match="only an SDoFLiner has parameters"):
+        tl.sensitivities(plane, object(), FREQUENCY)
+
+
+def test_command_prints_sorts_and_draws(capsys, tmp_path):
+    """Contributions sorted, combined last; CSV and picture written."""
+    table, picture = tmp_path / "budget.csv", tmp_path / "budget.png"
+    code = main(["sensitivity", SLIT, "--tolerance", "orifice_diameter=0.02 mm", "--tolerance",
+                 "porosity=2 %", "-o", str(table), "--figure", str(picture)])  # fmt: skip
+    out = capsys.readouterr().out
+    assert code == DONE
+    assert out.index("porosity") < out.index("orifice_diameter") < out.index("combined")
+    assert "rectangular" in out
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["parameter"] for row in rows] == ["porosity", "orifice_diameter", "combined"]
+    total = sum(float(row["resistance"]) ** 2 for row in rows[:2]) ** 0.5
+    assert float(rows[2]["resistance"]) == pytest.approx(total, rel=1e-9)
+    assert picture.stat().st_size > 10_000
+    code = main(["sensitivity", SLIT, "--parameters", "porosity", "cavity_depth", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert [row["parameter"] for row in found["rows"]] == ["cavity_depth", "porosity"]
+    assert found["rows"][0]["unit"] == "m"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--tolerance", "orifice_diameter=0.02"], "without a unit"),
+        (["--tolerance", "orifice_diameter"], "write NAME=VALUE"),
+        (["--tolerance", "porosity=1 %", "--correlation", "porosity=1"], "write NAME,NAME=VALUE"),
+        (["--tolerance", "porosity=1 %", "-o", SLIT], "is an input"),
+    ],
+)
+def test_command_refuses(capsys, words, message):
+    assert main(["sensitivity", SLIT, *words]) == BAD_INPUT
+    assert message in capsys.readouterr().err
+
+
+def test_numbers_of_the_slit():
+    """n130 at 2.5 mm, per 1 %, velocity first; from the first run of this module."""
+    found = tl.sensitivities(tl.read_plane(SLIT), tl.load_liner("lbm_slit"), None,
+                             ["porosity", "cavity_depth", "vena_contracta"])  # fmt: skip
+    wanted = torch.tensor([-0.003099 - 0.004575j, 0.0000395 + 0.017745j, -0.001677 - 0.0000667j])
+    assert float((found.per_percent().liner_velocity_first[:, 0] - wanted).abs().max()) < 2e-6

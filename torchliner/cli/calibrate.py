@@ -1,0 +1,179 @@
+"""torchliner calibrate."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from torchliner.cli.options import (
+    RULES,
+    add_output_options,
+    add_rules,
+    liner_name,
+    print_json,
+    refuse_inputs,
+    warnings_on_stderr,
+)
+
+AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("planes", nargs="+", type=Path, help="plane files to fit")
+    parser.add_argument("--liner", help="preset name or .toml; default: named in the files")
+    parser.add_argument(
+        "--reference", nargs="+", default=["true"], metavar="Z",
+        help="name of an impedance in the files (default: true), or one value each, e.g. "
+        "0.168-0.066j",
+    )  # fmt: skip
+    parser.add_argument(
+        "--free", action="append", required=True, metavar="NAME[=LOW:HIGH]",
+        help="parameter to fit and its bounds, SI; without bounds 50 %% about its value, an "
+        "offset 0.5 about it; 'offset' is both parts",
+    )  # fmt: skip
+    parser.add_argument("--noise", type=float, metavar="U", help="standard uncertainty of R and X "
+                        "of the references, by rho c; default: from the residual")  # fmt: skip
+    parser.add_argument("--predict", nargs="+", type=Path, default=[], metavar="PLANE",
+                        help="planes to predict with the spread of the fit")  # fmt: skip
+    add_rules(parser)
+    parser.add_argument("--draws", type=int, default=2000, help="of the posterior")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, help="the calibrated liner as TOML")
+    parser.add_argument("--figure", type=Path, help="draw the predictions there")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
+    from torchliner.eduction.calibration import calibrate
+    from torchliner.io.plane_file import read_plane
+    from torchliner.report import calibration as report
+
+    refuse_inputs(
+        [options.output, options.figure], [*options.planes, *options.predict, options.liner]
+    )
+    if options.figure is not None and not options.predict:
+        raise ValueError("--figure draws predictions; name planes with --predict")
+    chosen = {key: getattr(options, key, None) for key in RULES if getattr(options, key, None)}
+    with warnings_on_stderr(options.quiet):
+        planes = [read_plane(path, lazy=True) for path in options.planes]
+        liners = _liners(options, planes)
+        found = calibrate(
+            planes, liners, _references(options.reference), _bounds(options.free, liners[0]),
+            order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
+            **chosen,
+        )  # fmt: skip
+        noise = options.noise or 0.0
+        rows = [
+            row
+            for path in options.predict
+            for row in report.prediction_rows(
+                found, read_plane(path, lazy=True), liners[0], label=path.stem,
+                reference=options.reference[0], noise=complex(noise, noise),
+            )
+        ]  # fmt: skip
+    if options.output is not None:
+        _write(found, liners[0], options)
+    if options.figure is not None:
+        report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
+    if options.json:
+        print_json(_summary(found, rows))
+    else:
+        print(report.format_calibration(found))
+        if rows:
+            print(f"\n{report.format_predictions(rows)}")
+    return 1 if found.on_bound or found.unseen else 0
+
+
+def _liners(options: argparse.Namespace, planes: list[Any]) -> list[Any]:
+    """The liner of each plane, one object by name."""
+    from torchliner.liners.catalogue import load_liner
+
+    names = [
+        options.liner or liner_name(plane, path)
+        for plane, path in zip(planes, options.planes, strict=True)
+    ]
+    if options.output is not None and len(set(names)) > 1:
+        raise ValueError(f"-o writes one liner; the planes name {', '.join(sorted(set(names)))}")
+    made = {name: load_liner(name) for name in names}
+    return [made[name] for name in names]
+
+
+def _references(texts: list[str]) -> Any:
+    try:
+        return [complex(text) for text in texts]
+    except ValueError:
+        if len(texts) > 1:
+            raise ValueError(
+                f"--reference {' '.join(texts)} cannot be read; one name, or numbers such as "
+                "0.168-0.066j"
+            ) from None
+    return texts[0]
+
+
+def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
+    from torchliner.liners.parameters import NUMBERS, expand_names, require_sdof, value_of
+
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, equals, rest = text.partition("=")
+        for each in expand_names([name.strip()]):
+            if equals:
+                try:
+                    low, high = (float(part) for part in rest.split(":"))
+                except ValueError:
+                    raise ValueError(
+                        f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units"
+                    ) from None
+            else:
+                value = value_of(require_sdof(liner), each)
+                reach = AROUND if each.startswith("offset_") else AROUND * value
+                low, high = value - reach, min(value + reach, NUMBERS[each].high)
+            if each in found:
+                raise ValueError(f"--free names {each} twice")
+            found[each] = (low, high)
+    return found
+
+
+def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
+    from torchliner.io.hdf5 import written_whole
+    from torchliner.liners.catalogue import liner_text
+
+    fitted = ", ".join(
+        f"{name} = {value:.6g} +- {spread:.2g}"
+        for name, value, spread in zip(
+            found.parameters, found.values.tolist(), found.standard.tolist(), strict=True
+        )
+    )
+    source = (
+        f"{before.name} calibrated by torchliner: {fitted}; fitted to "
+        + ", ".join(path.name for path in options.planes)
+        + f" (reference {' '.join(options.reference)}), {found.order}, uncertainty from the "
+        + found.scaling
+    )
+    if found.on_bound:
+        source += f"; on a bound: {', '.join(found.on_bound)}"
+    text = liner_text(found.liner.replace(name=f"{before.name} calibrated"), source)
+    with written_whole(options.output) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _summary(found: Any, rows: list[Any]) -> dict[str, Any]:
+    from torchliner.report.calibration import parameter_rows
+
+    return {
+        "parameters": parameter_rows(found),
+        "correlation": found.correlation.tolist(),
+        "singular_values": found.singular_values.tolist(),
+        "unseen": [list(group) for group in found.unseen],
+        "sum_of_squares": found.chi_square,
+        "degrees_of_freedom": found.degrees_of_freedom,
+        "scaling": found.scaling,
+        "order": found.order,
+        "reference": [complex(z) for z in found.wanted],
+        "fitted": [complex(z) for z in found.found],
+        "predictions": [vars(row) for row in rows],
+        "notes": list(found.notes),
+    }

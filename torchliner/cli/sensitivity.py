@@ -1,0 +1,110 @@
+"""torchliner sensitivity."""
+
+from __future__ import annotations
+
+import argparse
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from torchliner.cli.options import (
+    RULES,
+    add_output_options,
+    add_rules,
+    frequencies,
+    liner_name,
+    print_json,
+    progress_bar,
+    refuse_inputs,
+    split_pair,
+    warnings_on_stderr,
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("plane", type=Path, help="plane file")
+    parser.add_argument("--liner", help="preset name or .toml; default: named in the file")
+    parser.add_argument("--frequency", nargs="+", type=frequencies, metavar="HZ")
+    parser.add_argument("--parameters", nargs="+", metavar="NAME", help="default: all")
+    parser.add_argument(
+        "--tolerance", action="append", default=[], metavar="NAME=VALUE",
+        help='half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %%", '
+        'temperature="1 K"; without any: the change of Z for 1 %% of each parameter',
+    )  # fmt: skip
+    parser.add_argument(
+        "--limits", choices=["rectangular", "standard"], default="rectangular",
+        help="what a half-width is: limits of equally likely values (u = half-width/sqrt 3, "
+        "default), or the standard uncertainty",
+    )  # fmt: skip
+    parser.add_argument(
+        "--correlation", action="append", default=[], metavar="NAME,NAME=VALUE",
+        help="of two parameters, -1 to 1",
+    )  # fmt: skip
+    parser.add_argument("--phase", choices=["averaged", "self-consistent"])
+    add_rules(parser)
+    parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
+    parser.add_argument("--figure", type=Path, help="bars of the contributions, first frequency")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the sensitivities, or the budget of the tolerances."""
+    from torchliner.eduction.sensitivity import sensitivities
+    from torchliner.io.plane_file import read_plane
+    from torchliner.liners.catalogue import load_liner
+    from torchliner.report.numbers import write_rows
+    from torchliner.report.sensitivities import (
+        budget_rows,
+        draw_contributions,
+        format_budget,
+        format_sensitivities,
+        sensitivity_rows,
+    )
+
+    refuse_inputs([options.output, options.figure], [options.plane, options.liner])
+    tolerances = dict(split_pair(text, "--tolerance") for text in options.tolerance)
+    correlation = _correlation(options.correlation)
+    chosen = {key: getattr(options, key) for key in RULES if getattr(options, key) is not None}
+    wanted = None if options.frequency is None else list(chain(*options.frequency))
+    with warnings_on_stderr(options.quiet):
+        plane = read_plane(options.plane, lazy=True)
+        liner: Any = load_liner(options.liner or liner_name(plane, options.plane))
+        names = options.parameters or (list(tolerances) or None)
+        with progress_bar(2 * plane.samples, options.plane.name, options.quiet) as step:
+            found = sensitivities(plane, liner, wanted, names, progress=step, **chosen)
+    frequency, order = found.found.frequency.tolist(), options.order
+    if tolerances:
+        budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
+        rows = budget_rows(budget, frequency, order)
+        text = format_budget(budget, found, order, rows)
+        said = f"tolerances are {options.limits}"
+    else:
+        rows = sensitivity_rows(found, order)
+        text, said = format_sensitivities(rows), "p in the unit shown"
+    if options.output is not None:
+        write_rows(rows, options.output)
+    if options.figure is not None:
+        first = [row for row in rows if row["frequency"] == frequency[0]]
+        title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
+        title += f"; {said}" if tolerances else ""
+        draw_contributions(first, title, options.figure)
+    if options.json:
+        print_json({"order": order, "limits": options.limits if tolerances else None, "rows": rows,
+                    "notes": list(found.found.notes)})  # fmt: skip
+        return 0
+    print(text)
+    print(f"Z by rho c, averaging: {order}; {said}; first order, interpolation error of a "
+          f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
+    return 0
+
+
+def _correlation(texts: list[str]) -> dict[tuple[str, str], float]:
+    found = {}
+    for text in texts:
+        names, value = split_pair(text, "--correlation")
+        first, comma, second = names.partition(",")
+        if not comma:
+            raise ValueError(f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE")
+        found[first.strip(), second.strip()] = float(value)
+    return found

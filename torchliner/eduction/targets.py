@@ -1,0 +1,125 @@
+"""What a calibration is held to: references, their noise, bounds, priors; checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_choice
+from torchliner.liners.parameters import GROUPS, NUMBERS, expand_names
+from torchliner.records import VelocityPlane
+
+
+def bounds_of(
+    parameters: Mapping[str, tuple[float, float]],
+) -> tuple[tuple[str, ...], Tensor, Tensor]:
+    """Names and bounds, SI.
+
+    Raises:
+        ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
+    """
+    names = expand_names(parameters)
+    if not names:
+        raise ValueError("no parameter is free; name at least one with its bounds")
+    given = {each: pair for name, pair in parameters.items() for each in GROUPS.get(name, (name,))}
+    for name in names:
+        low, high = given[name]
+        number = NUMBERS[name]
+        unit = "" if number.unit == "1" else f" {number.unit}"
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise ValueError(
+                f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the "
+                "lower first"
+            )
+        if low < number.low or (low == number.low == 0) or high > number.high:
+            raise ValueError(
+                f"bounds of {name} are {low:g} to {high:g}{unit}; it is above {number.low:g} and "
+                f"at most {number.high:g}{unit}"
+            )
+    pairs = torch.tensor([given[name] for name in names], dtype=torch.float64)
+    return names, pairs[:, 0], pairs[:, 1]
+
+
+def references_of(
+    planes: Sequence[VelocityPlane], references: Any, counts: Sequence[int]
+) -> Tensor:
+    """Reference impedances of all planes, (D,).
+
+    Args:
+        planes: as given.
+        references: a name, or values by plane.
+        counts: frequencies of each plane.
+    """
+    if isinstance(references, str):
+        values: list[Any] = []
+        for plane in planes:
+            if references not in plane.reference:
+                there = ", ".join(plane.reference) or "none"
+                raise ValueError(
+                    f"{plane.name} holds no reference {references!r} (it holds: {there}); give the "
+                    "values"
+                )
+            values.append(plane.reference[references])
+    elif references is None:
+        raise ValueError("no reference is given; name one of the planes' or give values")
+    else:
+        values = [references] if isinstance(references, (int, float, complex)) else list(references)
+    if len(values) != len(planes):
+        raise ValueError(f"{len(values)} references for {len(planes)} planes; one each")
+    found = []
+    for plane, value, count in zip(planes, values, counts, strict=True):
+        each = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
+        if len(each) != count:
+            raise ValueError(
+                f"{plane.name} has {count} frequencies and {len(each)} reference impedances; one "
+                "each"
+            )
+        if not bool(torch.isfinite(each.abs()).all()):
+            raise ValueError(f"{plane.name}: a reference impedance is not finite")
+        found.append(each)
+    return torch.cat(found)
+
+
+def noise_of(noise: Any, counts: Sequence[int]) -> Tensor:
+    """u(R) + j u(X) of every reference, (D,); 1 + 1j where it is unknown."""
+    if noise is None:
+        return torch.full((sum(counts),), 1 + 1j, dtype=torch.complex128)
+    given = [noise] if isinstance(noise, (int, float, complex)) else list(noise)
+    if len(given) == 1:
+        given = given * len(counts)
+    if len(given) != len(counts):
+        raise ValueError(
+            f"noise has {len(given)} values for {len(counts)} planes; one, or one each"
+        )
+    rows = []
+    for value, count in zip(given, counts, strict=True):
+        each = complex(value) if isinstance(value, complex) else complex(value, value)
+        if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
+            raise ValueError(
+                f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 "
+                "(None if unknown)"
+            )
+        rows += [each] * count
+    return torch.tensor(rows, dtype=torch.complex128)
+
+
+def prior_of(
+    prior: Mapping[str, tuple[float, float]] | None, names: tuple[str, ...], noise_is_known: bool
+) -> dict[str, tuple[float, float]]:
+    """Priors by parameter: mean and standard deviation, SI."""
+    if not prior:
+        return {}
+    if not noise_is_known:
+        raise ValueError("a prior weighs against data of known uncertainty; state noise too")
+    for name, (mean, spread) in prior.items():
+        require_choice("parameter of a prior", name, names)
+        if not (math.isfinite(mean) and 0 < spread < math.inf):
+            raise ValueError(
+                f"prior of {name} is {mean:g} +- {spread:g}; a mean and a standard deviation above "
+                "0 are needed"
+            )
+    return dict(prior)
