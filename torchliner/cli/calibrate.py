@@ -6,10 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from torchliner.cli.choice_options import add_choice_options, add_order_option, chosen_from
 from torchliner.cli.options import (
-    RULES,
     add_output_options,
-    add_rules,
     liner_name,
     print_json,
     refuse_inputs,
@@ -17,6 +16,8 @@ from torchliner.cli.options import (
 )
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
+
+CHOICES = ("drive", "mean", "edge", "kernel")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "of the references, by rho c; default: from the residual")  # fmt: skip
     parser.add_argument("--predict", nargs="+", type=Path, default=[], metavar="PLANE",
                         help="planes to predict with the spread of the fit")  # fmt: skip
-    add_rules(parser)
+    add_order_option(parser, "velocity first")
+    add_choice_options(parser, CHOICES)
     parser.add_argument("--draws", type=int, default=2000, help="of the posterior")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, help="the calibrated liner as TOML")
@@ -56,14 +58,13 @@ def run(options: argparse.Namespace) -> int:
     )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
-    chosen = {key: getattr(options, key, None) for key in RULES if getattr(options, key, None)}
     with warnings_on_stderr(options.quiet):
         planes = [read_plane(path, lazy=True) for path in options.planes]
         liners = _liners(options, planes)
         found = calibrate(
             planes, liners, _references(options.reference), _bounds(options.free, liners[0]),
             order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
-            **chosen,
+            **chosen_from(options),
         )  # fmt: skip
         noise = options.noise or 0.0
         rows = [

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchliner.cli.choice_options import CHOICES, add_choice_options, chosen_from
 from torchliner.cli.options import (
     add_output_options,
     frequencies,
@@ -18,38 +19,6 @@ from torchliner.cli.options import (
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
-
-CHOICES = [
-    "engine",
-    "phase",
-    "edge",
-    "window",
-    "drive",
-    "mean",
-    "kernel",
-    "response",
-    "levels",
-    "spacing",
-    "interpolation",
-    "velocity_max",
-    "pre_roll",
-    "running_window",
-    "minimum_coherence",
-    "missing",
-    "allow_short",
-    "device",
-    "dtype",
-    "band",
-    "memory",
-    "compile",
-    "rank_tolerance",
-    "segment",
-    "interval",
-    "draws",
-    "seed",
-    "resample",
-    "wall_filter",
-]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,49 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
     parser.add_argument("--in-situ", type=Path, metavar="FILE", help="pressure record of the same "
                         "case: its in situ impedance stands in map, table and figures")  # fmt: skip
-    parser.add_argument("--engine", choices=["auto", "spectral", "unfold", "direct"])
     parser.add_argument("--incident", metavar="SIGNAL", help="instead of tones: tones:500,900, "
                         "sweep:300:6000:logarithmic, noise:300:6000:SEED, or a .wav or .npy file"
                         )  # fmt: skip
     parser.add_argument("--incident-rate", type=float, metavar="HZ", help="of a .npy file")
-    parser.add_argument("--segment", type=float, metavar="S", help="of --incident's estimate")
     parser.add_argument("--reflected", type=Path, metavar="FILE", help="write the reflected signal "
                         "of every probe (netCDF-4)")  # fmt: skip
-    parser.add_argument("--phase", choices=["averaged", "self-consistent", "given"])
     parser.add_argument("--reference-phase", type=float, metavar="RAD", help="for --phase given: "
                         "x(t) = cos(2 pi f t + RAD)")  # fmt: skip
-    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
-    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
-    parser.add_argument("--kernel", choices=["two-sided", "causal"])
-    parser.add_argument("--response", choices=["model", "kernel"])
-    parser.add_argument("--edge", choices=["auto", "finite", "wrap", "silent"])
-    parser.add_argument("--window", help="window of scipy, e.g. hann, boxcar, kaiser,8")
-    parser.add_argument("--band", nargs=2, type=float, metavar="HZ", help="band of the kernel")
-    parser.add_argument("--levels", type=int, help="velocity levels of the tables")
-    parser.add_argument("--spacing", choices=["sqrt", "uniform"])
-    parser.add_argument("--interpolation", choices=["cubic", "linear"])
-    parser.add_argument("--velocity-max", type=float, metavar="M/S", help="top of the levels")
-    parser.add_argument("--pre-roll", type=float, metavar="S", help="start that only emits")
-    parser.add_argument("--running-window", type=float, metavar="S", help="of --drive running-rms")
-    parser.add_argument("--minimum-coherence", type=float, help="for --phase self-consistent")
-    parser.add_argument("--wall-filter", type=float, metavar="C", help="squared coherence with the "
-                        "tone below which a probe counts as wall in averages")  # fmt: skip
-    parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
-    parser.add_argument("--allow-short", action="store_true", default=None,
-                        help="accept fewer than four periods")  # fmt: skip
-    parser.add_argument("--interval", type=float, metavar="LEVEL", help="of the error bars, 0 to "
-                        "1; default 0.95")  # fmt: skip
     parser.add_argument("--no-intervals", action="store_true", help="no error bars")
-    parser.add_argument("--draws", type=int, help="of the moving-block bootstrap; default 999")
-    parser.add_argument("--seed", type=int, help="of the bootstrap; default 0")
-    parser.add_argument("--resample", choices=["time", "time-span", "time-cells"],
-                        help="what is resampled for the whole liner")  # fmt: skip
-    parser.add_argument("--device", help="cpu, cuda, cuda:1")
-    parser.add_argument("--dtype", choices=["float32", "float64"])
-    parser.add_argument("--memory", metavar="SIZE", help="for slabs and work, e.g. 500MB, 2GB")
-    parser.add_argument("--compile", choices=["auto", "never", "always"], help="fuse inner loops")
-    parser.add_argument("--rank-tolerance", type=float, metavar="R", help="error in R allowed to "
-                        "the low-rank kernels of --engine unfold")  # fmt: skip
+    add_choice_options(parser, list(CHOICES))
     add_output_options(parser)
 
 
@@ -118,11 +54,9 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.summary import format_maps, plain_map
 
-    chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
+    chosen = chosen_from(options)
     if options.no_intervals:
         chosen["interval"] = None
-    if "band" in chosen:
-        chosen["band"] = tuple(chosen["band"])
     outputs = _outputs(options.output, options.planes)
     _check_targets(options, outputs)
     incident = _incident(options)

@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchliner.cli.choice_options import NO_GIVEN_PHASE, add_choice_options, chosen_from
 from torchliner.cli.options import (
     add_output_options,
     liner_name,
     print_json,
     progress_bar,
+    refuse_inputs,
     warnings_on_stderr,
 )
 
@@ -35,18 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "heights (default 0.05)")  # fmt: skip
     parser.add_argument("--limits", nargs=3, type=float, metavar=("IMPRINT", "ORDERS", "CHANGE"),
                         help="a height must keep to (default 0.1 0.1 0.1)")  # fmt: skip
-    parser.add_argument("--phase", choices=["averaged", "self-consistent"])
-    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
-    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
-    parser.add_argument("--edge", choices=["auto", "finite", "wrap", "silent"])
-    parser.add_argument("--wall-filter", type=float, metavar="C", help="squared coherence below "
-                        "which a probe counts as wall in averages over probes")  # fmt: skip
-    parser.add_argument("--missing", choices=["refuse", "exclude"], help="probes with nan or inf")
-    parser.add_argument("--allow-short", action="store_true", default=None,
-                        help="accept fewer than four periods")  # fmt: skip
-    parser.add_argument("--memory", metavar="SIZE", help="for slabs and work, e.g. 500MB")
     parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw pictures there")
+    add_choice_options(parser, CHOICES, phase=NO_GIVEN_PHASE)
     add_output_options(parser)
 
 
@@ -59,11 +52,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.height import write_rows
 
-    inputs = {path.resolve() for path in options.planes}
-    if options.liner is not None:
-        inputs.add(Path(options.liner).resolve())
-    if options.output is not None and options.output.resolve() in inputs:
-        raise ValueError(f"the output {options.output} is an input; name another file")
+    refuse_inputs([options.output], [*options.planes, options.liner])
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = [read_plane(path, lazy=True) for path in options.planes]
@@ -73,7 +62,6 @@ def run(options: argparse.Namespace) -> int:
             f"the planes name different liners, {', '.join(sorted(set(names)))}; choose one with "
             "--liner, or give the heights of one case"
         )
-    chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
     with (
@@ -82,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     ):
         study = study_heights(
             planes, load_liner(names[0]), options.frequency, lengths=lengths, cell_pitch=pitch,
-            flow=flow, progress=step, **chosen,
+            flow=flow, progress=step, **chosen_from(options),
         )  # fmt: skip
     found = recommend_height(study, limits)
     if options.output is not None:

@@ -17,25 +17,10 @@ if TYPE_CHECKING:
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 
 
-RULES = ("phase", "drive", "mean", "edge", "kernel")
-
-
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """--json and --quiet."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no warnings")
-
-
-def add_rules(parser: argparse.ArgumentParser) -> None:
-    """What ``educe`` leaves open, for commands that replay tones."""
-    parser.add_argument("--drive", choices=["instantaneous", "rms", "running-rms"])
-    parser.add_argument("--mean", choices=["kept", "removed"], help="time-mean of v in the drive")
-    parser.add_argument("--edge", choices=["finite", "wrap", "silent"])
-    parser.add_argument("--kernel", choices=["two-sided", "causal"])
-    parser.add_argument(
-        "--order", choices=["probes first", "velocity first"], default="velocity first",
-        help="of averaging: the admittance over probes, or the velocity (default)",
-    )  # fmt: skip
 
 
 def split_pair(text: str, option: str) -> tuple[str, str]:

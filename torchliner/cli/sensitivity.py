@@ -7,10 +7,14 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from torchliner.cli.choice_options import (
+    NO_GIVEN_PHASE,
+    add_choice_options,
+    add_order_option,
+    chosen_from,
+)
 from torchliner.cli.options import (
-    RULES,
     add_output_options,
-    add_rules,
     frequencies,
     liner_name,
     print_json,
@@ -19,6 +23,8 @@ from torchliner.cli.options import (
     split_pair,
     warnings_on_stderr,
 )
+
+CHOICES = ("phase", "drive", "mean", "edge", "kernel")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--correlation", action="append", default=[], metavar="NAME,NAME=VALUE",
         help="of two parameters, -1 to 1",
     )  # fmt: skip
-    parser.add_argument("--phase", choices=["averaged", "self-consistent"])
-    add_rules(parser)
+    add_order_option(parser, "velocity first")
+    add_choice_options(parser, CHOICES, phase=NO_GIVEN_PHASE)
     parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
     parser.add_argument("--figure", type=Path, help="bars of the contributions, first frequency")
     add_output_options(parser)
@@ -65,14 +71,15 @@ def run(options: argparse.Namespace) -> int:
     refuse_inputs([options.output, options.figure], [options.plane, options.liner])
     tolerances = dict(split_pair(text, "--tolerance") for text in options.tolerance)
     correlation = _correlation(options.correlation)
-    chosen = {key: getattr(options, key) for key in RULES if getattr(options, key) is not None}
     wanted = None if options.frequency is None else list(chain(*options.frequency))
     with warnings_on_stderr(options.quiet):
         plane = read_plane(options.plane, lazy=True)
         liner: Any = load_liner(options.liner or liner_name(plane, options.plane))
         names = options.parameters or (list(tolerances) or None)
         with progress_bar(2 * plane.samples, options.plane.name, options.quiet) as step:
-            found = sensitivities(plane, liner, wanted, names, progress=step, **chosen)
+            found = sensitivities(
+                plane, liner, wanted, names, progress=step, **chosen_from(options)
+            )
     frequency, order = found.found.frequency.tolist(), options.order
     if tolerances:
         budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
