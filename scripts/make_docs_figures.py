@@ -56,6 +56,10 @@ def main() -> None:
         planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
         study = study_heights(planes, load_liner(planes[0].liner))
         draw(study, FIGURES / f"{name}.png")
+    for case, heights in (("slit_n130", ("2.5", "1.0")), ("orifice_o145", ("2.5", "1.0", "0.5"))):
+        names = [str(DATA / f"{case}_y{height}mm.h5") for height in heights]
+        picture = FIGURES / f"audit_{case.split('_')[1]}.png"
+        torchliner(["audit", *names, "--quiet", "--figure", str(picture)])
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     highest = calibrate_resolved.HIGHEST

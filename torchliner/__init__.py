@@ -28,6 +28,7 @@ _HOMES = {
     "educe": "torchliner.eduction.velocity",
     "in_situ": "torchliner.eduction.in_situ",
     "decompose_waves": "torchliner.eduction.wave_decomposition",
+    "audit": "torchliner.eduction.audit",
     "sensitivities": "torchliner.eduction.sensitivity",
     "calibrate": "torchliner.eduction.calibration",
     "Tones": "torchliner.replay.waves",
