@@ -2,9 +2,10 @@
 
     python scripts/coverage.py [--trials 2000] [--csv FILE]
 
-Every probe is a trial: Gaussian velocity of 3 m/s rms, whose E[R] follows from quadrature, so that
-the truth is Z(E[R]) of the liner `onera` at 1400 Hz. Spectra: low-passed at 1 kHz, and two of
-exponential correlation (0.4 and 1.5 ms). A row of 2000 trials has a standard error of 0.5 %.
+Every probe (or cell of probes) is a trial: Gaussian velocity of 3 m/s rms, whose E[R] follows from
+quadrature, so that the truth is Z(E[R]) of the liner `onera` at 1400 Hz. Spectra: low-passed at
+1 kHz, and two of exponential correlation (0.4 and 1.5 ms). A row of 2000 trials has a standard
+error of 0.5 %.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ import torchliner as tl
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
-PROBES = 500  # of one seed
+TRIALS = 500  # of one seed
+IN_A_CELL, PITCH = 16, 12.44e-3  # probes; m, of the liner
 FASTEST = 10 * RMS  # 10 standard deviations: no record exceeds it
 
 
@@ -70,22 +72,42 @@ def true_impedance(liner: tl.SDoFLiner) -> complex:
     return complex(tl.impedance_from_reflection(mean))
 
 
-def coverage(spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner) -> dict[str, float]:
-    """Share of probes (%) whose interval holds the truth, and the median width."""
+def plane_of_probes(spectrum: str, count: int, samples: int, seed: int) -> tl.VelocityPlane:
+    """Independent probes."""
+    return tl.VelocityPlane(velocity(SPECTRA[spectrum], count, samples, seed), sampling_rate=RATE)
+
+
+def plane_of_cells(spectrum: str, count: int, samples: int, seed: int) -> tl.VelocityPlane:
+    """Cells of 16 probes that share half of their energy."""
+    shared = velocity(SPECTRA[spectrum], count, samples, seed).repeat_interleave(IN_A_CELL, 0)
+    own = velocity(SPECTRA[spectrum], count * IN_A_CELL, samples, seed + 500_000)
+    x = (np.arange(len(own)) + 0.5) * PITCH / IN_A_CELL
+    return tl.VelocityPlane((shared + own) / math.sqrt(2), sampling_rate=RATE, x=x)
+
+
+def coverage(
+    spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner, *, of: str = "probe"
+) -> dict[str, float]:
+    """Share of probes or cells (%) whose interval holds the truth, and the median width.
+
+    A cell's mean admittance has the truth of its probes, which are alike in the mean.
+    """
+    make, name = {
+        "probe": (plane_of_probes, "probes"), "cell of 16": (plane_of_cells, "cells"),
+    }[of]  # fmt: skip
     true = true_impedance(liner)
     inside, widths, runs = [], [], []
     samples = round(periods * RATE / FREQUENCY)
-    for seed in range(math.ceil(trials / PROBES)):
-        count = min(PROBES, trials - seed * PROBES)
-        plane = tl.VelocityPlane(
-            velocity(SPECTRA[spectrum], count, samples, 1000 * seed + periods), sampling_rate=RATE
-        )
+    for seed in range(math.ceil(trials / TRIALS)):
+        count = min(TRIALS, trials - seed * TRIALS)
+        plane = make(spectrum, count, samples, 1000 * seed + periods)
         found = tl.educe(plane, liner, FREQUENCY, velocity_max=FASTEST).uncertainty
-        low, high = found.probes.low[:, 0].numpy(), found.probes.high[:, 0].numpy()
+        interval = getattr(found, name)
+        low, high = interval.low[:, 0].numpy(), interval.high[:, 0].numpy()
         for part in (np.real, np.imag):
             inside.append((part(low) <= part(true)) & (part(true) <= part(high)))
             widths.append(part(high) - part(low))
-        runs.append(found.probes.runs.numpy())
+        runs.append(interval.runs.numpy())
     return {
         "R inside (%)": 100 * float(np.mean(np.concatenate(inside[0::2]))),
         "X inside (%)": 100 * float(np.mean(np.concatenate(inside[1::2]))),
@@ -98,11 +120,12 @@ def coverage(spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner) -> d
 def rows(trials: int) -> Iterator[dict[str, object]]:
     liner = tl.load_liner("onera")
     assert isinstance(liner, tl.SDoFLiner)
-    for spectrum in SPECTRA:
-        for record, periods in RECORDS.items():
-            yield {"spectrum": spectrum, "record": record, "trials": trials} | coverage(
-                spectrum, periods, trials, liner
-            )
+    cases = [("probe", spectrum, record) for spectrum in SPECTRA for record in RECORDS]
+    cases += [("cell of 16", "1 kHz noise", record) for record in list(RECORDS)[:2]]
+    for of, spectrum, record in cases:
+        yield {"of": of, "spectrum": spectrum, "record": record, "trials": trials} | coverage(
+            spectrum, RECORDS[record], trials, liner, of=of
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

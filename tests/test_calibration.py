@@ -331,7 +331,7 @@ def test_command_fits_predicts_and_writes(capsys, tmp_path):
     (row,) = found["predictions"]
     assert row["misses"]["reactance"] > 10
     assert picture.stat().st_size > 10_000
-    # From the first run of this module: what n115 and n130 say, and miss.
+    # Frozen with version 0.1: what n115 and n130 say, and miss.
     assert values["vena_contracta"] == pytest.approx(0.8064, abs=2e-4)
     assert row["after"]["resistance"] == pytest.approx(0.557, abs=2e-3)
 

@@ -231,7 +231,7 @@ def test_truth_without_flow(case):
     ("case", "error"), [("n115", 0.043), ("n130", 0.030), ("o115", 0.009), ("o145", 0.011)]
 )
 def test_what_the_admittance_over_points_costs(case, error):
-    """docs/in_situ.md, measured 2026: the slit is above 0.02, since p_f drops steeply there."""
+    """The table of docs/in_situ.md: the slit is above 0.02, since p_f drops steeply there."""
     record = file_of(case)
     found = complex(tl.in_situ(record).liner_impedance[0])
     assert abs(found - record.reference["true"]) == pytest.approx(error, abs=1e-3)

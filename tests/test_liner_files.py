@@ -37,7 +37,7 @@ def test_presets_load_and_absorb(name):
     assert bool((reflection.abs() < 1).all())
 
 
-# Frozen: PHYSICS.md section 2; X = 0 with air above, Hz. The paper says about 1450 and 1400.
+# Frozen, computed independently: X = 0 with air above, Hz. The paper says about 1450 and 1400.
 @pytest.mark.parametrize(
     ("name", "changes", "resonance"),
     [

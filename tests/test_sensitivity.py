@@ -295,7 +295,7 @@ def test_command_refuses(capsys, words, message):
 
 
 def test_numbers_of_the_slit():
-    """n130 at 2.5 mm, per 1 %, velocity first; from the first run of this module."""
+    """n130 at 2.5 mm, per 1 %, velocity first; frozen with version 0.1."""
     found = tl.sensitivities(tl.read_plane(SLIT), tl.load_liner("lbm_slit"), None,
                              ["porosity", "cavity_depth", "vena_contracta"])  # fmt: skip
     wanted = torch.tensor([-0.003099 - 0.004575j, 0.0000395 + 0.017745j, -0.001677 - 0.0000667j])

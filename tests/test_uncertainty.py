@@ -150,6 +150,7 @@ def test_runs_grow_with_the_integral_scale():
     assert run_lengths(torch.zeros(16, 2)).tolist() == [2, 2]
     assert common_run_length(white) <= 3
     assert common_run_length(series) == pytest.approx(wanted, abs=3)
+    assert [common_run_length(series[5:6].expand(n, 5)) for n in (1, 2, 5, 12)] == [1, 2, 5, 12]
 
 
 def test_student_factor_against_a_table():
@@ -208,13 +209,41 @@ def test_interval_holds_its_value(noisy, liner, drive):
             assert (width < 7).all()
 
 
-def test_averages_of_copies_are_known_as_well_as_one(liner):
-    """Probes that all see the same eddies are one observation, not many."""
-    velocity = turbulence((1, 100 * 30)).expand(5, -1).clone()
-    found = tl.educe(plane_of(velocity), liner).uncertainty
-    one = float((found.probes.high - found.probes.low)[0, 0].real)
-    many = float((found.liner.high - found.liner.low)[0].real)
-    assert many == pytest.approx(one, rel=0.15)  # first order in Y here, exact in R there
+@pytest.mark.parametrize("resample", ["time", "time-span"])
+@pytest.mark.parametrize("rows", [2, 4, 12])
+def test_averages_of_copies_are_known_as_well_as_one(liner, rows, resample):
+    """Probes that all see the same eddies are one observation, along z too, and have no bias."""
+    velocity = turbulence((1, 100 * 30)).expand(rows, 2, -1).clone()
+    plane = plane_of(velocity, z=[0.02 * i for i in range(rows)], x=[0.0, 1e-3])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        found = tl.educe(plane, liner, resample=resample).uncertainty
+    for name in ("liner", "along_x", "cells"):
+        interval = getattr(found, name)
+        first = [value.reshape(-1)[0] for value in vars(interval).values()]
+        one = [value.reshape(-1)[0] for value in vars(found.probes).values()]
+        assert all(abs(a - b) < 1e-9 for a, b in zip(first, one, strict=True)), name
+    assert found.settings["resampled"] == "time"
+
+
+def test_mean_of_admittances_of_short_records_is_biased(liner):
+    """Y is not linear in R: its mean over many short records is off the same way for all."""
+    records = turbulence((1, 400 * 16 * 30)).reshape(400, 16 * 30)
+    choices = {"velocity_max": 20.0, "edge": "wrap", "window": "boxcar"}
+    found = tl.educe(plane_of(records), liner, **choices)
+    wanted = tl.educe(plane_of(records.reshape(1, -1)), liner, **choices)
+    truth = complex(wanted.impedance[0, 0])
+    off = complex(found.liner_impedance[0]) - truth
+    interval = found.uncertainty.liner
+    assert abs(complex(interval.bias[0]) - off) < 0.25 * abs(off)
+    low, high, error = (
+        complex(z[0]) for z in (interval.low, interval.high, interval.standard_error)
+    )
+    assert low.real < truth.real < high.real
+    assert low.imag < truth.imag < high.imag
+    assert abs(off.imag) > 1.5 * error.imag
+    assert found.uncertainty.probes.bias.abs().max() == 0
+    assert any("off by about" in note for note in found.notes)
 
 
 def test_averages_of_independent_probes_are_known_better(liner):
@@ -302,13 +331,15 @@ def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     assert ((ends[1] - ends[0]) / (2 * step) - found).abs().max() < 1e-7
 
 
-@pytest.mark.parametrize(("spectrum", "periods"), [("1 kHz noise", 100), ("1 kHz noise", 16)])
-def test_coverage(spectrum, periods):
+@pytest.mark.parametrize("of", ["probe", "cell of 16"])
+@pytest.mark.parametrize("periods", [100, 16])
+def test_coverage(of, periods):
     """Intervals of 95 % hold the truth Z(E[R]) in 93 to 97 % of 1000 trials."""
     script = load_script("coverage")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tl.DataWarning)
-        row = script.coverage(spectrum, periods, 1000, tl.load_liner("onera"))
+        liner = tl.load_liner("onera")
+        row = script.coverage("1 kHz noise", periods, 1000, liner, of=of)
     assert 93 <= row["R inside (%)"] <= 97
     assert 93 <= row["X inside (%)"] <= 97
 
@@ -371,6 +402,7 @@ def test_excluded_probes_have_no_interval(noisy, liner):
 def test_span_and_cells_are_resampled(liner):
     """Independent rows: the tiles' interval is as wide as that over time, on more runs."""
     plane = plane_of(turbulence((8, 4, 40 * 30)), z=[1e-3 * i for i in range(8)], x=[0, 1, 2, 3])
+    liner = liner.replace(cell_pitch=None)  # rows of probes within a cell would not be alike
     time = tl.educe(plane, liner).uncertainty
     span = tl.educe(plane, liner, resample="time-span").uncertainty
     assert float(span.liner.runs[0]) > 3 * float(time.liner.runs[0])
@@ -397,7 +429,9 @@ def test_fewer_than_eight_blocks_are_said(liner):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert tl.educe(plane, liner, interval=None).uncertainty is None
-    with pytest.warns(tl.DataWarning, match=r"rest on 5 independent blocks, fewer than 8.* 16 per"):
+    with pytest.warns(
+        tl.DataWarning, match=r"rest on 5 independent blocks, fewer than 8.* about 21 per"
+    ):
         tl.educe(plane, liner, edge="wrap")
 
 

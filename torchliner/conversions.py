@@ -56,6 +56,12 @@ def impedance_from_admittance(admittance: Tensor) -> Tensor:
     return torch.where(rigid, torch.full_like(found, torch.inf), found)
 
 
+def reflection_from_admittance(admittance: Tensor) -> Tensor:
+    """R = (1 - y)/(1 + y), the inverse of ``admittance_from_reflection``."""
+    require_complex("admittance", admittance)
+    return (1 - admittance) / (1 + admittance)
+
+
 def absorption_from_reflection(reflection: Tensor) -> Tensor:
     """Share of the incident power absorbed at normal incidence, 1 - |R|^2."""
     require_complex("reflection", reflection)

@@ -9,7 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection
+from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 
 ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
@@ -60,7 +60,7 @@ class Cells:
         open_there = used[:, None] if wall is None else used[:, None] & ~wall
         clean = torch.where(open_there, admittance_from_reflection(reflection), 0)
         average = self.membership(used.cpu()).T.to(clean) @ clean
-        return (1 - average) / (1 + average)
+        return reflection_from_admittance(average)
 
 
 def sort_into_cells(plane: HasProbes, pitch: float | None) -> Cells:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8
 WHOLE = 0.01  # of a cell, by which probes may miss a whole number of cells
 FEWEST_HEIGHTS = 3  # for a decay law
@@ -62,7 +63,8 @@ def cell_imprint(x: ArrayLike, values: ArrayLike, pitch: float) -> Imprint:
         values: m/s, (N,).
         pitch: L_c, m.
     Raises:
-        ValueError: the probes span no whole cell, or fewer than four of them stand in one.
+        ValueError: the probes span no whole cell, or fewer than four of them stand in one (with
+            several cells more than four are needed, for the waves between the harmonics).
     """
     places, profile = np.asarray(x, np.float64), np.asarray(values, np.float64)
     spacing = float(np.diff(places).mean())
@@ -73,10 +75,10 @@ def cell_imprint(x: ArrayLike, values: ArrayLike, pitch: float) -> Imprint:
             f"{1e3 * pitch:.4g} mm"
         )
     most = math.ceil(pitch / (2 * spacing)) - (1 if cells == 1 else 2)
-    if most < 1:
+    if most < 1 or pitch / spacing < FEWEST_PROBES - 1e-6:
         raise ValueError(
             f"{pitch / spacing:.3g} probes to a cell of {1e3 * pitch:.4g} mm do not resolve it; "
-            "at least four are needed"
+            f"at least {FEWEST_PROBES} are needed, with several cells more than that"
         )
     inside = places - places[0] < cells * pitch - (0.5 - WHOLE) * spacing
     phase, profile = (places[inside] - places[0]) / pitch, profile[inside]

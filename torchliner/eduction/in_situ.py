@@ -12,7 +12,8 @@ Two orders of averaging. v_in is one number per cell, p_f is not: it drops towar
 lowest in its mouth. The admittance averaged over points is v_in <1/p_f>, the plane wave that the
 surface sends back knows v_in/<p_f>: the first is the paper's, the second is the projection on the
 plane mode (the mean over the surface of p and of v), exact for normal incidence. The ratio of the
-two Z is <p_f><1/p_f>: 1 plus, to leading order, the relative variance of p_f.
+two Z is <p_f><1/p_f>: 1 plus, to leading order, <d^2>/<p_f>^2 with d = p_f - <p_f> complex, which
+is below 1 where the pressure over a hole is in quadrature with the mean.
 """
 
 from __future__ import annotations
@@ -139,12 +140,14 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
         ]  # fmt: skip
         cells = Cells(labels, *centres)
     rows = _backplate_rows(record)
+    # A probe that the record puts in no cell has no backplate either.
+    stray = torch.zeros_like(cells.labels) if record.probe_cell is None else cells.labels
     if rows == 1:
-        return cells, torch.zeros(record.probes, dtype=torch.int64)
+        return cells, torch.where(stray < 0, -1, 0)
     if rows == cells.count:
         return cells, cells.labels
     if rows == record.probes:
-        return cells, torch.arange(rows)
+        return cells, torch.where(stray < 0, -1, torch.arange(rows))
     raise ValueError(
         f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells and "
         f"{record.probes} facesheet probes; give one for all, one per cell or one per probe, and "
@@ -196,7 +199,8 @@ def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> d
         "point_impedance": points,
         "cell_impedance": 1 / (member @ admittance),
         "cell_impedance_pressure_first": first(mean_through, mean_face),
-        "liner_impedance": 1 / (1 / points[used]).mean(0),
+        # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
+        "liner_impedance": 1 / (member @ admittance).mean(0),
         "liner_impedance_pressure_first": first(mean_through.mean(1), mean_face.mean(1)),
     }
 

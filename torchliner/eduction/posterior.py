@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-HEAVY = 4.0  # degrees of freedom of the t: tails heavier than the posterior's
+# Degrees of freedom of the t: tails heavier than those of a posterior with stated noise, or with
+# five data more than parameters; the uniform draws cover heavier ones.
+HEAVY = 4.0
 UNIFORM = 0.1  # share of draws from the whole box
 FEWEST_EFFECTIVE = 100.0
 

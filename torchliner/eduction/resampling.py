@@ -1,16 +1,15 @@
-"""Intervals of Z from the deviation of a mean, block by block."""
+"""Intervals of Z from the deviation of R, block by block."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_reflection
 from torchliner.records import Interval
 from torchliner.signals.bootstrap import (
-    common_run_length,
     deviations,
     mean_factor,
     run_lengths,
@@ -20,7 +19,20 @@ from torchliner.signals.bootstrap import (
 
 COLUMNS = 4096  # whose draws are held at once
 
-ToImpedance = Callable[[Tensor], Tensor]
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of resistance (real parts) and reactance, of one shape; see ``records.Interval``."""
+
+    low: Tensor
+    high: Tensor
+    standard_error: Tensor
+    runs: Tensor
+
+    def with_bias(self, bias: Tensor | None = None) -> Interval:
+        """With what they were formed without, in Z; none by default."""
+        off = torch.zeros_like(self.low) if bias is None else bias
+        return Interval(self.low, self.high, self.standard_error, self.runs, off)
 
 
 @dataclass(frozen=True)
@@ -39,63 +51,63 @@ class Resampling:
     draws: int
     seed: int
 
-    def over_time(self, series: Tensor, centre: Tensor, to_impedance: ToImpedance) -> Interval:
+    def over_time(self, series: Tensor, reflection: Tensor) -> Bounds:
         """Runs of blocks of time, each column with the run length that suits it.
 
         Args:
-            series: deviation of each block, complex, (S, ...).
-            centre: what deviates, (...).
-            to_impedance: from it to Z.
+            series: deviation of R in each block, complex, (S, ...).
+            reflection: R, (...).
         """
-        flat, middle = series.flatten(1), centre.flatten()
+        flat, middle = series.flatten(1), reflection.flatten()
         parts = [
-            self._columns(flat[:, low : low + COLUMNS], middle[low : low + COLUMNS], to_impedance)
+            self._columns(flat[:, low : low + COLUMNS], middle[low : low + COLUMNS])
             for low in range(0, len(middle), COLUMNS)
         ]
-        joined = [torch.cat(each).reshape(centre.shape) for each in zip(*parts, strict=True)]
-        return Interval(*joined)
+        joined = (torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True))
+        return Bounds(*joined)
 
-    def _columns(
-        self, series: Tensor, centre: Tensor, to_impedance: ToImpedance
-    ) -> tuple[Tensor, ...]:
-        lengths = run_lengths(series)
-        low, high, error = (torch.empty_like(centre) for _ in range(3))
-        count = len(series)
+    def _columns(self, series: Tensor, reflection: Tensor) -> tuple[Tensor, ...]:
+        lengths, count = run_lengths(series), len(series)
+        low, high, error = (torch.empty_like(reflection) for _ in range(3))
         for length in lengths.unique().tolist():
             mine = lengths == length
             matrix = deviations(self.weights, length, self.draws, self.seed)
             draws = (matrix.to(series) @ series[:, mine]).T * mean_factor(count, length)
             low[mine], high[mine], error[mine] = self._bounds(
-                draws, centre[mine], to_impedance, count / length
+                draws, reflection[mine], count / length
             )
         return low, high, error, count / lengths.to(torch.float64)
 
-    def over_tiles(
-        self, series: Tensor, centre: Tensor, to_impedance: ToImpedance, *, independent: bool
-    ) -> Interval:
+    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Bounds:
         """Tiles of time and of rows that are alike.
 
+        What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
+        more, the tiles' draws are widened to that.
+
         Args:
-            series: deviation of each block and row, (S, G, F).
-            centre: what deviates, (F,).
-            to_impedance: from it to Z.
-            independent: the rows are independent, so that a tile is one row wide.
+            series: deviation of R in each block and row, (S, G, F).
+            reflection: R of the mean over the rows, (F,).
+            wide: rows of a tile.
         """
         count, rows = series.shape[:2]
         long = int(run_lengths(series.mean(1)).max())
-        wide = 1 if independent else common_run_length(series.movedim(1, 0))
         draws = tile_draws(series, self.weights.to(series.device), (long, wide), self.draws,
                            self.seed)  # fmt: skip
         runs = count / long * (rows / wide)
-        bounds = self._bounds(draws.T * mean_factor(count, long), centre, to_impedance, runs)
-        return Interval(*bounds, torch.full(centre.shape, runs, dtype=torch.float64))
+        matrix = deviations(self.weights, long, self.draws, self.seed)
+        together = (matrix.to(series) @ series.mean(1)).abs().square().mean(0)
+        alone = draws.abs().square().mean(0).clamp(min=1e-300)
+        draws = draws * (together / alone).clamp(min=1).sqrt()
+        bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
+        behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
+        return Bounds(*bounds, behind)
 
     def _bounds(
-        self, draws: Tensor, centre: Tensor, to_impedance: ToImpedance, runs: float
+        self, draws: Tensor, reflection: Tensor, runs: float
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Quantiles of Z of widened draws, (N, M), and its standard error: (N,) each."""
         student = student_factor(runs, self.level)
-        values = to_impedance(centre[:, None] + student * draws)
+        values = impedance_from_reflection(reflection[:, None] + student * draws)
         place = (1 - self.level) / 2 * (self.draws - 1)
         below, share = int(place), place - int(place)
         above = self.draws - 1 - below
@@ -107,3 +119,19 @@ class Resampling:
             found.append((low, high, part.std(dim=1) / student))
         low, high, error = (torch.complex(*pair) for pair in zip(*found, strict=True))
         return low, high, error
+
+    def second_moment(self, series: Tensor) -> Tensor:
+        """E of the square of the mean's deviation, not of its modulus: complex, (...).
+
+        Args:
+            series: deviation of each block, complex, (S, ...).
+        """
+        flat = series.flatten(1)
+        lengths, count = run_lengths(flat), len(flat)
+        found = torch.empty_like(flat[0])
+        for length in lengths.unique().tolist():
+            mine = lengths == length
+            matrix = deviations(self.weights, length, self.draws, self.seed)
+            covariance = (matrix.T @ matrix / self.draws * mean_factor(count, length) ** 2).to(flat)
+            found[mine] = (flat[:, mine] * (covariance @ flat[:, mine])).sum(0)
+        return found.reshape(series.shape[1:])

@@ -7,25 +7,28 @@ probes, so that eddies which pass several of them are not counted several times.
 
 What an interval does not cover: how Z differs from place to place (the spread), what the model, the
 phase rule and the other choices do (``torchliner audit``), and a record that is not stationary.
+
+A mean of many probes' admittances is also biased (``groups``): Y is not linear in R, and each
+probe's R scatters over a short record, by an amount that does not fall with the number of probes.
+The bounds are without that bias.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor
 
-from torchliner.conversions import (
-    admittance_from_reflection,
-    impedance_from_admittance,
-    impedance_from_reflection,
-)
+from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.eduction.block_deviations import BlockDeviations
+from torchliner.eduction.groups import Groups, admittance_bias, admittance_slope
 from torchliner.eduction.prepare import Prepared
-from torchliner.eduction.resampling import COLUMNS, Resampling
+from torchliner.eduction.resampling import COLUMNS, Bounds, Resampling
 from torchliner.eduction.walls import find_walls
 from torchliner.records import Interval, Uncertainty
+from torchliner.signals.bootstrap import common_run_length
 
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
@@ -43,41 +46,74 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
     weights = ready.blocks.sums(ready.record.weights(0, plane.samples))
     how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
-    wall, _ = find_walls(ready)
-    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
-    silent = silent if wall is None else silent | wall
-    groups = _groups(ready, reflection, silent)
+    silent = _silent(ready, reflection)
+    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
+    groups = {
+        name: Groups(torch.where(ready.used, labels, -1), count, admittance, ready.blocks.count)
+        for name, (labels, count) in _labels(ready).items()
+    }
     parts = []
     step = max(1, COLUMNS // reflection.shape[1])
     for low in range(0, plane.probes, step):
         part = slice(low, min(low + step, plane.probes))
         series = moved.of(part)
-        parts.append(how.over_time(series, reflection[part], impedance_from_reflection))
-        slope = torch.where(silent[part], 0, admittance_slope(reflection[part]) * series)
-        for group in groups.values():
-            group.add(part, slope)
-    series = moved.of(slice(plane.probes, plane.probes + cells.count))
+        parts.append(how.over_time(series, reflection[part]).with_bias())
+        _add(groups.values(), part, reflection[part], series, how, silent[part])
     averaged = reflection[plane.probes :]
-    first = admittance_from_reflection(averaged).mean(0)
+    series = moved.of(slice(plane.probes, plane.probes + cells.count))
+    first = Groups(
+        torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
+        ready.blocks.count,
+    )  # fmt: skip
+    _add([first], slice(0, cells.count), averaged, series, how)
     return Uncertainty(
         probes=_join(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
-        cells_velocity_first=how.over_time(series, averaged, impedance_from_reflection),
+        cells_velocity_first=how.over_time(series, averaged).with_bias(),
         liner=_of_liner(groups, how, chosen.resample),
-        liner_velocity_first=how.over_time(
-            (admittance_slope(averaged) * series).mean(1), first, impedance_from_admittance
-        ),
+        liner_velocity_first=_only(first.interval(how)),
         settings={
-            "level": how.level, "draws": how.draws, "seed": how.seed, "resample": chosen.resample,
+            "level": how.level, "draws": how.draws, "seed": how.seed,
+            "resampled": _resampled(groups, chosen.resample),
             "blocks": ready.blocks.count, "periods_per_block": ready.blocks.periods,
         },
     )  # fmt: skip
 
 
+def _silent(ready: Prepared, reflection: Tensor) -> Tensor:
+    """Probes that add nothing to a mean admittance, left out or wall, (P, F)."""
+    wall, _ = find_walls(ready)
+    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    return silent if wall is None else silent | wall
+
+
+def _add(
+    groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, how: Resampling,
+    silent: Tensor | None = None,
+) -> None:  # fmt: skip
+    """Some members to all groupings."""
+    slope = admittance_slope(reflection) * series
+    bias = admittance_bias(reflection, how.second_moment(series))
+    if silent is not None:
+        slope, bias = torch.where(silent, 0, slope), torch.where(silent, 0, bias)
+    for group in groups:
+        group.add(part, slope, bias)
+
+
+def _join(parts: list[Interval]) -> Interval:
+    names = vars(parts[0])
+    return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+
+
+def _only(interval: Interval) -> Interval:
+    """Of the one group, (F,)."""
+    return Interval(*(value[0] for value in vars(interval).values()))
+
+
 def review_uncertainty(ready: Prepared, found: Uncertainty) -> list[str]:
-    """Doubts: fewer than eight runs behind the whole liner, nothing to resample along z."""
-    return _few_runs(ready, found) + _one_row(ready)
+    """Doubts about the whole liner: fewer than eight runs, one row to resample, a large bias."""
+    return _few_runs(ready, found) + _one_row(ready, found) + _large_bias(ready, found)
 
 
 def _few_runs(ready: Prepared, found: Uncertainty) -> list[str]:
@@ -88,87 +124,63 @@ def _few_runs(ready: Prepared, found: Uncertainty) -> list[str]:
     periods = found.settings["blocks"] * found.settings["periods_per_block"]
     return [
         f"{ready.plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than "
-        f"{FEWEST_RUNS}; they are rough, and {math.ceil(FEWEST_RUNS / runs * periods)} periods "
+        f"{FEWEST_RUNS}; they are rough, and about {_periods_for_eight(runs, periods)} periods "
         f"instead of {periods} would give {FEWEST_RUNS}"
     ]
 
 
-def _one_row(ready: Prepared) -> list[str]:
+def _periods_for_eight(runs: float, periods: int) -> int:
+    """Runs grow with the length of the record as S^(2/3), since their own length grows too."""
+    return math.ceil((FEWEST_RUNS / runs) ** 1.5 * periods)
+
+
+def _large_bias(ready: Prepared, found: Uncertainty) -> list[str]:
+    notes = []
+    liner = found.liner
+    for f, bias, error in zip(
+        ready.frequency.tolist(), liner.bias.tolist(), liner.standard_error.tolist(), strict=True
+    ):
+        if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
+            notes.append(
+                f"{ready.plane.name}: the mean of the probes' admittances is off by about "
+                f"{bias.real:+.2g}{bias.imag:+.2g}j in Z at {f:g} Hz, more than its standard "
+                "error, because each probe's record is short; the interval is without that bias, "
+                "the value is not"
+            )
+    return notes
+
+
+def _one_row(ready: Prepared, found: Uncertainty) -> list[str]:
     rule = ready.chosen.resample
-    if rule == "time" or int(_rows(ready).max()) > 0:
+    if rule == "time" or found.settings["resampled"] != "time":
         return []
-    kind = "cell" if rule == "time-cells" else "row along z"
-    return [
-        f"{ready.plane.name}: resample {rule!r} finds one {kind}; the intervals are over time alone"
-    ]
+    count = int(_rows(ready).max()) + 1
+    one, many = ("cell", "cells") if rule == "time-cells" else ("row along z", "rows along z")
+    reason = f"finds one {one}" if count == 1 else f"finds {count} {many} that move as one"
+    return [f"{ready.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
 
 
-def admittance_slope(reflection: Tensor) -> Tensor:
-    """dY/dR of Y = (1 - R)/(1 + R)."""
-    return -2 / (1 + reflection) ** 2
-
-
-def _join(parts: list[Interval]) -> Interval:
-    names = vars(parts[0])
-    return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
-
-
-class _Group:
-    """Probes sorted into G groups: their mean admittance, and how it deviates block by block."""
-
-    def __init__(
-        self, labels: Tensor, count: int, used: Tensor, admittance: Tensor, blocks: int
-    ) -> None:
-        """``labels`` 0 to G - 1 or -1 for none, (P,); ``admittance`` (P, F)."""
-        device = admittance.device
-        self.count = count
-        # One group more takes what belongs to none.
-        self.labels = torch.where(used & (labels >= 0), labels, count).to(device)
-        self.sizes = torch.bincount(self.labels, minlength=count + 1)[:count, None].clamp(min=1)
-        shape = (count + 1, admittance.shape[1])
-        total = torch.zeros(shape, dtype=torch.complex128, device=device)
-        self.mean = total.index_add_(0, self.labels, admittance)[:count] / self.sizes
-        self.sums = torch.zeros((blocks, *shape), dtype=torch.complex128, device=device)
-
-    def add(self, part: slice, deviation: Tensor) -> None:
-        """Some of the probes: deviation of the admittance, (S, p, F)."""
-        self.sums.index_add_(1, self.labels[part], deviation)
-
-    @property
-    def series(self) -> Tensor:
-        """Deviation of each group's mean, (S, G, F)."""
-        return self.sums[:, : self.count] / self.sizes
-
-    def interval(self, how: Resampling) -> Interval:
-        """Of each group, (G, F)."""
-        return how.over_time(self.series, self.mean, impedance_from_admittance)
-
-
-def _groups(ready: Prepared, reflection: Tensor, silent: Tensor) -> dict[str, _Group]:
-    """``silent``: probes that add nothing to a mean admittance, left out or wall, (P, F)."""
+def _labels(ready: Prepared) -> dict[str, tuple[Tensor, int]]:
+    """Groups of probes, -1 for none, and how many there are."""
     plane, cells = ready.plane, ready.cells
-    assert ready.blocks is not None
-    blocks = ready.blocks.count
-    used = ready.used
-    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
-    counts = {"liner": 1, "cells": cells.count}
-    labels = {
-        "liner": torch.zeros(plane.probes, dtype=torch.int64),
-        "cells": cells.labels,
+    found = {
+        "liner": (torch.zeros(plane.probes, dtype=torch.int64), 1),
+        "cells": (cells.labels, cells.count),
     }
     if len(plane.probe_shape) == 2:
-        counts["x"] = plane.probe_shape[1]
-        labels["x"] = torch.arange(plane.probes) % counts["x"]
+        columns = plane.probe_shape[1]
+        found["x"] = (torch.arange(plane.probes) % columns, columns)
     if ready.chosen.resample != "time":
-        labels["rows"] = _rows(ready)
-    return {
-        name: _Group(values, counts.get(name, int(values.max()) + 1), used, admittance, blocks)
-        for name, values in labels.items()
-    }
+        rows = _rows(ready)
+        found["rows"] = (rows, int(rows.max()) + 1)
+    return found
 
 
 def _rows(ready: Prepared) -> Tensor:
-    """Groups of probes that are alike: cells, or rows of cells along z, or rows of probes."""
+    """Groups of probes that are alike: cells, rows of cells along z, or, without cells, rows.
+
+    Rows of probes within one cell are not alike: each has its own place over the holes.
+    """
     cells, plane = ready.cells, ready.plane
     if ready.chosen.resample == "time-cells":
         return cells.labels
@@ -176,17 +188,31 @@ def _rows(ready: Prepared) -> Tensor:
     if len(centres) > 1:
         row = torch.searchsorted(centres, cells.z)
         return torch.where(cells.labels >= 0, row[cells.labels.clamp(min=0)], -1)
-    if len(plane.probe_shape) == 2:
+    if len(plane.probe_shape) == 2 and getattr(ready.liner, "cell_pitch", None) is None:
         return torch.arange(plane.probes) // plane.probe_shape[1]
     return torch.zeros(plane.probes, dtype=torch.int64)
 
 
-def _of_liner(groups: dict[str, _Group], how: Resampling, resample: str) -> Interval:
+def _tile_rows(groups: dict[str, Groups], resample: str) -> int:
+    """Rows (cells) that a tile is wide; 0 where tiles gain nothing over blocks of time."""
+    rows = groups.get("rows", groups["liner"])
+    if rows.count == 1:
+        return 0
+    wide = 1 if resample == "time-cells" else common_run_length(rows.series.movedim(1, 0))
+    return 0 if wide == rows.count else wide
+
+
+def _resampled(groups: dict[str, Groups], resample: str) -> str:
+    return resample if _tile_rows(groups, resample) else "time"
+
+
+def _of_liner(groups: dict[str, Groups], how: Resampling, resample: str) -> Interval:
     """(F,): blocks of time, or tiles of time and of rows or cells."""
     liner = groups["liner"]
-    rows = groups.get("rows", liner)
-    if rows.count < 2:
-        return how.over_time(liner.series[:, 0], liner.mean[0], impedance_from_admittance)
-    return how.over_tiles(
-        rows.series, liner.mean[0], impedance_from_admittance, independent=resample == "time-cells"
-    )
+    wide = _tile_rows(groups, resample)
+    if not wide:
+        return _only(liner.interval(how))
+    bias = liner.bias(how)
+    reflection = reflection_from_admittance(liner.mean - bias)
+    bounds = how.over_tiles(groups["rows"].series, reflection[0], wide)
+    return _only(liner.with_bias(Bounds(*(v[None] for v in vars(bounds).values())), bias))

@@ -20,7 +20,12 @@ STEMS = {
     "liner": "liner_",
     "liner_velocity_first": "liner_velocity_first_",
 }
-BOUNDS = {"low": "lower bound", "high": "upper bound", "standard_error": "standard error"}
+BOUNDS = {
+    "low": "lower bound",
+    "high": "upper bound",
+    "standard_error": "standard error",
+    "bias": "bias (taken off the bounds, not off the value)",
+}
 
 
 def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]) -> None:
@@ -47,7 +52,7 @@ def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]
                 variable = write_variable(file, key, numbers.numpy(), "1", where)
                 variable.attrs["long_name"] = (
                     f"{words} of {part}"
-                    + ("" if bound == "standard_error" else f", {level:g} % interval")
+                    + (f", {level:g} % interval" if bound in ("low", "high") else "")
                     + "; statistical (moving blocks over time), not the spread over positions"
                 )
         runs = interval.runs.detach().cpu().numpy()
@@ -66,9 +71,9 @@ def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
     for name, stem in STEMS.items():
         if f"{stem}resistance_low" not in file:
             continue
-        low, high, error = (
+        low, high, error, bias = (
             torch.complex(real(f"{stem}resistance_{bound}"), real(f"{stem}reactance_{bound}"))
             for bound in BOUNDS
         )
-        found[name] = Interval(low, high, error, real(f"{stem}interval_runs"))
+        found[name] = Interval(low, high, error, real(f"{stem}interval_runs"), bias)
     return Uncertainty(**found, settings=read_json(file, "uncertainty", path, {}))

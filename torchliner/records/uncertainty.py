@@ -18,12 +18,16 @@ class Interval:
             imaginary parts the reactance.
         standard_error: of resistance (real part) and reactance (imaginary part).
         runs: number of independent runs of the record behind it, real, of the same shape.
+        bias: what a mean of admittances of probes is off in the mean, because the admittance of
+            a short record is not linear in it; to second order, complex. The bounds are without
+            it, the value is not. 0 for single probes.
     """
 
     low: Tensor
     high: Tensor
     standard_error: Tensor
     runs: Tensor
+    bias: Tensor
 
 
 @dataclass(frozen=True, eq=False)

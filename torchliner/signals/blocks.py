@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-MOST_BLOCKS = 64  # more would sharpen an interval by 2 % and cost memory for every probe
+MOST_BLOCKS = 64  # more would sharpen an interval by 4 % and cost memory for every probe
 SLACK = 0.05  # of a period: a record of 15.96 periods counts as 16
 
 

@@ -36,31 +36,35 @@ def run_lengths(series: Tensor) -> Tensor:
     (1 + rho)/(2 (1 - rho)) blocks, the run that errs least in the variance is
     :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}` blocks; at least 2, at most S/4.
     Source: Andrews, Econometrica 59 (1991), eqs (6.2), (6.4), for the lag window of the
-        moving-block bootstrap; rho is corrected for the mean that was taken off, (1 + 3 rho)/S.
+        moving-block bootstrap; rho is corrected for the mean that was taken off, (1 + 4 rho)/S.
     """
     count = len(series)
     away = series - series.mean(0)
     power = (away.abs() ** 2).sum(0)
     cross = (away[1:] * away[:-1].conj()).real.sum(0)
     rho = torch.where(power > 0, cross / power.clamp(min=1e-300), 0.0)
-    return _best_length(rho + (1 + 3 * rho) / count, count, SHORTEST_RUN)
+    wanted = _best_length(rho + (1 + 4 * rho) / count, count)
+    longest = max(SHORTEST_RUN, count // 4)
+    return wanted.ceil().to(torch.int64).clamp(SHORTEST_RUN, longest)
 
 
 def common_run_length(series: Tensor) -> int:
-    """Rows of a run for all columns together, (G, ...), whose mean over the record is 0; 1 and up.
+    """Rows of a run for all columns together, (G, ...), whose mean over the record is 0; 1 to G.
 
-    See ``run_lengths``; nothing was taken off along this axis, so nothing is corrected.
+    As ``run_lengths``, with the sums of G - 1 pairs of neighbours against G rows; a run of more
+    than half the rows is all of them: tiles could not tell so few rows apart.
     """
-    power = float((series.abs() ** 2).sum())
-    cross = float((series[1:] * series[:-1].conj()).real.sum())
+    count = len(series)
+    power = float((series.abs() ** 2).sum()) / count
+    cross = float((series[1:] * series[:-1].conj()).real.sum()) / max(1, count - 1)
     rho = torch.tensor(cross / power if power > 0 else 0.0)
-    return int(_best_length(rho, len(series), 1))
+    wanted = max(1, math.ceil(float(_best_length(rho, count))))
+    return count if 2 * wanted > count else wanted
 
 
-def _best_length(rho: Tensor, count: int, shortest: int) -> Tensor:
+def _best_length(rho: Tensor, count: int) -> Tensor:
     rho = rho.clamp(0, MOST_CORRELATED)
-    wanted = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
-    return wanted.ceil().to(torch.int64).clamp(shortest, max(shortest, count // 4))
+    return 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
 
 
 def can_resample(count: int) -> bool:
