@@ -71,6 +71,24 @@ def test_educed_values_lie_within_reach(liner, seed):
         assert max(abs(reachable.nearest(z) - z) for z in values) < 1e-3
 
 
+@pytest.mark.parametrize("direction", [1.0, 1j, -1.0, -1j])
+def test_a_stated_phase_reaches_as_far_as_said(liner, direction):
+    """|v| that switches with the wave's phase so as to lead furthest: inside, at the edge."""
+    theta = 2 * torch.pi * (torch.arange(480, dtype=torch.float64) % 30 + 0.5) / 30
+    speeds = torch.tensor([0.0, 0.5, 10.0], dtype=torch.float64)
+    w = 1 / (liner.impedance(FREQUENCY, speeds).reshape(-1) + 1)
+    weight = (1 + torch.exp(-2j * theta))[:, None]
+    best = (np.conj(direction) * weight * w).real.argmax(1)
+    plane = plane_of(speeds[best][None])
+    found = tl.educe(plane, liner, phase="given", reference_phase=float(theta[0]),
+                     edge="wrap", window="boxcar", interval=None)  # fmt: skip
+    z = complex(found.impedance[0, 0])
+    reachable = reach(liner, FREQUENCY, 10.0, "given")
+    assert abs(reachable.nearest(z) - z) < 1e-3
+    edge = (np.conj(direction) * reachable.corners).real.max()
+    assert edge == pytest.approx((np.conj(direction) / (z + 1)).real, abs=0.01)
+
+
 def test_reach_ends_where_the_curve_does(liner):
     """The model's own curve is inside; what lies on the far side of it, or X above rest, is not."""
     reachable = reach(liner, FREQUENCY, 10.0)
