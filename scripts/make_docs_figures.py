@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 import calibrate_resolved
+import truth_page
 
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
@@ -65,6 +66,9 @@ def main() -> None:
     highest = calibrate_resolved.HIGHEST
     panels = {order: calibrate_resolved.study(highest, order, 1000)[1] for order in ORDERS}
     calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
+    reasons = [truth_page.reasons_of(case) for case in truth_page.CASES]
+    rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
+    truth_page.draw(rows, reasons, FIGURES)
     print(f"pictures are in {FIGURES}")
 
 

@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.numbers import write_rows
-    from torchliner.report.truth import format_summary, format_truth, truth_table
+    from torchliner.report.truth import format_rules, format_summary, format_truth, truth_table
 
     planes = [read_plane(path) for path in options.planes]
     names = {
@@ -36,5 +36,6 @@ def run(options: argparse.Namespace) -> int:
         print_json([row.plain() for row in rows])
     else:
         print(format_truth(rows))
+        print(f"\n{format_rules(rows)}")
         print(f"\n{format_summary(rows)}")
     return 0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -24,12 +25,24 @@ DRIVES = (
 )
 PHASES = ("averaged", "self-consistent", "given")
 
+DEFAULT = ("instantaneous", "kept", "averaged")
+NOWHERE = complex(float("nan"), float("nan"))
+
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
 
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One educed value beside the truth, both normalised."""
+    """One educed value beside the truth, all normalised.
+
+    Args:
+        case, height: of the plane; height in m.
+        drive, mean, phase, order: the rule.
+        educed, true: Z.
+        in_situ: what the file states for the in situ method, nan if nothing.
+        low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the
+            replay did not keep the blocks that the rule needs (``self-consistent``).
+    """
 
     case: str
     height: float
@@ -39,19 +52,47 @@ class TruthRow:
     order: str
     educed: complex
     true: complex
+    in_situ: complex = NOWHERE
+    low: complex = NOWHERE
+    high: complex = NOWHERE
+
+    @property
+    def rule(self) -> tuple[str, str, str]:
+        """Drive, mean and phase."""
+        return self.drive, self.mean, self.phase
+
+    @property
+    def miss(self) -> complex:
+        """Z - Z_true: dR + j dX, in rho c."""
+        return self.educed - self.true
 
     @property
     def error(self) -> float:
         """|Z - Z_true|, in rho c."""
-        return abs(self.educed - self.true)
+        return abs(self.miss)
 
     def plain(self) -> dict[str, Any]:
         """For JSON and CSV: complex values as two numbers."""
-        row = asdict(self)
-        for key in ("educed", "true"):
-            value = row.pop(key)
-            row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
+        row: dict[str, Any] = {}
+        for key, value in vars(self).items():
+            if isinstance(value, complex):
+                row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
+            else:
+                row[key] = value
         return {**row, "error": self.error}
+
+    @classmethod
+    def from_plain(cls, row: Mapping[str, Any]) -> TruthRow:
+        """The row of a CSV again."""
+
+        def pair(key: str) -> complex:
+            return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+
+        return cls(
+            str(row["case"]), float(row["height"]), str(row["drive"]), str(row["mean"]),
+            str(row["phase"]), str(row["order"]), pair("educed"), pair("true"), pair("in_situ"),
+            pair("low"), pair("high"),
+        )  # fmt: skip
 
 
 def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
@@ -79,12 +120,22 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         for phase in PHASES:
             known = true_wave_phase(plane, averaged) if phase == "given" else None
             found = replayed.map(phase, known)
-            values = (found.liner_impedance[0], found.liner_impedance_velocity_first[0])
-            for order, value in zip(ORDERS, values, strict=True):
+            known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
+            for order, value, bounds in zip(ORDERS, *_both_orders(found), strict=True):
                 yield TruthRow(
                     case, plane.height or 0.0, drive, mean, phase, order,
-                    complex(value), complex(plane.reference["true"]),
+                    value, complex(plane.reference["true"]), known_in_situ, *bounds,
                 )  # fmt: skip
+
+
+def _both_orders(found: ImpedanceMap) -> tuple[list[complex], list[tuple[complex, complex]]]:
+    """Z of the whole liner in both orders, and the bounds of its intervals."""
+    values = [found.liner_impedance, found.liner_impedance_velocity_first]
+    bounds = [(NOWHERE, NOWHERE)] * 2
+    if (known := found.uncertainty) is not None:
+        both = (known.liner, known.liner_velocity_first)
+        bounds = [(complex(each.low[0]), complex(each.high[0])) for each in both]
+    return [complex(value[0]) for value in values], bounds
 
 
 def truth_table(
@@ -101,6 +152,56 @@ def truth_table(
     return rows
 
 
+@dataclass(frozen=True)
+class RuleErrors:
+    """Errors of one rule over planes: medians and largest of |dR| (real part) and |dX|."""
+
+    drive: str
+    mean: str
+    phase: str
+    order: str
+    planes: int
+    median: complex
+    largest: complex
+
+
+def errors_by_rule(rows: Sequence[TruthRow]) -> list[RuleErrors]:
+    """Of every rule in the rows, in their order."""
+    groups: dict[tuple[str, str, str, str], list[complex]] = {}
+    for row in rows:
+        groups.setdefault((*row.rule, row.order), []).append(row.miss)
+    return [
+        RuleErrors(
+            *rule,
+            len(misses),
+            *(
+                complex(pick([abs(m.real) for m in misses]), pick([abs(m.imag) for m in misses]))
+                for pick in (statistics.median, max)
+            ),
+        )
+        for rule, misses in groups.items()
+    ]
+
+
+def drive_label(drive: str, mean: str) -> str:
+    """'instantaneous' or 'instantaneous, mean removed'."""
+    return drive + (", mean removed" if mean == "removed" else "")
+
+
+def format_rules(rows: Sequence[TruthRow]) -> str:
+    """Median |dR| and |dX| of every rule over all planes given: drive and order x phase."""
+    found = {(e.drive, e.mean, e.order, e.phase): e for e in errors_by_rule(rows)}
+    planes = next(iter(found.values())).planes
+    lines = [f"median |dR|, |dX| (rho c) of each rule; planes: {planes}"]
+    lines.append(f"{'':46s}" + "".join(f"{phase:>18s}" for phase in PHASES))
+    for drive, mean in DRIVES:
+        for order in ORDERS:
+            cells = [found[drive, mean, order, phase].median for phase in PHASES]
+            texts = "".join(f"{f'{c.real:.3f}, {c.imag:.3f}':>18s}" for c in cells)
+            lines.append(f"{drive_label(drive, mean):30s}{order:16s}" + texts)
+    return "\n".join(lines)
+
+
 def format_truth(rows: Sequence[TruthRow]) -> str:
     """A text table: a line per case, height and drive; columns phase rule x order."""
     lines = []
@@ -114,7 +215,7 @@ def format_truth(rows: Sequence[TruthRow]) -> str:
             lines += ["", f"case {row.case}: true Z = {format_complex(row.true)} (normalised)"]
             lines += [f"{'':30s}{heading}", f"{'y mm':>5s}  {'drive':23s}{orders}"]
             previous = row.case
-        label = row.drive + (", mean removed" if row.mean == "removed" else "")
+        label = drive_label(row.drive, row.mean)
         values = "".join(f"{format_complex(cell.educed):>15s}" for cell in group)
         lines.append(f"{1e3 * row.height:5.1f}  {label:28s}"[:35].ljust(30) + values)
     return "\n".join(lines).lstrip("\n")
@@ -135,12 +236,7 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
         mine = [row for row in rows if row.case == case]
         cells, within = [], []
         for order in ORDERS:
-            errors = [
-                row.error
-                for row in mine
-                if (row.drive, row.mean, row.phase, row.order)
-                == ("instantaneous", "kept", "averaged", order)
-            ]
+            errors = [row.error for row in mine if row.rule == DEFAULT and row.order == order]
             cells.append(f"{min(errors):.3f} to {max(errors):.3f}")
             within += [error < TOLERABLE * abs(mine[0].true) for error in errors]
         cells += [f"{f(row.error for row in mine):.3f}" for f in (min, max)]
@@ -156,10 +252,9 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
         for row in [min((r for r in rows if r.case == case), key=lambda r: r.error)]
     ]
     for case, row in best:
-        drive = row.drive + (", mean removed" if row.mean == "removed" else "")
         lines.append(
-            f"best for {case}: y = {1e3 * row.height:g} mm, {drive}, {row.phase}, {row.order}, "
-            f"{format_complex(row.educed)} for {format_complex(row.true)}"
+            f"best for {case}: y = {1e3 * row.height:g} mm, {drive_label(row.drive, row.mean)}, "
+            f"{row.phase}, {row.order}, {format_complex(row.educed)} for {format_complex(row.true)}"
         )
     lines.append(
         "(The best is named with hindsight; 'given' uses the phase of the true wave. n115 and o115 "

@@ -1,0 +1,284 @@
+"""Everything in docs/truth.md: all rules on all resolved cases, and why they miss.
+
+    python scripts/truth_page.py [--write] [--rows FILE]
+
+Rows, tables and pictures go to results/truth. ``--write`` puts rows and pictures into docs/figures
+and the tables into docs/truth.md. ``--rows`` takes the 528 rows from a CSV instead of computing
+them again, which takes a minute and a half.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import re
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import torchliner as tl
+from torchliner.eduction.averaging import ORDERS
+from torchliner.io.hdf5 import written_whole
+from torchliner.report.numbers import write_rows
+from torchliner.report.truth import (
+    DEFAULT,
+    DRIVES,
+    PHASES,
+    TruthRow,
+    drive_label,
+    errors_by_rule,
+    format_complex,
+    truth_table,
+)
+from torchliner.report.truth_figures import ReachPanel, draw_reach, draw_truth_errors
+from torchliner.report.truth_reasons import (
+    MotionRow,
+    ReasonRow,
+    motion_row,
+    plain_motion,
+    reason_row,
+)
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA, FIGURES, PAGE = ROOT / "data", ROOT / "docs" / "figures", ROOT / "docs" / "truth.md"
+RESULTS = ROOT / "results" / "truth"
+CASES = ("n115", "n130", "g01_145", "g03_145", "o115", "o145")
+LOW, HIGH = ("n115", "n130", "o115"), ("g01_145", "g03_145", "o145")
+MOVING = ("n130", "g01_145", "g03_145", "o145")
+PRINTED = 6  # digits of the committed rows
+
+
+def kind_of(case: str) -> str:
+    """'slit' or 'orifice'."""
+    return "orifice" if case.startswith("o") else "slit"
+
+
+def liner_of(case: str) -> tl.SDoFLiner:
+    """The preset that stands for a case."""
+    liner = tl.load_liner(f"lbm_{kind_of(case)}")
+    assert isinstance(liner, tl.SDoFLiner)
+    return liner
+
+
+def planes_of(case: str) -> list[tl.VelocityPlane]:
+    """Shipped planes of a case, lowest first."""
+    return [tl.read_plane(path) for path in sorted(DATA.glob(f"{kind_of(case)}_{case}_y*.h5"))]
+
+
+def pressures_of(case: str) -> tl.PressureRecord:
+    """Shipped pressures of a case."""
+    return tl.read_pressure(DATA / f"pressure_{case}.h5")
+
+
+def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[TruthRow]:
+    """All rules of a case beside its truth and the in situ value (Dean, pressure first)."""
+    rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
+    dean = complex(tl.in_situ(pressures_of(case)).liner_impedance_pressure_first[0])
+    return [dataclasses.replace(row, in_situ=dean) for row in rows]
+
+
+def read_rows(path: Path) -> list[TruthRow]:
+    """Rows of an earlier run."""
+    with path.open(newline="") as file:
+        return [TruthRow.from_plain(row) for row in csv.DictReader(file)]
+
+
+def write_truth_rows(rows: Sequence[TruthRow], path: Path) -> None:
+    """As CSV, to ``PRINTED`` digits."""
+    write_rows(
+        [
+            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.plain().items()}
+            for row in rows
+        ],
+        path,
+    )
+
+
+def reasons_of(case: str) -> ReasonRow:
+    """What the velocity of the case's own holes gives."""
+    return reason_row(pressures_of(case), liner_of(case), case)
+
+
+def motions_of(case: str) -> list[MotionRow]:
+    """Velocity of the planes; its rms averaged over each cell."""
+    pitch = liner_of(case).cell_pitch
+    return [motion_row(plane, case, pitch) for plane in planes_of(case)]
+
+
+def table(header: str, lines: Sequence[Sequence[str]]) -> str:
+    """Markdown."""
+    columns = [part.strip() for part in header.split("|")]
+    rule = "|" + "---|" * len(columns)
+    return "\n".join(
+        ["| " + " | ".join(columns) + " |", rule, *("| " + " | ".join(r) + " |" for r in lines)]
+    )
+
+
+def span(values: Sequence[float]) -> str:
+    """Signed, from the smallest to the largest."""
+    low, high = f"{min(values):+.3f}", f"{max(values):+.3f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def rule_words(row: TruthRow) -> str:
+    """One rule in few words, with the Z it gave."""
+    words = f"{drive_label(row.drive, row.mean)}, {row.phase}"
+    return f"{format_complex(row.educed)} ({words}, {1e3 * row.height:g} mm)"
+
+
+def error_table(rows: Sequence[TruthRow]) -> str:
+    """Per case and order: the default over the heights with its interval, best and worst rule."""
+    lines = []
+    for case in dict.fromkeys(row.case for row in rows):
+        for order in ORDERS:
+            mine = [row for row in rows if (row.case, row.order) == (case, order)]
+            default = [row for row in mine if row.rule == DEFAULT]
+            best, worst = (f(mine, key=lambda row: round(row.error, 4)) for f in (min, max))
+            lines.append([
+                case, format_complex(mine[0].true), format_complex(mine[0].in_situ), order,
+                *(text for part in ("real", "imag") for text in part_words(default, part)),
+                rule_words(best), rule_words(worst),
+            ])  # fmt: skip
+    return table("case | true Z | in situ | order | default: dR | ± 95 % | R inside | dX | ± 95 % "
+                 "| X inside | nearest of all rules | furthest", lines)  # fmt: skip
+
+
+def part_words(rows: Sequence[TruthRow], part: str) -> list[str]:
+    """Misses over the heights, largest half-width of the intervals, how many hold the truth."""
+    ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
+    inside = [
+        low <= getattr(row.true, part) <= high for row, (low, high) in zip(rows, ends, strict=True)
+    ]
+    half = max((high - low) / 2 for low, high in ends)
+    misses = span([getattr(row.miss, part) for row in rows])
+    return [misses, f"{half:.3f}", f"{sum(inside)} of {len(inside)}"]
+
+
+def rule_table(rows: Sequence[TruthRow]) -> str:
+    """Median |dR|, |dX| of every rule, cases up to 130 dB and those of 145 dB."""
+    groups = [[row for row in rows if row.case in cases] for cases in (LOW, HIGH)]
+    found = [{(e.drive, e.mean, e.phase, e.order): e for e in errors_by_rule(g)} for g in groups]
+    lines = []
+    for drive, mean in DRIVES:
+        for order in ORDERS:
+            cells = [errors[drive, mean, phase, order].median for errors in found
+                     for phase in PHASES]  # fmt: skip
+            lines.append([drive_label(drive, mean), order,
+                          *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
+    columns = [f"{level}: {phase}" for level in ("to 130 dB", "145 dB") for phase in PHASES]
+    return table(" | ".join(["drive", "order", *columns]), lines)
+
+
+def reason_table(rows: Sequence[ReasonRow]) -> str:
+    """The holes' own velocity put through the model."""
+    return table(
+        "case | rms in the holes × porosity (m/s) | in step with the tone (%) | default | "
+        "self-consistent phase | rms | true Z",
+        [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
+          (r.replayed, r.self_consistent, r.of_rms, r.true))] for r in rows],
+    )  # fmt: skip
+
+
+def limit_table(rows: Sequence[ReasonRow]) -> str:
+    """What the model would need, and where it ends."""
+
+    def speeds(pair: tuple[float | None, float | None]) -> str:
+        return " / ".join("none" if v is None else f"{v:.3f}" for v in pair)
+
+    return table(
+        "case | rms in the holes | needed for R: constant / sine | needed for X | X at rest | "
+        "X at infinite speed | true X | nearest Z of any velocity | R without S_t | true R",
+        [[r.case, f"{r.speed:.3f}", speeds(r.for_resistance), speeds(r.for_reactance),
+          *(f"{x:.3f}" for x in (r.at_rest, r.lowest, r.true.imag)), format_complex(r.nearest),
+          f"{r.quasi_steady:.3f}", f"{r.true.real:.3f}"] for r in rows],
+    )  # fmt: skip
+
+
+def motion_table(rows: Sequence[MotionRow], holes: Sequence[ReasonRow]) -> str:
+    """v' over height."""
+    hole = {row.case: row.speed for row in holes}
+    return table(
+        "case | y (mm) | v'_rms (m/s) | tone (%) | harmonics (%) | rest (%) | "
+        "rms averaged over a cell (m/s) | rms in the holes × porosity (m/s)",
+        [[r.case, f"{1e3 * (r.height or 0):.1f}", f"{r.rms:.2f}",
+          *(f"{100 * s + 0:.0f}".replace("-0", "0") for s in (r.tone, r.harmonics, r.rest)),
+          f"{r.cell_rms:.2f}", f"{hole[r.case]:.2f}"] for r in rows],
+    )  # fmt: skip
+
+
+def blocks_of(page: str) -> dict[str, str]:
+    """The tables of the page by name."""
+    return dict(re.findall(r"<!-- table (\w+) -->\n(.*?)\n<!-- end -->", page, re.DOTALL))
+
+
+def with_tables(page: str, tables: dict[str, str]) -> str:
+    """The page with its tables replaced."""
+
+    def replaced(found: re.Match[str]) -> str:
+        return f"<!-- table {found[1]} -->\n{tables[found[1]]}\n<!-- end -->"
+
+    return re.sub(r"<!-- table (\w+) -->\n.*?<!-- end -->", replaced, page, flags=re.DOTALL)
+
+
+def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -> None:
+    """Both pictures and the numbers behind them."""
+    draw_truth_errors(rows, folder / "truth_errors.png")
+    write_truth_rows(rows, folder / "truth_errors.csv")
+    panels = [
+        ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if kind_of(r.case) == kind])
+        for title, name, kind in (
+            ("model of the slit", "n115", "slit"),
+            ("model of the orifice", "o115", "orifice"),
+        )
+    ]
+    draw_reach(panels, folder / "truth_reach.png")
+    write_rows([row.plain() for row in reasons], folder / "truth_reach.csv")
+
+
+def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> dict[str, str]:
+    """Tables by name; numbers and pictures in results/truth."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    if rows is None:
+        rows = []
+        for case in CASES:
+            say(f"{case}: all rules")
+            rows += rows_of(case)
+    reasons = [reasons_of(case) for case in CASES]
+    motions = [row for case in MOVING for row in motions_of(case)]
+    draw(rows, reasons, RESULTS)
+    write_rows(plain_motion(motions), RESULTS / "motion.csv")
+    return {
+        "errors": error_table(rows),
+        "rules": rule_table(rows),
+        "reasons": reason_table(reasons),
+        "limits": limit_table([row for row in reasons if row.case in MOVING]),
+        "motion": motion_table(motions, reasons),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compute, print, write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--write", action="store_true", help="into docs/ as well")
+    parser.add_argument("--rows", type=Path, help="the 528 rows as CSV")
+    options = parser.parse_args(arguments)
+    warnings.simplefilter("ignore", tl.DataWarning)
+    rows = None if options.rows is None else read_rows(options.rows)
+    tables = everything(rows, lambda text: print(text, file=sys.stderr))
+    for name, text in tables.items():
+        print(f"\n{name}\n{text}")
+    if options.write:
+        for path in RESULTS.glob("truth_*"):
+            with written_whole(FIGURES / path.name) as temporary:
+                temporary.write_bytes(path.read_bytes())
+        with written_whole(PAGE) as temporary:
+            page = with_tables(PAGE.read_text(encoding="utf-8"), tables)
+            temporary.write_text(page, encoding="utf-8")
+    print(f"\nNumbers and pictures are in {RESULTS}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,299 @@
+"""The truth page: laws of reach, hole velocity and phase-locked power; its numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, SHARED, load_script, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.eduction.hole_velocity import hole_velocity
+from torchliner.eduction.limits import reach, speed_that_gives
+from torchliner.report.numbers import write_rows
+from torchliner.report.truth import TruthRow, errors_by_rule, format_rules
+from torchliner.report.truth_figures import ReachPanel, draw_reach, draw_truth_errors
+from torchliner.signals.harmonics import phase_locked_power
+
+page = load_script("truth_page")
+PAGE = page.PAGE.read_text(encoding="utf-8")
+TABLES = page.blocks_of(PAGE)
+ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")
+
+# --- what a model can return
+
+
+def test_a_constant_speed_is_found_again(liner):
+    """R and X of the model at 0.7 m/s ask for 0.7 m/s."""
+    z = complex(liner.impedance(FREQUENCY, 0.7))
+    for value, part in ((z.real, "resistance"), (z.imag, "reactance")):
+        assert speed_that_gives(liner, FREQUENCY, value, part) == pytest.approx(0.7, rel=1e-9)
+
+
+def test_a_sine_is_what_educe_makes_of_one(liner):
+    """The rms named for a sine returns that R when a sine of it is educed (phase averaged)."""
+    rms = speed_that_gives(liner, FREQUENCY, 2.0, "resistance", "sine")
+    t = torch.arange(4800, dtype=torch.float64) / (10 * RATE)  # |v| has corners
+    velocity = rms * 2**0.5 * torch.sin(2 * torch.pi * FREQUENCY * t + 0.3)
+    plane = plane_of(velocity[None], sampling_rate=10 * RATE)
+    found = tl.educe(plane, liner, edge="wrap", window="boxcar")
+    assert float(found.liner_impedance[0].real) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_beyond_the_asymptote_there_is_no_speed(liner):
+    """X falls by less than c, whatever |v|."""
+    law = liner.speed_law(torch.tensor([FREQUENCY], dtype=torch.float64))
+    lowest = float(law.reactance - law.c)
+    assert speed_that_gives(liner, FREQUENCY, lowest - 1e-6, "reactance") is None
+    assert speed_that_gives(liner, FREQUENCY, lowest + 0.05, "reactance") is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_educed_values_lie_within_reach(liner, seed):
+    """Whatever turbulence: phase averaged in its set, stated phase and probes first in theirs."""
+    velocity = turbulence((4, 480), seed, rms=[0.2, 1.5, 15][seed])
+    plane = plane_of(velocity)
+    options = {"edge": "wrap", "window": "boxcar", "interval": None}
+    found = tl.educe(plane, liner, **options)
+    top = 1.001 * float(velocity.abs().max())
+    given = tl.educe(plane, liner, phase="given", reference_phase=0.4 * seed, **options)
+    alone = [*found.impedance[:, 0].tolist(), complex(found.liner_impedance_velocity_first)]
+    for rule, values in (
+        ("averaged", alone),
+        ("over probes", [complex(found.liner_impedance)]),
+        ("given", given.impedance[:, 0].tolist()),
+    ):  # fmt: skip
+        reachable = reach(liner, FREQUENCY, top, rule)
+        assert max(abs(reachable.nearest(z) - z) for z in values) < 1e-3
+
+
+@pytest.mark.parametrize("direction", [1.0, 1j, -1.0, -1j])
+def test_a_stated_phase_reaches_as_far_as_said(liner, direction):
+    """|v| that switches with the wave's phase so as to lead furthest: inside, at the edge."""
+    theta = 2 * torch.pi * (torch.arange(480, dtype=torch.float64) % 30 + 0.5) / 30
+    speeds = torch.tensor([0.0, 0.5, 10.0], dtype=torch.float64)
+    w = 1 / (liner.impedance(FREQUENCY, speeds).reshape(-1) + 1)
+    weight = (1 + torch.exp(-2j * theta))[:, None]
+    best = (np.conj(direction) * weight * w).real.argmax(1)
+    plane = plane_of(speeds[best][None])
+    found = tl.educe(plane, liner, phase="given", reference_phase=float(theta[0]),
+                     edge="wrap", window="boxcar", interval=None)  # fmt: skip
+    z = complex(found.impedance[0, 0])
+    reachable = reach(liner, FREQUENCY, 10.0, "given")
+    assert abs(reachable.nearest(z) - z) < 1e-3
+    edge = (np.conj(direction) * reachable.corners).real.max()
+    assert edge == pytest.approx((np.conj(direction) / (z + 1)).real, abs=0.01)
+
+
+def test_reach_ends_where_the_curve_does(liner):
+    """The model's own curve is inside; what lies on the far side of it, or X above rest, is not."""
+    reachable = reach(liner, FREQUENCY, 10.0)
+    speeds = torch.tensor([0.0, 0.3, 2.0, 10.0], dtype=torch.float64)
+    for z in liner.impedance(FREQUENCY, speeds).reshape(-1).tolist():
+        assert abs(reachable.nearest(z) - z) < 1e-4
+    rest = complex(liner.impedance(FREQUENCY, 0.0))
+    for outside in (rest - 0.1, rest + 0.2j, rest - 0.3j):
+        assert abs(reachable.nearest(outside) - outside) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda m: reach(m, 1400.0, 0.0), "speed_max"),
+        (lambda m: reach(m, 1400.0, 1.0, "any"), "unknown rule 'any'"),
+        (lambda m: speed_that_gives(m, 1400.0, 1.0, "R"), "unknown part 'R'"),
+        (lambda m: speed_that_gives(m, 1400.0, 1.0, "reactance", "noise"), "unknown waveform"),
+    ],
+)
+def test_limits_refuse(liner, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(liner)
+
+
+# --- velocity in the holes
+
+
+def cavity_record(into: float, phase: float, **about: object) -> tl.PressureRecord:
+    """The pressure at the bottom that a velocity cos(omega t + phase) into the surface leaves."""
+    gas = tl.Fluid()
+    t = torch.arange(480, dtype=torch.float64) / RATE
+    k = 2 * math.pi * FREQUENCY / gas.sound_speed
+    ratio = 1j * 0.8 * math.sin(k * 0.03)  # rho c v_in / p_b
+    amplitude = gas.characteristic_impedance * into * np.exp(1j * phase) / ratio
+    wave = torch.exp(2j * torch.pi * FREQUENCY * t) * complex(amplitude)
+    return tl.PressureRecord(
+        torch.ones_like(t)[None], wave.real[None], sampling_rate=RATE, frequency=FREQUENCY,
+        cavity_depth=0.03, cavity_porosity=0.8, fluid=gas, **about,
+    )  # fmt: skip
+
+
+def test_hole_velocity_of_a_tone():
+    """Dean's relation at one frequency, in time: a cosine of known size and phase, away = -in."""
+    found = hole_velocity(cavity_record(1.3, 0.7))
+    first = math.ceil(0.03 / 343.2 * RATE)
+    t = (torch.arange(found.samples, dtype=torch.float64) + first) / RATE
+    wanted = -1.3 * torch.cos(2 * torch.pi * FREQUENCY * t + 0.7)
+    assert found.samples == 480 - 2 * first
+    assert float((found.velocity[0] - wanted)[8:-8].abs().max()) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cavity_depth": None}, "cavity_depth is missing"),
+        ({"backplate": None, "facesheet": None, "microphones": torch.ones(1, 480),
+          "microphone_y": [0.01]}, "backplate pressure is missing"),
+        ({"cavity_depth": 5.0}, "480 samples; sound takes"),
+    ],
+)  # fmt: skip
+def test_hole_velocity_refuses(change, message):
+    with pytest.raises(ValueError, match=message):
+        hole_velocity(dataclasses.replace(cavity_record(1.0, 0.0), **change))
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the full simulation files are not here")
+@pytest.mark.parametrize("case", page.CASES)
+def test_hole_velocity_is_that_in_the_holes(case):
+    """Against the velocity stored inside them: correlation 0.9997, rms within 1.1 %."""
+    import h5py
+
+    name = "resolved_orifice_3d.h5" if case.startswith("o") else "resolved_liner_lbm.h5"
+    found = hole_velocity(page.pressures_of(case)).velocity.numpy()
+    with h5py.File(SHARED / "data" / name) as file:
+        inside = file[case]["v_orifice_mean"][:].T * file[case].attrs["porosity"]
+    cut = (inside.shape[1] - found.shape[1]) // 2
+    for mine, stored in zip(found, inside[:, cut : cut + found.shape[1]], strict=True):
+        assert np.corrcoef(mine, stored)[0, 1] > 0.9997
+        assert mine.std() == pytest.approx(stored.std(), rel=0.011)
+
+
+# --- what keeps step
+
+
+def test_tone_and_harmonics_are_told_apart():
+    """2 cos + 0.6 sin(3): powers 2 and 0.18, in a record of no whole number of samples a period."""
+    t = torch.arange(700, dtype=torch.float64) / 41234.5
+    signal = 5 + 2 * torch.cos(2 * torch.pi * FREQUENCY * t + 1) \
+        + 0.6 * torch.sin(6 * torch.pi * FREQUENCY * t)  # fmt: skip
+    found = phase_locked_power(signal[None], FREQUENCY, 41234.5)
+    assert float(found.tone) == pytest.approx(2, abs=1e-9)
+    assert float(found.harmonics) == pytest.approx(0.18, abs=1e-9)
+    assert abs(float(found.rest)) < 0.01  # variance over not quite whole periods
+
+
+def test_noise_has_no_part_in_step():
+    """Over 2000 signals the mean is 0 to its scatter, with as few as 3 blocks; |mean|^2 is not."""
+    noise = torch.randn(2000, 180, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    found = phase_locked_power(noise, FREQUENCY, RATE)
+    for power in (found.tone, found.harmonics):
+        assert abs(float(power.mean())) < 3 * float(power.std()) / 2000**0.5
+    assert float(found.rest.mean()) == pytest.approx(1, abs=0.01)
+    assert found.blocks == 3
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "message"),
+    [(119, RATE, "hold 3.97 periods"), (400, 8 * 2800.0, "harmonic 8 of 1400 Hz is not below")],
+)
+def test_phase_locked_power_refuses(samples, rate, message):
+    with pytest.raises(ValueError, match=message):
+        phase_locked_power(torch.zeros(1, samples), FREQUENCY, rate)
+
+
+# --- rows and tables
+
+
+def test_rows_survive_their_csv(tmp_path):
+    write_rows([ROWS[0].plain(), ROWS[30].plain()], tmp_path / "rows.csv")
+    back = page.read_rows(tmp_path / "rows.csv")
+    assert [row.plain() for row in back] == [ROWS[0].plain(), ROWS[30].plain()]
+
+
+def test_errors_by_rule_by_hand():
+    """Median and largest of |dR| and |dX|, each by itself."""
+    rule = ("rms", "kept", "averaged", "probes first")
+    rows = [TruthRow("c", 0.0, *rule, 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
+    (found,) = errors_by_rule(rows)
+    assert found.planes == 3
+    assert found.median == pytest.approx(0.2 + 0.2j)
+    assert found.largest == pytest.approx(0.4 + 0.3j)
+
+
+def numbers(text: str) -> list[float]:
+    """All numbers of a text; 0.168-0.066j is two."""
+    return [float(n) for n in re.findall(r"(?<![\w.])[-+]?\d+(?:\.\d+)?|(?<=\d)[-+]\d+\.\d+", text)]
+
+
+def test_page_states_every_case_and_rule():
+    """528 rows; the tables of errors and rules are those of the committed rows, to the letter."""
+    assert len(ROWS) == len({(r.case, r.height, *r.rule, r.order) for r in ROWS}) == 528
+    assert page.error_table(ROWS) == TABLES["errors"]
+    assert page.rule_table(ROWS) == TABLES["rules"]
+    assert set(TABLES) == {"errors", "rules", "reasons", "limits", "motion"}
+
+
+@pytest.mark.parametrize(("case", "index"), [("n130", 3), ("g01_145", 0)])
+def test_committed_rows_are_current(case, index):
+    """All 24 rules of a plane, computed now: value, truth, in situ, interval."""
+    plane = page.planes_of(case)[index]
+    fresh = page.rows_of(case, [plane])
+    kept = [r for r in ROWS if r.case == case and abs(r.height - plane.height) < 1e-9]
+    for row, old in zip(fresh, kept, strict=True):
+        assert (row.rule, row.order) == (old.rule, old.order)
+        for name in ("educed", "true", "in_situ", "low", "high"):
+            now, then = getattr(row, name), getattr(old, name)
+            if now == now or then == then:
+                assert now == pytest.approx(then, rel=1e-3, abs=1e-3), name
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize("case", ["n130", "g03_145", "o145"])
+def test_reasons_are_current(case):
+    """Rows of the reasons, limits and motion tables, computed now, to the printed digits."""
+    reason = page.reasons_of(case)
+    made = {
+        "reasons": page.reason_table([reason]),
+        "limits": page.limit_table([reason]),
+        "motion": page.motion_table(page.motions_of(case), [reason]),
+    }
+    for name, text in made.items():
+        for line in text.splitlines()[2:]:
+            columns = slice(1, 3 if name == "motion" else 2)
+            label = line.split("|")[columns]
+            (printed,) = [x for x in TABLES[name].splitlines() if x.split("|")[columns] == label]
+            assert numbers(line) == pytest.approx(numbers(printed), abs=1.01e-3, rel=1.5e-2)
+
+
+def test_claims_of_the_page():
+    """What the text says of the rows."""
+    high = [r for r in ROWS if r.case in page.HIGH]
+    default = [r for r in high if r.rule == page.DEFAULT]
+    assert not any(r.low.imag <= r.true.imag <= r.high.imag for r in default)
+    nearest = {c: min(abs(r.miss.imag) for r in high if r.case == c) for c in page.HIGH}
+    assert [round(nearest[c], 2) for c in page.HIGH] == [0.08, 0.16, 0.01]
+    low = [r for r in ROWS if r.case in page.LOW and r.rule == page.DEFAULT]
+    assert max(r.error for r in low if r.order == "velocity first") < 0.007
+
+
+def test_tables_are_put_into_the_page():
+    text = "a\n<!-- table one -->\nold\n<!-- end -->\nb\n"
+    assert page.with_tables(text, {"one": "new"}) == text.replace("old", "new")
+
+
+def test_pictures_have_axes_and_units(tmp_path):
+    figure = draw_truth_errors(ROWS[:24], tmp_path / "e.png")
+    assert r"\Delta R" in figure.axes[0].get_xlabel()
+    assert r"\Delta X" in figure.axes[1].get_xlabel()
+    assert r"\rho c" in figure.axes[1].get_xlabel()
+    reason = page.reasons_of("n130")
+    panel = ReachPanel("slit", page.liner_of("n130"), 1400.0, [reason])
+    figure = draw_reach([panel, panel], tmp_path / "r.png")
+    assert "resistance" in figure.axes[0].get_xlabel()
+    page.write_truth_rows(ROWS[:3], tmp_path / "rows.csv")
+    assert (tmp_path / "e.png").exists()
+    assert "median |dR|" in format_rules(ROWS)
+    assert DATA.is_dir()
