@@ -1,13 +1,13 @@
 """Time and error of the engines, and of whole files, on one synthetic plane.
 
-    python scripts/benchmark.py [--full] [--device cuda] [--only engines,slopes,files,memory,start]
+    python scripts/benchmark.py [--full] [--device cuda] [--only engines,worth,...]
 
 The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, float32); --full takes the
 paper's, 548 x 50 probes. Times are ns per velocity sample, the best of three runs after one that is
 not counted; engines that need longer than --seconds get fewer probes. Each row's error is the
 largest in R against float64 `direct` (for wrapped records: the formula in float64) on the same
 kernels. Rows marked * are compiled, without the compiler's own time, which the line below them
-states.
+states. Parts: engines, slopes, worth (error bars, audit), files, memory, start.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
-PARTS = ("engines", "slopes", "files", "memory", "start")
+PARTS = ("engines", "slopes", "worth", "files", "memory", "start")
 
 
 class Bench:
@@ -94,14 +94,14 @@ def engines(bench: Bench) -> None:
     unfold_rows(bench)
     loops(bench)
     plane = tl.VelocityPlane(bench.velocity.T, sampling_rate=RATE, frequency=FREQUENCY)
-    seconds, found = bench.best(lambda: educe(plane, bench.liner))
+    seconds, found = bench.best(lambda: educe(plane, bench.liner, interval=None))
     part = tl.VelocityPlane(
         bench.velocity[:, :3].T.double(), sampling_rate=RATE, frequency=FREQUENCY
     )
     top = float(found.choices["velocity_max"])
     wanted = educe(part, bench.liner, engine="direct", velocity_max=top)
     error = float((found.reflection[:3] - wanted.reflection).abs().max())
-    bench.row("educe, all defaults (finite, survey, cells), eager", seconds, count, error)
+    bench.row("educe, all defaults but error bars, eager", seconds, count, error)
 
 
 def spectral_rows(bench: Bench) -> None:
@@ -256,7 +256,7 @@ def main() -> None:
     if set(parts) - set(PARTS):
         parser.error(f"--only takes {', '.join(PARTS)}")
     warnings.simplefilter("ignore", tl.DataWarning)
-    if {"engines", "slopes"} & set(parts):
+    if {"engines", "slopes", "worth"} & set(parts):
         bench = Bench(27400 if options.full else 1712, options.seconds, options.device)
         name = torch.cuda.get_device_name() if bench.device.type == "cuda" else platform.machine()
         print(f"{name}, {torch.get_num_threads()} threads, torch {torch.__version__}; "
@@ -266,6 +266,10 @@ def main() -> None:
             engines(bench)
         if "slopes" in parts:
             slopes(bench)
+        if "worth" in parts:
+            import benchmark_worth
+
+            benchmark_worth.worth(bench.velocity.T, RATE, FREQUENCY, bench.liner)
         del bench
     import benchmark_files
 

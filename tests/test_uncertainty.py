@@ -27,6 +27,7 @@ from torchliner.signals.bootstrap import (
     deviations,
     run_lengths,
     student_factor,
+    tails,
     tile_draws,
 )
 
@@ -156,6 +157,15 @@ def test_runs_grow_with_the_integral_scale():
 def test_student_factor_against_a_table():
     """t(9 degrees of freedom, 97.5 %) is 2.262, the normal quantile 1.960."""
     assert student_factor(10, 0.95) == pytest.approx(2.2622 / 1.95996, rel=1e-4)
+
+
+def test_tails_are_numpys_quantiles():
+    """Both ends, interpolated between draws, as numpy has them."""
+    draws = torch.randn(7, 999, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+    for level in (0.95, 0.9, 0.5):
+        wanted = np.quantile(draws.numpy(), [(1 - level) / 2, (1 + level) / 2], axis=1)
+        for mine, right in zip(tails(draws, level), wanted, strict=True):
+            assert np.allclose(mine.numpy(), right, rtol=1e-13)
 
 
 def test_tiles_of_independent_rows():

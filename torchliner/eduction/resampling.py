@@ -14,6 +14,7 @@ from torchliner.signals.bootstrap import (
     mean_factor,
     run_lengths,
     student_factor,
+    tails,
     tile_draws,
 )
 
@@ -44,12 +45,15 @@ class Resampling:
         level: of the intervals, 0 to 1.
         draws: M.
         seed: of the generator.
+        dtype: complex, of the draws of single probes: they are many, and their bounds are known
+            to some per cent.
     """
 
     weights: Tensor
     level: float
     draws: int
     seed: int
+    dtype: torch.dtype = torch.complex128
 
     def over_time(self, series: Tensor, reflection: Tensor) -> Bounds:
         """Runs of blocks of time, each column with the run length that suits it.
@@ -58,13 +62,16 @@ class Resampling:
             series: deviation of R in each block, complex, (S, ...).
             reflection: R, (...).
         """
-        flat, middle = series.flatten(1), reflection.flatten()
+        flat, middle = series.flatten(1).to(self.dtype), reflection.flatten().to(self.dtype)
         parts = [
             self._columns(flat[:, low : low + COLUMNS], middle[low : low + COLUMNS])
             for low in range(0, len(middle), COLUMNS)
         ]
-        joined = (torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True))
-        return Bounds(*joined)
+        low, high, error, runs = (
+            torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True)
+        )
+        exact = reflection.dtype
+        return Bounds(low.to(exact), high.to(exact), error.to(exact), runs)
 
     def _columns(self, series: Tensor, reflection: Tensor) -> tuple[Tensor, ...]:
         lengths, count = run_lengths(series), len(series)
@@ -108,14 +115,9 @@ class Resampling:
         """Quantiles of Z of widened draws, (N, M), and its standard error: (N,) each."""
         student = student_factor(runs, self.level)
         values = impedance_from_reflection(reflection[:, None] + student * draws)
-        place = (1 - self.level) / 2 * (self.draws - 1)
-        below, share = int(place), place - int(place)
-        above = self.draws - 1 - below
         found = []
         for part in (values.real, values.imag):
-            ordered = part.sort(dim=1).values
-            low = (1 - share) * ordered[:, below] + share * ordered[:, below + 1]
-            high = (1 - share) * ordered[:, above] + share * ordered[:, above - 1]
+            low, high = tails(part, self.level)
             found.append((low, high, part.std(dim=1) / student))
         low, high, error = (torch.complex(*pair) for pair in zip(*found, strict=True))
         return low, high, error

@@ -15,6 +15,7 @@ The bounds are without that bias.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
 
@@ -46,6 +47,8 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
     weights = ready.blocks.sums(ready.record.weights(0, plane.samples))
     how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+    single = ready.drive.dtype == torch.float32
+    of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
     silent = _silent(ready, reflection)
     admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
     groups = {
@@ -57,7 +60,7 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     for low in range(0, plane.probes, step):
         part = slice(low, min(low + step, plane.probes))
         series = moved.of(part)
-        parts.append(how.over_time(series, reflection[part]).with_bias())
+        parts.append(of_probes.over_time(series, reflection[part]).with_bias())
         _add(groups.values(), part, reflection[part], series, how, silent[part])
     averaged = reflection[plane.probes :]
     series = moved.of(slice(plane.probes, plane.probes + cells.count))
