@@ -7,6 +7,7 @@ import dataclasses
 import json
 import warnings
 
+import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
@@ -216,7 +217,8 @@ def test_what_does_not_apply_is_listed(onera):
     """Another model, no cells, short, coarse, no tone in the data: each with its reason."""
     velocity = turbulence((3, 7 * 10), rms=2.0)
     plane = plane_of(velocity, sampling_rate=14000.0)
-    found = audit(plane, Plain(onera), minimum_coherence=1.0)
+    with pytest.warns(tl.DataWarning, match="less than the kernel's 12 ms"):
+        found = audit(plane, Plain(onera), minimum_coherence=1.0)
     skipped = found.skipped
     assert "Plain has no such parameter; only SDoF liners have" in skipped["vena contracta"]
     assert "only SDoF" in skipped["velocity reading"]
@@ -235,6 +237,31 @@ def test_lengths_need_even_probes(onera):
     assert "even, rising steps" in found.skipped["averaging length"]
     few = dataclasses.replace(plane, velocity=plane.velocity[:2], x=plane.x[:2])
     assert "none of 0.25, 0.5, 1 cells" in audit(few, onera).skipped["averaging length"]
+
+
+def test_table_too_narrow_for_a_kernel_is_said(onera):
+    """The causal kernel needs all frequencies up to Nyquist; the rest of the audit goes on."""
+    frequency, speed = np.linspace(900, 2100, 60), np.linspace(0, 25, 120)
+    table = onera.impedance(frequency[:, None], speed).numpy()
+    liner = tl.TabulatedLiner(frequency, table, speed)
+    found = audit(make_plane(), liner)
+    assert "outside the table's 900-2100 Hz" in found.skipped["kernel"]
+    assert {"window", "drive", "levels"} <= set(found.factors)
+
+
+def test_planes_of_other_cases_are_no_heights(onera, planes):
+    with pytest.raises(ValueError, match=r"are not one case: mach is 0\.3 and None"):
+        audit([planes[0], dataclasses.replace(planes[1], mach=0.3)], onera)
+    with pytest.raises(ValueError, match="are both at 2 mm"):
+        audit([planes[0], make_plane(3)], onera)
+    with pytest.raises(TypeError, match="planes holds str; VelocityPlane is needed"):
+        audit(["plane.h5"], onera)
+
+
+def test_wall_everywhere_leaves_no_base(onera):
+    plane = plane_of(turbulence((3, 600)), x=[0.0, 1e-3, 2e-3])
+    with pytest.raises(ValueError, match="every probe counts as wall; lower or leave out wall_f"):
+        audit(plane, onera, wall_filter=1.0)
 
 
 def test_offset_hangs_on_its_reading():
@@ -283,6 +310,6 @@ def test_command(tmp_path, capsys):
 def test_command_does_not_overwrite(tmp_path, capsys):
     assert main(["audit", str(SLIT), "-o", str(SLIT)]) == 2
     assert "is an input or another output" in capsys.readouterr().err
-    same = str(tmp_path / "a.csv")
+    same = str(tmp_path / "a.png")
     assert main(["audit", str(SLIT), "-o", same, "--figure", same]) == 2
     assert "is an input or another output" in capsys.readouterr().err

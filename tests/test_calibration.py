@@ -371,3 +371,14 @@ def test_the_script_weighs_planes_of_one_run_once():
     ]
     assert float((sure[1] / sure[0] - 1).abs().max()) < 0.02
     assert FREQUENCY == 1400.0
+
+
+def test_planes_of_several_liners_are_refused(capsys):
+    """A slit and an orifice are not one liner, neither to fit nor to predict."""
+    slits = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130")]
+    orifice = str(DATA / "orifice_o115_y2.5mm.h5")
+    for words in ([*slits, orifice], [*slits, "--predict", orifice]):
+        assert main(["calibrate", *words, "--free", "offset"]) == 2
+        assert "name different liners, lbm_orifice, lbm_slit" in capsys.readouterr().err
+    assert main(["calibrate", *slits, "--free", "offset", "--draws", "3"]) == 2
+    assert "needs at least 100" in capsys.readouterr().err

@@ -278,7 +278,7 @@ def test_records_that_cannot_answer(about, match):
         ({"frequency": -1.0}, "must be finite and above 0"),
         ({"losses": "some"}, "unknown losses"),
         ({"losses": "viscothermal"}, "cavity_hydraulic_radius is missing"),
-        ({"start": 1.0}, "fewer than"),
+        ({"start": 1.0}, "start is 1 s; it must be at least 0 and leave something of"),
         ({"start": -1e-3}, "start is -0.001 s"),
         ({"segment": 1.0}, "segment is 1 s"),
         ({"window": "hamn"}, "did you mean 'hann'"),
@@ -339,7 +339,9 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
         ([str(DATA / "slit_n130_y2.5mm.h5")], "is no pressure record"),
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
         ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")],
-         "is the pressure record"),
+         "is an input or another output"),
+        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "must be one of .csv, .h5, .nc"),
+        ([str(DATA / "pressure_n130.h5"), "--figure", "no/a.png"], "the folder no does not exist"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
     ],
 )  # fmt: skip
@@ -370,11 +372,51 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     assert "what --in-situ reads" in capsys.readouterr().err
 
 
-def test_other_times_are_warned_of(capsys):
-    """A pressure record of another case lasts another time."""
+def test_other_times_are_warned_of(capsys, tmp_path):
+    """A pressure record that lasts another time."""
+    record = file_of("n130")
+    keep = record.facesheet.shape[-1] // 2
+    signals = ("facesheet", "backplate", "microphones", "microphone_velocity")
+    parts = {name: getattr(record, name)[..., :keep] for name in signals}
+    dataclasses.replace(record, **parts).write(tmp_path / "half.h5")
     arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
-    assert main([*arguments, str(DATA / "pressure_g01_145.h5")]) == 0
+    assert main([*arguments, str(tmp_path / "half.h5")]) == 0
     assert "of different times" in capsys.readouterr().err
+
+
+def test_another_case_is_refused(capsys):
+    """Another level, flow or case does not stand beside the educed values."""
+    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
+    assert main([*arguments, str(DATA / "pressure_n115.h5")]) == 2
+    assert "are not one case: incident_level is 130.0 and 115.0" in capsys.readouterr().err
+    assert main([*arguments, str(DATA / "no.h5")]) == 2
+    assert "no.h5: no such file" in capsys.readouterr().err
+
+
+def test_record_of_another_kind():
+    plane = tl.read_plane(DATA / "slit_n130_y2.5mm.h5")
+    for method in (tl.in_situ, tl.decompose_waves):
+        with pytest.raises(TypeError, match="record is VelocityPlane; a PressureRecord is needed"):
+            method(plane)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_probe_of_no_cell_has_no_backplate(rows):
+    """Whatever the backplate's layout, a probe labelled -1 is nan and in no average."""
+    time = np.arange(2000) / 50e3
+    tone = np.cos(2 * np.pi * 1000 * time)
+    face = np.array([1.0, 9.0, 1.0])[:, None] * tone
+    back = 0.5 * np.sin(2 * np.pi * 1000 * time) * np.ones((rows, 1))
+    labels = [0, -1, 1] if rows == 2 else [0, -1, 0]
+    record = tl.PressureRecord(
+        face, back[0] if rows == 1 else back, sampling_rate=50e3, frequency=1000.0,
+        cavity_depth=0.03, probe_cell=labels,
+    )  # fmt: skip
+    found = tl.in_situ(record)
+    assert bool(found.point_impedance[1].isnan().all())
+    wanted = complex(found.point_impedance[0, 0])
+    assert abs(complex(found.liner_impedance[0]) - wanted) < 1e-9
+    assert abs(complex(found.liner_impedance_pressure_first[0]) - wanted) < 1e-9
 
 
 def test_legend_names_the_method():

@@ -300,3 +300,22 @@ def test_numbers_of_the_slit():
                              ["porosity", "cavity_depth", "vena_contracta"])  # fmt: skip
     wanted = torch.tensor([-0.003099 - 0.004575j, 0.0000395 + 0.017745j, -0.001677 - 0.0000667j])
     assert float((found.per_percent().liner_velocity_first[:, 0] - wanted).abs().max()) < 2e-6
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "names a parameter twice"),
+        (["--correlation", "porosity,orifice_diameter=0.5"], "is one of tolerances; state them"),
+        (["-o", "rows.h5"], "must be one of .csv"),
+        (["--figure", "bars.xyz"], "must be one of .png"),
+    ],
+)
+def test_command_refuses_what_would_be_ignored(capsys, words, message):
+    assert main(["sensitivity", SLIT, *words]) == BAD_INPUT
+    assert message in capsys.readouterr().err
+
+
+def test_a_plane_is_needed(capsys):
+    with pytest.raises(TypeError, match="plane is list; one VelocityPlane is needed"):
+        tl.sensitivities([tl.read_plane(SLIT)], tl.load_liner("lbm_slit"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import itertools
 import json
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.eduction import resampling
 from torchliner.eduction.block_deviations import BlockDeviations
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.prepare import prepare
@@ -451,12 +453,47 @@ def test_fewer_than_eight_blocks_are_said(liner):
         ({"interval": 1.0}, "interval is 1; it is a level between 0 and 1"),
         ({"interval": 95.0}, "interval is 95; it is a level between 0 and 1"),
         ({"draws": 50}, "draws is 50; an interval of 95 % needs at least 100"),
+        ({"draws": 10**6}, "draws is 1000000; it is 0 to 100000"),
+        ({"seed": -1}, "seed is -1; it is 0 to 92"),
         ({"resample": "span"}, "unknown resample 'span'.*time-span"),
     ],
 )
 def test_bad_choices(noisy, liner, choices, message):
     with pytest.raises(ValueError, match=message):
         tl.educe(noisy, liner, **choices)
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"draws": 1000.5}, "draws is 1000.5; a whole number is needed"),
+        ({"seed": None}, "seed is None; a whole number is needed"),
+        ({"interval": "0.95"}, "interval is the text '0.95'; a number is needed"),
+    ],
+)
+def test_choices_of_a_wrong_kind(noisy, liner, choices, message):
+    with pytest.raises(TypeError, match=message):
+        tl.educe(noisy, liner, **choices)
+
+
+def test_csv_holds_the_bounds(tmp_path, noisy, liner):
+    """A row a probe, bounds in columns of their own."""
+    found = tl.educe(noisy, liner)
+    found.write(tmp_path / "map.csv")
+    rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
+    bounds = found.uncertainty.probes
+    ends = zip(bounds.low[:, 0].tolist(), bounds.high[:, 0].tolist(), strict=True)
+    for row, (low, high) in zip(rows, ends, strict=True):
+        assert float(row["resistance low (rho c)"]) == pytest.approx(low.real, rel=1e-8)
+        assert float(row["reactance high (rho c)"]) == pytest.approx(high.imag, rel=1e-8)
+        assert float(row["velocity rms (m/s)"]) > 1
+
+
+def test_many_draws_are_made_in_parts(noisy, liner, monkeypatch):
+    """What is held at once does not change the bounds."""
+    wanted = tl.educe(noisy, liner).uncertainty.probes.low
+    monkeypatch.setattr(resampling, "DRAWN", 2 * 999)
+    assert torch.equal(tl.educe(noisy, liner).uncertainty.probes.low, wanted)
 
 
 def test_command_prints_both(capsys):

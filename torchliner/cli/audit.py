@@ -12,6 +12,7 @@ from torchliner.cli.options import (
     print_json,
     progress_bar,
     refuse_inputs,
+    require_ending,
     warnings_on_stderr,
 )
 
@@ -41,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.audit import draw_audit, format_audit, plain_audit, write_audit
 
-    refuse_inputs([options.output, options.figure], [*options.planes, options.liner])
+    refuse_inputs([options.output], [*options.planes, options.liner], options.figure)
+    require_ending(options.output, [".csv"], "--output")
     planes = [read_plane(path, lazy=True) for path in options.planes]
     liner = load_liner(options.liner or liner_name(planes[0], options.planes[0]))
     total = sum(2 * plane.samples for plane in planes) + 2 * planes[0].samples

@@ -12,12 +12,14 @@ from torchliner.cli.options import (
     liner_name,
     print_json,
     refuse_inputs,
+    require_ending,
     warnings_on_stderr,
 )
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
-CHOICES = ("drive", "mean", "edge", "kernel")
+CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
+FEWEST_DRAWS = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,14 +55,20 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.plane_file import read_plane
     from torchliner.report import calibration as report
 
-    refuse_inputs(
-        [options.output, options.figure], [*options.planes, *options.predict, options.liner]
-    )
+    inputs = [*options.planes, *options.predict, options.liner]
+    refuse_inputs([options.output], inputs, options.figure)
+    require_ending(options.output, [".toml"], "--output")
+    if options.draws and options.draws < FEWEST_DRAWS:
+        raise ValueError(
+            f"--draws is {options.draws}; the posterior needs at least "
+            f"{FEWEST_DRAWS}, or 0 for none"
+        )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
     with warnings_on_stderr(options.quiet):
         planes = [read_plane(path, lazy=True) for path in options.planes]
-        liners = _liners(options, planes)
+        predicted = [read_plane(path, lazy=True) for path in options.predict]
+        liners = _liners(options, [*planes, *predicted])[: len(planes)]
         found = calibrate(
             planes, liners, _references(options.reference), _bounds(options.free, liners[0]),
             order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
@@ -69,9 +77,9 @@ def run(options: argparse.Namespace) -> int:
         noise = options.noise or 0.0
         rows = [
             row
-            for path in options.predict
+            for path, plane in zip(options.predict, predicted, strict=True)
             for row in report.prediction_rows(
-                found, read_plane(path, lazy=True), liners[0], label=path.stem,
+                found, plane, liners[0], label=path.stem,
                 reference=options.reference[0], noise=complex(noise, noise),
             )
         ]  # fmt: skip
@@ -94,10 +102,13 @@ def _liners(options: argparse.Namespace, planes: list[Any]) -> list[Any]:
 
     names = [
         options.liner or liner_name(plane, path)
-        for plane, path in zip(planes, options.planes, strict=True)
+        for plane, path in zip(planes, [*options.planes, *options.predict], strict=True)
     ]
-    if options.output is not None and len(set(names)) > 1:
-        raise ValueError(f"-o writes one liner; the planes name {', '.join(sorted(set(names)))}")
+    if len(set(names)) > 1:
+        raise ValueError(
+            f"the planes name different liners, {', '.join(sorted(set(names)))}; calibrate one of "
+            "them, or say with --liner that all are it"
+        )
     made = {name: load_liner(name) for name in names}
     return [made[name] for name in names]
 

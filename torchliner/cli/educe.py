@@ -57,6 +57,8 @@ def run(options: argparse.Namespace) -> int:
     chosen = chosen_from(options)
     if options.no_intervals:
         chosen["interval"] = None
+    if options.in_situ is not None and not options.in_situ.exists():
+        raise FileNotFoundError(f"{options.in_situ}: no such file")
     outputs = _outputs(options.output, options.planes)
     _check_targets(options, outputs)
     incident = _incident(options)

@@ -13,6 +13,7 @@ from torchliner.cli.options import (
     print_json,
     progress_bar,
     refuse_inputs,
+    require_ending,
     warnings_on_stderr,
 )
 
@@ -53,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.height import write_rows
 
     refuse_inputs([options.output], [*options.planes, options.liner])
+    require_ending(options.output, [".csv"], "--output")
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = [read_plane(path, lazy=True) for path in options.planes]

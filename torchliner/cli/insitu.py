@@ -9,7 +9,14 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.options import add_output_options, frequencies, print_json, warnings_on_stderr
+from torchliner.cli.options import (
+    add_output_options,
+    frequencies,
+    print_json,
+    refuse_inputs,
+    require_ending,
+    warnings_on_stderr,
+)
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -47,7 +54,8 @@ def run(options: argparse.Namespace) -> int:
         write_rows,
     )
 
-    _check_targets(options)
+    refuse_inputs([options.output], [options.record], options.figure)
+    require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     chosen = {key: getattr(options, key) for key in CHOICES if getattr(options, key) is not None}
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)
@@ -77,27 +85,22 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_targets(options: argparse.Namespace) -> None:
-    """No output may be the input, or the other output."""
-    taken = {options.record.resolve(): "the pressure record"}
-    for path in (options.output, options.figure):
-        if path is not None:
-            if path.resolve() in taken:
-                raise ValueError(f"the output {path} is {taken[path.resolve()]}; name another file")
-            taken[path.resolve()] = "another output"
-
-
 def with_in_situ(
     found: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], path: Path
 ) -> list[ImpedanceMap]:
     """Maps with the in situ impedances of a pressure record beside them, for ``educe``."""
     from torchliner.checks import DataWarning
+    from torchliner.eduction.cases import require_same_case
     from torchliner.eduction.in_situ import in_situ
     from torchliner.io.pressure_file import read_pressure
 
     record = read_pressure(path)
     made: dict[tuple[float, ...], Any] = {}
     for result, plane in zip(found, planes, strict=True):
+        require_same_case(
+            plane, record, ("frequency", "incident_level", "mach"),
+            "name the pressure record of the same run", where_stated=True,
+        )  # fmt: skip
         key = tuple(result.frequency.tolist())
         if key not in made:
             made[key] = in_situ(record, result.frequency)

@@ -80,6 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = importlib.import_module(f"torchliner.cli.{options.command}")
     try:
         return int(command.run(options))
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        sys.stdout = None  # type: ignore[assignment]  # nothing to flush into
+        return DONE
     except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         print(f"torchliner {options.command}: {error}", file=sys.stderr)
         return BAD_INPUT

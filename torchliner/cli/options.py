@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,16 +61,43 @@ def warnings_on_stderr(quiet: bool) -> Iterator[None]:
         yield
 
 
-def refuse_inputs(outputs: Iterable[Path | None], inputs: Iterable[Path | str | None]) -> None:
-    """No output may be an input, or another output.
+PICTURES = (".png", ".pdf", ".svg", ".jpg", ".eps", ".tif")
+
+
+def require_ending(path: Path | None, endings: Sequence[str], option: str) -> None:
+    """Refuse a file name whose ending says something else than what is written.
+
+    Raises:
+        ValueError: it does.
+    """
+    if path is not None and path.suffix.lower() not in endings:
+        raise ValueError(
+            f"{option} {path} ends in {path.suffix or 'nothing'!r}; it must be one of "
+            f"{', '.join(endings)}"
+        )
+
+
+def refuse_inputs(
+    outputs: Iterable[Path | None],
+    inputs: Iterable[Path | str | None],
+    figure: Path | None = None,
+) -> None:
+    """No output may be an input, or another output, or lie in a folder that does not exist.
+
+    ``figure`` is one of the outputs too.
 
     Raises:
         ValueError: one is.
+        OSError: the folder is missing.
     """
+    require_ending(figure, PICTURES, "--figure")
+    outputs = [*outputs, figure]
     taken = {Path(path).resolve() for path in inputs if path is not None}
     for path in (path for path in outputs if path is not None):
         if path.resolve() in taken:
             raise ValueError(f"the output {path} is an input or another output; name another file")
+        if not path.parent.is_dir():
+            raise OSError(f"{path}: the folder {path.parent} does not exist")
         taken.add(path.resolve())
 
 

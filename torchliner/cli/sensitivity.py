@@ -20,11 +20,12 @@ from torchliner.cli.options import (
     print_json,
     progress_bar,
     refuse_inputs,
+    require_ending,
     split_pair,
     warnings_on_stderr,
 )
 
-CHOICES = ("phase", "drive", "mean", "edge", "kernel")
+CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,8 +69,14 @@ def run(options: argparse.Namespace) -> int:
         sensitivity_rows,
     )
 
-    refuse_inputs([options.output, options.figure], [options.plane, options.liner])
-    tolerances = dict(split_pair(text, "--tolerance") for text in options.tolerance)
+    refuse_inputs([options.output], [options.plane, options.liner], options.figure)
+    require_ending(options.output, [".csv"], "--output")
+    pairs = [split_pair(text, "--tolerance") for text in options.tolerance]
+    tolerances = dict(pairs)
+    if len(tolerances) < len(pairs):
+        raise ValueError("--tolerance names a parameter twice; give each once")
+    if options.correlation and not tolerances:
+        raise ValueError("--correlation is one of tolerances; state them with --tolerance")
     correlation = _correlation(options.correlation)
     wanted = None if options.frequency is None else list(chain(*options.frequency))
     with warnings_on_stderr(options.quiet):

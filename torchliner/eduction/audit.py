@@ -11,14 +11,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.checks import DataWarning
 from torchliner.eduction.averaging import ORDERS
+from torchliner.eduction.cases import planes_by_height
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DRIVES, MEANS, DriveSpeed
 from torchliner.eduction.engines import tone_sums
@@ -27,7 +29,7 @@ from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.variants import Variant, VariantMaker
 from torchliner.eduction.velocity import Replayed
 from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
-from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.records import Audit, AuditRow, ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.block_lines import plan_block_lines
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import Liner
@@ -36,61 +38,6 @@ from torchliner.replay.spectral import spectral_sums
 PHASES = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell
 AUDITED = ("phase", "engine", "incident", "segment", "response")
-
-
-@dataclass(frozen=True)
-class AuditRow:
-    """One choice changed.
-
-    Args:
-        factor, variant: what was changed, and to what.
-        impedance: whole liner, normalised, in the order of averaging of the audit.
-        change: what that is off the base.
-    """
-
-    factor: str
-    variant: str
-    impedance: complex
-    change: complex
-
-
-@dataclass(frozen=True)
-class Audit:
-    """All rows, the largest mover first, beside the statistical interval.
-
-    Args:
-        title, frequency, order: of the plane; Hz; order of averaging.
-        base: whole liner, with the choices as they are.
-        low, high: of its statistical interval (real part: R, imaginary: X); None without one.
-        level: of the interval.
-        rows: grouped by factor.
-        skipped: factors that cannot be varied with these data, and why.
-        readings: how often the velocity was read through, over all planes.
-        choices: behind the base.
-        notes: doubts about the base.
-    """
-
-    title: str
-    frequency: float
-    order: str
-    base: complex
-    low: complex | None
-    high: complex | None
-    level: float | None
-    rows: tuple[AuditRow, ...]
-    skipped: dict[str, str]
-    readings: int
-    choices: dict[str, Any]
-    notes: tuple[str, ...]
-
-    @property
-    def factors(self) -> list[str]:
-        """Names, the largest mover first."""
-        return list(dict.fromkeys(row.factor for row in self.rows))
-
-    def of(self, factor: str) -> list[AuditRow]:
-        """The rows of one factor."""
-        return [row for row in self.rows if row.factor == factor]
 
 
 def audit(
@@ -117,6 +64,11 @@ def audit(
         ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
     """
     several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
+    for plane in several:
+        if not isinstance(plane, VelocityPlane):
+            raise TypeError(f"planes holds {type(plane).__name__}; VelocityPlane is needed")
+    if len(several) > 1:
+        planes_by_height(several)
     chosen = _base_choices(choices, order)
     work = _Work(several, liner, frequency, chosen, ORDERS.index(order), progress)
     work.lines()
@@ -124,6 +76,8 @@ def audit(
     work.drives()
     work.lengths()
     work.heights()
+    for note in work.found.notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
     return work.result(order)
 
 
@@ -171,8 +125,9 @@ class _Work:
         of_blocks = [] if ready.blocks is None else plan_block_lines(
             ready.liner, ready.frequency.tolist(), ready.record.sampling_rate, ready.blocks,
             ready.grid, ready.kernels if ready.chosen.uses_kernel_response else None,
+            backward=False,
         )  # fmt: skip
-        everything = [base, *variants]
+        everything = [*base, *variants]
         sums, notes = with_smaller_slabs(
             ready.drive.velocity,
             lambda: spectral_sums(
@@ -182,12 +137,18 @@ class _Work:
         )  # fmt: skip
         self.readings += ready.chosen.drive != "rms"
         self.replayed = Replayed(
-            dataclasses.replace(ready, notes=(*ready.notes, *notes)), _column(sums, 0, sums.blocks)
+            dataclasses.replace(ready, notes=(*ready.notes, *notes)),
+            LineSums(_column(sums, 0), _column(sums, 1), sums.blocks),
         )
         self.found = self.replayed.map("averaged")
         self.base = self._value(self.found)
-        for i, variant in enumerate(variants, 1):
-            self._add_variant(variant, _column(sums, i, None))
+        if not math.isfinite(abs(self.base)):
+            raise ValueError(
+                f"{ready.plane.name}: the base has no admittance, since every probe counts as "
+                "wall; lower or leave out wall_filter"
+            )
+        for i, variant in enumerate(variants, len(base)):
+            self._add_variant(variant, LineSums(_column(sums, i), None))
         if self.order == 0:
             other = complex(self.found.liner_impedance_velocity_first[0])
         else:
@@ -324,7 +285,5 @@ class _Work:
         return known.liner if self.order == 0 else known.liner_velocity_first
 
 
-def _column(sums: LineSums, index: int, blocks: Any) -> LineSums:
-    one = slice(index, index + 1)
-    backward: Tensor | None = None if sums.backward is None else sums.backward[:, one]
-    return LineSums(sums.forward[:, one], backward, blocks)
+def _column(sums: LineSums, index: int) -> Tensor:
+    return sums.forward[:, index : index + 1]

@@ -21,6 +21,7 @@ from torchliner.replay.waves import parse_signal
 ENGINES = ("spectral", "unfold", "direct")
 RESPONSES = ("model", "kernel")
 RESAMPLED = ("time", "time-span", "time-cells")
+MOST_DRAWS = 100_000
 FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -149,8 +150,15 @@ class Choices:
         require_choice("resample", self.resample, RESAMPLED)
         if self.interval is None:
             return
-        if not 0 < self.interval < 1:
+        require_positive("interval", self.interval)
+        if self.interval >= 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
+        for name, most in (("draws", MOST_DRAWS), ("seed", 2**63 - 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} is {value!r}; a whole number is needed")
+            if not 0 <= value <= most:
+                raise ValueError(f"{name} is {value}; it is 0 to {most}")
         fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
         if self.draws < fewest:
             raise ValueError(

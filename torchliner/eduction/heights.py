@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning, frequency_tensor, require_positive
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
+from torchliner.eduction.cases import planes_by_height
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.height_facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.eduction.imprint import Decay, fit_decay
@@ -24,8 +24,6 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.kernels import Liner
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
-STATED = ("liner", "mach", "incident_level", "source_side")
-SAME_HEIGHT = 1e-6  # m
 
 Educe = Callable[[Sequence[VelocityPlane]], list[ImpedanceMap]]
 
@@ -132,14 +130,15 @@ def study_heights(
         DataWarning: what is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
     """
-    ordered = _one_case(planes)
+    ordered = planes_by_height(planes)
     wanted = _one_frequency(ordered, frequency)
     pitch = getattr(liner, "cell_pitch", None) if cell_pitch is None else cell_pitch
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
     grids = [grid_of(plane) for plane in ordered]
     long = _checked_lengths(lengths, grids) if lengths else _default_lengths(grids, pitch)
-    chosen = Choices(**choices)
+    # What stands beside the heights are spreads; no interval is shown.
+    chosen = Choices(**{"interval": None, **choices})
     if chosen.incident is not None:
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
@@ -169,35 +168,6 @@ def study_heights(
         *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
         tuple(dict.fromkeys(said)),
     )  # fmt: skip
-
-
-def _one_case(planes: Sequence[VelocityPlane]) -> list[VelocityPlane]:
-    """The planes, lowest first; refused unless they are one case at different heights."""
-    if not planes:
-        raise ValueError("no plane is given")
-    for plane in planes:
-        if plane.height is None:
-            raise ValueError(
-                f"{plane.name} states no height; set 'height' (m) in the file, or convert it with "
-                "--height"
-            )
-    ordered = sorted(planes, key=lambda plane: plane.height or 0.0)
-    first = ordered[0]
-    for before, plane in itertools.pairwise(ordered):
-        if (plane.height or 0.0) - (before.height or 0.0) < SAME_HEIGHT:
-            raise ValueError(
-                f"{before.name} and {plane.name} are both at {1e3 * (plane.height or 0.0):g} mm; "
-                "give one plane a height"
-            )
-        pairs = [(name, getattr(first, name), getattr(plane, name)) for name in STATED]
-        pairs.append(("case", first.provenance.get("case"), plane.provenance.get("case")))
-        for name, mine, theirs in pairs:
-            if mine != theirs:
-                raise ValueError(
-                    f"{first.name} and {plane.name} are not one case: {name} is {mine!r} and "
-                    f"{theirs!r}; give the heights of one case"
-                )
-    return ordered
 
 
 def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> float:

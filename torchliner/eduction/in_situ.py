@@ -29,6 +29,7 @@ from torchliner.checks import DataWarning, frequency_tensor, require_choice
 from torchliner.eduction.averaging import Cells, sort_into_cells
 from torchliner.eduction.cavity_mouth import LOSSES, mouth_velocity_ratio
 from torchliner.records import PointImpedances, PressureRecord
+from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 SILENT = 1e-9  # of a signal's largest value: no tone
@@ -72,6 +73,7 @@ def in_situ(
         losses of eq. (2.2d) of Roncen et al. (2026); H1 with the backplate as input, since the
         turbulence on the facesheet is then the output's noise and leaves no bias.
     """
+    require_record(record)
     require_choice("losses", losses, LOSSES)
     if record.facesheet is None or record.cavity_depth is None:
         missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
@@ -116,6 +118,11 @@ def require_periods(
     record: PressureRecord, frequency: Tensor, start: float, allow_short: bool
 ) -> None:
     """Refuse a record with fewer than four periods of a frequency."""
+    if not 0 <= start < record.duration:
+        raise ValueError(
+            f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, "
+            f"which lasts {record.duration:g} s"
+        )
     periods = float(frequency.min()) * (record.duration - start)
     if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
         raise ValueError(

@@ -18,7 +18,8 @@ from torchliner.signals.bootstrap import (
     tile_draws,
 )
 
-COLUMNS = 4096  # whose draws are held at once
+COLUMNS = 4096  # of probes and frequencies, at most, whose block deviations are held at once
+DRAWN = 1 << 22  # draws times columns at once
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,10 @@ class Resampling:
             reflection: R, (...).
         """
         flat, middle = series.flatten(1).to(self.dtype), reflection.flatten().to(self.dtype)
+        step = max(1, DRAWN // self.draws)
         parts = [
-            self._columns(flat[:, low : low + COLUMNS], middle[low : low + COLUMNS])
-            for low in range(0, len(middle), COLUMNS)
+            self._columns(flat[:, low : low + step], middle[low : low + step])
+            for low in range(0, len(middle), step)
         ]
         low, high, error, runs = (
             torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True)

@@ -154,6 +154,8 @@ def sensitivities(
         DataWarning: as ``educe``.
     Source: Roncen et al. (2026), section 3, differentiated.
     """
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     liner = require_sdof(liner)
     names = expand_names(NUMBERS if parameters is None else parameters)
     if not names:

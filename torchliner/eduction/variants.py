@@ -19,7 +19,7 @@ from torchliner.replay.edges import Record
 from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import Line, plan_lines
-from torchliner.replay.part_lines import PartLine
+from torchliner.replay.part_lines import AnyLine, BackwardLine, PartLine
 from torchliner.signals.windows import make_window
 
 WINDOWS = ("hann", "boxcar", "blackman")
@@ -42,7 +42,7 @@ class Variant:
     factor: str
     name: str
     ready: Prepared
-    line: Line | PartLine
+    line: AnyLine
 
 
 class CannotApply(Exception):
@@ -67,9 +67,12 @@ class VariantMaker:
             "sampling rate": self._half_rate,
         }
 
-    def base(self) -> Variant:
-        """The choices as they are."""
-        return self._variant("base", "as chosen", self.ready)
+    def base(self) -> list[Variant]:
+        """The choices as they are: the reply to e^{j omega t}, and that to e^{-j omega t}."""
+        forward = self._variant("base", "as chosen", self.ready)
+        both = self._variant("base", "backward", self.ready, backward=True)
+        assert isinstance(both.line, Line)
+        return [forward, dataclasses.replace(both, line=BackwardLine(both.line))]
 
     def all(self) -> tuple[list[Variant], dict[str, str]]:
         """Variants, and why a factor has none."""
@@ -77,15 +80,16 @@ class VariantMaker:
         skipped = {}
         for factor, make in self.factors.items():
             try:
-                found += list(make())
-            except CannotApply as reason:
+                for variant in make():
+                    found.append(variant)
+            except (CannotApply, ValueError) as reason:  # a liner's table may be too narrow
                 skipped[factor] = str(reason)
         return found, skipped
 
     def _variant(
         self, factor: str, name: str, ready: Prepared, *, kind: str | None = None,
         grid: VelocityGrid | None = None, of_kernel: bool | None = None,
-        part: tuple[int, int] | None = None,
+        part: tuple[int, int] | None = None, backward: bool = False,
     ) -> Variant:  # fmt: skip
         """``part``: first sample and step where the record is one of a part."""
         chosen, record = ready.chosen, ready.record
@@ -95,8 +99,9 @@ class VariantMaker:
         if of_kernel or record.needs_table(self.frequency):
             kernels = self._kernel(ready, grid, kind or chosen.kernel)
         (line,) = plan_lines(
-            ready.liner, [self.frequency], record, grid, kernels, of_kernel=of_kernel
-        )
+            ready.liner, [self.frequency], record, grid, kernels, of_kernel=of_kernel,
+            backward=backward,
+        )  # fmt: skip
         return Variant(factor, name, ready, line if part is None else PartLine(line, *part))
 
     def _kernel(self, ready: Prepared, grid: VelocityGrid, kind: str) -> KernelTable:
@@ -168,7 +173,7 @@ class VariantMaker:
         record = self.ready.record
         length = (record.samples - record.start) // 2
         periods = length * self.frequency / record.sampling_rate
-        if periods < FEWEST_PERIODS:
+        if periods < FEWEST_PERIODS and not self.ready.chosen.allow_short:
             raise CannotApply(
                 f"half the record holds {periods:.3g} periods, fewer than {FEWEST_PERIODS:g}"
             )

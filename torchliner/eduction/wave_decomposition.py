@@ -29,6 +29,7 @@ from torchliner.checks import DataWarning, frequency_tensor
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.eduction.in_situ import require_periods
 from torchliner.records import PressureRecord
+from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 SINGULAR = 1e3  # condition number: three digits of every pressure are lost
@@ -200,6 +201,7 @@ def decompose_waves(
     Warns:
         DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
     """
+    require_record(record)
     if record.microphones is None:
         raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
     if velocities and record.microphone_velocity is None:

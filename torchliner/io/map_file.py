@@ -203,10 +203,18 @@ def _write_csv(result: ImpedanceMap, path: str | Path) -> None:
             result.absorption, result.coherence, result.inferred_incident_level,
         )
     ]  # fmt: skip
+    heads = list(CSV_COLUMNS)
+    if result.uncertainty is not None:
+        bounds = result.uncertainty.probes
+        ends = {"low": bounds.low, "high": bounds.high, "standard error": bounds.standard_error}
+        for name, value in ends.items():
+            for part, numbers in (("resistance", value.real), ("reactance", value.imag)):
+                heads.insert(-2, f"{part} {name} (rho c)")
+                columns.append(numbers.detach().cpu().reshape(probes, -1))
     mean, rms = result.mean_velocity.reshape(-1), result.velocity_rms.reshape(-1)
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(CSV_COLUMNS)
+        writer.writerow(heads)
         for p in range(probes):
             for f, frequency in enumerate(result.frequency.tolist()):
                 values = [float(column[p, f]) for column in columns]

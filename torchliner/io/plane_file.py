@@ -115,6 +115,12 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
     """
     path = Path(path)
     with open_file(path) as file:
+        schema = text_attribute(file, "schema") or ""
+        if VELOCITY not in file and schema.startswith("torchliner "):
+            raise ValueError(
+                f"{path} is no velocity plane but a file of schema {schema!r}"
+                + ("; use torchliner insitu" if "pressure" in schema else "")
+            )
         velocity = get_dataset(file, VELOCITY, path)
         rate, samples = read_times(file, path)
         axis = find_time_axis(velocity, samples, path)

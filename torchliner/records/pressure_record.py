@@ -232,3 +232,15 @@ def _require_finite(signal: Tensor, label: str, name: str) -> None:
             f"{name}: {label} holds {int(bad.sum())} nan or inf, the first at probe {place[:-1]}, "
             f"sample {place[-1]}; repair it or leave that probe out"
         )
+
+
+def require_record(record: Any) -> None:
+    """Refuse what is no ``PressureRecord``.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if not isinstance(record, PressureRecord):
+        raise TypeError(
+            f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)"
+        )

@@ -15,8 +15,7 @@ from torchliner.replay.block_lines import BlockLine
 from torchliner.replay.compiled import GROUP, PAYS_FROM, Loop, Shape, compile_loop
 from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.levels import VelocityGrid, gather_rows
-from torchliner.replay.lines import Line
-from torchliner.replay.part_lines import PartLine
+from torchliner.replay.part_lines import AnyLine
 from torchliner.replay.sources import Columns, SpeedSource, blocks, weighted_sums
 
 MOST_FUSED_PARTS = 16  # of a compiled loop: means over short blocks are summed eagerly
@@ -44,7 +43,7 @@ class ColumnSums:
 
     def __init__(
         self,
-        lines: Sequence[Line | PartLine],
+        lines: Sequence[AnyLine],
         block_lines: Sequence[BlockLine],
         source: SpeedSource,
         index: int,

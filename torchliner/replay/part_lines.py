@@ -1,4 +1,4 @@
-"""A line over a part of the record, or over every n-th sample, in a pass over all of it.
+"""A line over a part of the record, or of one direction alone, in a pass over all of it.
 
 What is emitted outside the part has weight zero, so that halves of a record and coarser sampling
 cost no pass of their own: the sums are those of the part educed alone.
@@ -68,7 +68,41 @@ class PartLine:
         return None if own is None else _spread(own, end - begin, where)
 
 
+@dataclass(frozen=True)
+class BackwardLine:
+    """The reply to e^{-j omega t} of a line alone, so that others of the pass can do without.
+
+    Args:
+        inner: a line with both directions.
+    """
+
+    inner: Line
+    directions: int = 1
+
+    @property
+    def law(self) -> SpeedLaw | None:
+        """That of the line."""
+        return self.inner.law
+
+    @property
+    def grid(self) -> VelocityGrid | None:
+        """That of the line."""
+        return self.inner.grid
+
+    def weights(self, begin: int, end: int) -> Tensor:
+        """Of its second direction."""
+        return self.inner.weights(begin, end)[..., 1:]
+
+    def rows(self, begin: int, end: int) -> Tensor | None:
+        """Of its second direction."""
+        rows = self.inner.rows(begin, end)
+        return None if rows is None else rows[..., 1:]
+
+
 def _spread(values: Tensor, count: int, where: slice) -> Tensor:
     whole = torch.zeros((count, *values.shape[1:]), dtype=values.dtype)
     whole[where] = values
     return whole
+
+
+AnyLine = Line | PartLine | BackwardLine

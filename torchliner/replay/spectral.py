@@ -25,8 +25,7 @@ from torchliner.replay.block_lines import BlockLine, BlockMeans
 from torchliner.replay.column_sums import ColumnSums, Task
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.lines import Line
-from torchliner.replay.part_lines import PartLine
+from torchliner.replay.part_lines import AnyLine
 from torchliner.replay.sources import SpeedSource, block_elements
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
@@ -35,7 +34,7 @@ SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares
 
 def spectral_sums(
     source: SpeedSource,
-    lines: Sequence[Line | PartLine],
+    lines: Sequence[AnyLine],
     grid: VelocityGrid,
     *,
     block_lines: Sequence[BlockLine] = (),
@@ -139,7 +138,7 @@ def _coefficients(law: SpeedLaw | None, source: SpeedSource) -> Tensor | None:
 
 def _tasks(
     i: int,
-    line: Line | PartLine,
+    line: AnyLine,
     coefficients: Tensor | None,
     samples: tuple[int, int],
     source: SpeedSource,

@@ -6,8 +6,8 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from torchliner.eduction.audit import Audit
 from torchliner.io.hdf5 import written_whole
+from torchliner.records import Audit
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
 from torchliner.report.style import COLOURS
 from torchliner.report.truth import format_complex

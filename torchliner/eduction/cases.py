@@ -1,0 +1,62 @@
+"""Whether records speak of one and the same case."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+from torchliner.records import VelocityPlane
+
+STATED = ("liner", "mach", "incident_level", "source_side")
+SAME_HEIGHT = 1e-6  # m
+
+
+def require_same_case(
+    first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False
+) -> None:
+    """Refuse two records that state different things.
+
+    Args:
+        first, other: planes or pressure records.
+        names: attributes that must agree, besides the case in the provenance.
+        remedy: last words of the message.
+        where_stated: let an attribute that one of them does not state pass.
+    Raises:
+        ValueError: they differ; what differs is named.
+    """
+    pairs = [(name, getattr(first, name), getattr(other, name)) for name in names]
+    pairs.append(("case", first.provenance.get("case"), other.provenance.get("case")))
+    for name, mine, theirs in pairs:
+        if where_stated and (mine is None or theirs is None):
+            continue
+        if mine != theirs:
+            raise ValueError(
+                f"{first.name} and {other.name} are not one case: {name} is {mine!r} and "
+                f"{theirs!r}; {remedy}"
+            )
+
+
+def planes_by_height(planes: Sequence[VelocityPlane]) -> list[VelocityPlane]:
+    """The planes, lowest first.
+
+    Raises:
+        ValueError: no plane, one without a height, two at one height, or planes of several cases.
+    """
+    if not planes:
+        raise ValueError("no plane is given")
+    for plane in planes:
+        if plane.height is None:
+            raise ValueError(
+                f"{plane.name} states no height; set 'height' (m) in the file, or convert it with "
+                "--height"
+            )
+    ordered = sorted(planes, key=lambda plane: plane.height or 0.0)
+    for before, plane in itertools.pairwise(ordered):
+        if (plane.height or 0.0) - (before.height or 0.0) < SAME_HEIGHT:
+            raise ValueError(
+                f"{before.name} and {plane.name} are both at {1e3 * (plane.height or 0.0):g} mm; "
+                "give one plane a height"
+            )
+        require_same_case(ordered[0], plane, STATED, "give the heights of one case")
+    return ordered

@@ -1,0 +1,61 @@
+"""What an audit found: how far each choice moves the impedance of the whole liner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class AuditRow:
+    """One choice changed.
+
+    Args:
+        factor, variant: what was changed, and to what.
+        impedance: whole liner, normalised, in the order of averaging of the audit.
+        change: what that is off the base.
+    """
+
+    factor: str
+    variant: str
+    impedance: complex
+    change: complex
+
+
+@dataclass(frozen=True)
+class Audit:
+    """All rows, the largest mover first, beside the statistical interval.
+
+    Args:
+        title, frequency, order: of the plane; Hz; order of averaging.
+        base: whole liner, with the choices as they are.
+        low, high: of its statistical interval (real part: R, imaginary: X); None without one.
+        level: of the interval.
+        rows: grouped by factor.
+        skipped: factors that cannot be varied with these data, and why.
+        readings: how often the velocity was read through, over all planes.
+        choices: behind the base.
+        notes: doubts about the base.
+    """
+
+    title: str
+    frequency: float
+    order: str
+    base: complex
+    low: complex | None
+    high: complex | None
+    level: float | None
+    rows: tuple[AuditRow, ...]
+    skipped: dict[str, str]
+    readings: int
+    choices: dict[str, Any]
+    notes: tuple[str, ...]
+
+    @property
+    def factors(self) -> list[str]:
+        """Names, the largest mover first."""
+        return list(dict.fromkeys(row.factor for row in self.rows))
+
+    def of(self, factor: str) -> list[AuditRow]:
+        """The rows of one factor."""
+        return [row for row in self.rows if row.factor == factor]
