@@ -13,15 +13,22 @@ from torchliner.report.figures import PARTS, finish, styled, subplots
 from torchliner.report.numbers import Array, Table, height_label
 from torchliner.report.style import COLOURS
 
+BARS = 15  # statistical intervals along a curve, about
+
 
 def impedance_over_frequency(result: ImpedanceMap) -> Table:
-    """Whole-liner impedance in both orders; quartiles over the probes that were not left out."""
+    """Whole-liner impedance in both orders, its statistical interval (admittance over probes), and
+    quartiles over the probes that were not left out, which are no uncertainty."""
     values: dict[str, Array] = {}
     for part in ("real", "imag"):
         name = {"real": "resistance", "imag": "reactance"}[part]
         values[name] = getattr(_host(result.liner_impedance), part)
         first = getattr(_host(result.liner_impedance_velocity_first), part)
         values[f"{name}, velocity first"] = first
+        if result.uncertainty is not None:
+            bounds = result.uncertainty.liner
+            for end, bound in (("low", bounds.low), ("high", bounds.high)):
+                values[f"{name} {end}"] = getattr(_host(bound), part)
         flat = getattr(_host(result.impedance), part).reshape(-1, len(result.frequency))
         for share in (25, 75):
             values[f"{name}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
@@ -35,7 +42,7 @@ def _host(value: Any) -> Any:
 
 @styled
 def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = None) -> Any:
-    """R and X over frequency at several heights, with the middle half of the probes shaded."""
+    """R and X over frequency at several heights: spread over probes shaded, intervals as bars."""
     figure, axes = subplots(1, 2, 3.0)
     ordered = sorted(results, key=lambda r: r.height or 0.0)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
@@ -49,6 +56,10 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
             drawn += [numbers.values[part], numbers.values[f"{part}, velocity first"]]
             low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
             axis.fill_between(kilohertz, low, high, color=colour, alpha=0.2, linewidth=0)
+            if f"{part} low" in numbers.values:
+                some = slice(i, None, max(1, len(kilohertz) // BARS))
+                ends = (numbers.values[f"{part} {end}"][some] for end in ("low", "high"))
+                axis.vlines(kilohertz[some], *ends, color=colour, linewidth=1.2, zorder=3)
         # A cavity's antiresonance, where Z has a pole, would hide all the rest.
         low, high = np.nanpercentile(np.concatenate(drawn), [5, 90])
         margin = 0.5 * (high - low) + 1e-9
@@ -59,9 +70,13 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     title = ordered[0].title.split(", y =")[0] or "educed impedance"
+    known = ordered[0].uncertainty
+    bars = "" if known is None else (
+        f"; bars: {100 * known.settings['level']:g} % statistical interval"
+    )  # fmt: skip
     figure.suptitle(
-        f"{title}; solid: admittance over probes, dashed: velocity first; shaded: middle half of "
-        "probes",
+        f"{title}; solid: admittance over probes, dashed: velocity first\nshaded: middle half of "
+        f"the probes{bars}",
         fontsize=9,
     )
     return finish(figure, path)
