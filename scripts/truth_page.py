@@ -248,6 +248,7 @@ def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> d
     reasons = [reasons_of(case) for case in CASES]
     motions = [row for case in MOVING for row in motions_of(case)]
     draw(rows, reasons, RESULTS)
+    rows = read_rows(RESULTS / "truth_errors.csv")  # so that the tables follow from the file
     write_rows(plain_motion(motions), RESULTS / "motion.csv")
     return {
         "errors": error_table(rows),
