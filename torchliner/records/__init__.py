@@ -1,5 +1,6 @@
 """The records everything passes through."""
 
+from torchliner.records.burst_record import BurstRecord
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
@@ -8,6 +9,7 @@ from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, Velo
 
 __all__ = [
     "SOURCE_SIDES",
+    "BurstRecord",
     "ImpedanceMap",
     "Interval",
     "PointImpedances",
