@@ -321,8 +321,13 @@ def test_the_command_tells_good_from_flagged(tmp_path, capsys):
     folder.mkdir()
     for i in range(3):
         gaussian_record(seed=i, x=0.01 * (2 - i), y=1e-3, z=0.0).write(folder / f"s{i}.csv")
-    table, picture = tmp_path / "t.csv", tmp_path / "t.png"
-    assert main(["ldv", "info", str(folder), "-o", str(table), "--figure", str(picture)]) == 0
+    table, picture, bins = (tmp_path / name for name in ("t.csv", "t.png", "bins.csv"))
+    targets = ["-o", str(table), "--figure", str(picture), "--intervals", str(bins)]
+    assert main(["ldv", "info", str(folder), *targets]) == 0
+    intervals = np.genfromtxt(bins, delimiter=",", skip_header=1)
+    assert intervals.shape == (32, 5)  # middle, law, three stations
+    assert np.allclose(0.25 * intervals[:, 1:].sum(0), 1, atol=2e-3)
+    assert np.allclose(intervals[:12, 2:], intervals[:12, 1:2], rtol=0.5)
     said = capsys.readouterr().out
     assert "no flags" in said
     assert [line.split()[0] for line in said.splitlines()[1:4]] == ["s2", "s1", "s0"]

@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_reading(info)
     _add_filters(info)
     info.add_argument("-o", "--output", type=Path, help="the table as CSV, SI units")
+    info.add_argument("--intervals", type=Path, help="histograms of the intervals as CSV")
     info.add_argument("--figure", type=Path, help="draw moments, rates and intervals there")
     add_output_options(info)
     convert = tasks.add_parser(
@@ -102,11 +103,16 @@ def _filters(options: argparse.Namespace) -> BurstFilters:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from torchliner.report.bursts import draw_stations, format_stations, inspect_stations
+    from torchliner.report.bursts import (
+        draw_stations,
+        format_stations,
+        inspect_stations,
+        intervals_of,
+    )
     from torchliner.report.numbers import write_rows
 
     inputs = [options.source, *_files(options.source)]
-    refuse_inputs((options.output, options.figure), inputs)
+    refuse_inputs((options.output, options.intervals, options.figure), inputs)
     stations = inspect_stations(_stations(options), _filters(options))
     if options.json:
         print_json([station.plain() for station in stations])
@@ -114,6 +120,8 @@ def _info(options: argparse.Namespace) -> int:
         print(format_stations(stations))
     if options.output is not None:
         write_rows([station.row() for station in stations], options.output)
+    if options.intervals is not None:
+        intervals_of(stations).write_csv(options.intervals)
     if options.figure is not None:
         draw_stations(stations, options.figure)
     return 1 if any(station.flags for station in stations) else 0

@@ -11,9 +11,11 @@ import numpy as np
 
 from torchliner.records import BurstRecord
 from torchliner.report.figures import Figure, finish, styled, subplots
+from torchliner.report.numbers import Table
 from torchliner.report.style import COLOURS
 from torchliner.signals.burst_flags import station_flags, zero_shares
 from torchliner.signals.burst_moments import (
+    HISTOGRAM_BINS,
     HISTOGRAM_REACH,
     BurstMoments,
     burst_moments,
@@ -181,17 +183,28 @@ def draw_stations(stations: Sequence[Station], path: str | Path | None = None) -
     return finish(figure, path)
 
 
+def intervals_of(stations: Sequence[Station]) -> Table:
+    """Density of the intervals of each station in units of its own mean interval, and the law's."""
+    values: dict[str, np.ndarray] = {}
+    edges = np.linspace(0, HISTOGRAM_REACH, HISTOGRAM_BINS + 1)
+    survival = np.exp(-edges)
+    values["exponential"] = (survival[:-1] - survival[1:]) / np.diff(edges)
+    for i, station in enumerate(stations, 1):
+        density = np.full(HISTOGRAM_BINS, np.nan)
+        if station.moments.rate > 0 and bool((station.kept.arrival_time.diff() >= 0).all()):
+            density = interval_histogram(station.kept).density.numpy() / station.moments.rate
+        values[f"{i} {station.kept.title or station.kept.name}"] = density
+    return Table((edges[1:] + edges[:-1]) / 2, values, "", "interval times rate")
+
+
 def _draw_intervals(axis: Any, stations: Sequence[Station]) -> None:
-    """Density of the intervals, each station scaled by its own rate, and the exponential."""
-    for station in stations:
-        if not station.moments.rate > 0:
-            continue
-        found = interval_histogram(station.kept)
-        middle = station.moments.rate * (found.edges[1:] + found.edges[:-1]) / 2
-        density = found.density / station.moments.rate
-        wanted = station.kept.bursts * (found.exponential * found.edges.diff())
-        density[(wanted < FEWEST_IN_BIN) | (density == 0)] = float("nan")
-        axis.plot(middle.numpy(), density.numpy(), color="0.65", linewidth=0.7,
+    """Each station scaled by its own rate, in bins where the law expects some, and the law."""
+    table = intervals_of(stations)
+    law, *columns = table.values.values()
+    width = HISTOGRAM_REACH / HISTOGRAM_BINS
+    for station, density in zip(stations, columns, strict=True):
+        drawn = (station.kept.bursts * law * width >= FEWEST_IN_BIN) & (density > 0)
+        axis.plot(table.at, np.where(drawn, density, np.nan), color="0.65", linewidth=0.7,
                   linestyle=":" if station.flags else "-")  # fmt: skip
     for style, label in (("-", "intervals, a line a station"), (":", "those of flagged stations")):
         axis.plot([], [], color="0.65", linewidth=0.7, linestyle=style, label=label)
