@@ -325,6 +325,12 @@ def test_faulty_hdf5_is_refused(tmp_path):
         del file["arrival_time"]
     with pytest.raises(ValueError, match="arrival_time is missing; the file holds"):
         read_burst_file(path)
+    record_of(1).write(path)
+    with h5py.File(path, "a") as file:
+        del file["station_name"]
+        file.create_dataset("station_name", data=["a", "b"], dtype=h5py.string_dtype())
+    with pytest.raises(ValueError, match="2 stations have a title, /burst_count says 1"):
+        read_burst_file(path)
     with h5py.File(path, "w") as file:
         file.attrs["schema"] = "torchliner plane 1"
     with pytest.raises(ValueError, match="holds no bursts: its schema"):

@@ -196,4 +196,9 @@ def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
         found[key] = [tuple(v) for v in values] if key == "notes" else values
     if "station_name" in file:
         found["title"] = list(file["station_name"].asstr()[()])
+    for key, values in found.items():
+        if len(values) != count:
+            raise ValueError(
+                f"{path}: {len(values)} stations have a {key}, /burst_count says {count}"
+            )
     return found
