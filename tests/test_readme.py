@@ -16,7 +16,10 @@ from torchliner.cli.main import build_parser
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = [ROOT / "README.md", ROOT / "docs" / "formats.md", ROOT / "docs" / "calibration.md"]
+PAGES = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{n}.md" for n in ("formats", "calibration", "ldv")),
+]
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

@@ -17,6 +17,7 @@ COMMANDS = {
     "insitu": "impedance from facesheet and backplate pressure, and from microphones",
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
+    "ldv": "bursts of laser Doppler stations: describe, check, convert",
     "liner": "geometry, resonance and impedance of a liner",
     "audit": "how far each open choice moves the impedance, beside its interval",
     "height": "impedance over height and averaging length, and which height to take",

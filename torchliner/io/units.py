@@ -35,7 +35,8 @@ def si_factor(quantity: str, unit: str | None, name: str) -> float:
         raise ValueError(
             f"{name} has no units attribute; set it to one of {', '.join(k for k in known if k)}"
         )
-    text = unit.strip()
+    # The micro sign has two code points; files of either kind mean u.
+    text = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u")
     # Data sets often say more after a comma: "m/s, wall-normal, positive away from the wall".
     for candidate in (text, text.split(",")[0].strip()):
         if candidate in known:

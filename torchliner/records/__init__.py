@@ -1,6 +1,7 @@
 """The records everything passes through."""
 
 from torchliner.records.audit import Audit, AuditRow
+from torchliner.records.burst_record import BurstRecord
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
@@ -11,6 +12,7 @@ __all__ = [
     "SOURCE_SIDES",
     "Audit",
     "AuditRow",
+    "BurstRecord",
     "ImpedanceMap",
     "Interval",
     "PointImpedances",

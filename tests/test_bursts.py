@@ -1,0 +1,375 @@
+"""Records of bursts: moments, validation, flags, and what the command says of them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from conftest import SHARED
+from scipy import stats
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.io.burst_folder import read_bursts
+from torchliner.report.bursts import draw_stations, inspect_stations
+from torchliner.signals.burst_flags import station_flags
+from torchliner.signals.burst_moments import burst_moments, interval_histogram
+from torchliner.signals.burst_validation import (
+    BACKWARDS,
+    OUTLIER,
+    REPEATED,
+    ZERO_RUN,
+    BurstFilters,
+    outlier_filter,
+    pair_coincident,
+    run_lengths,
+    time_filter,
+    validate_bursts,
+    weighted_median,
+    zero_run_filter,
+)
+
+REAL = SHARED / "data" / "lda_bursts"
+LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
+real_data = pytest.mark.skipif(not REAL.exists(), reason="the real bursts are not here")
+
+
+def poisson_times(count: int, rate: float = 1000.0, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).exponential(1 / rate, count).cumsum()
+
+
+def gaussian_record(count: int = 2000, seed: int = 1, **about) -> tl.BurstRecord:
+    rng = np.random.default_rng(seed)
+    about.setdefault("wall_normal", rng.normal(0.1, 0.5, count))
+    about.setdefault("transit_time", rng.uniform(1e-5, 5e-5, count))
+    return tl.BurstRecord(poisson_times(count), **about)
+
+
+# Laws
+
+
+def test_transit_times_undo_the_velocity_bias():
+    """Particles come in proportion to u and stay for d/u: weighted, the flow's own moments."""
+    rng = np.random.default_rng(2)
+    flow = rng.gamma(9.0, 1.0 / 3, 400_000)  # u > 0, mean 3, variance 1
+    seen = flow[rng.random(flow.size) < flow / flow.max()]  # arrival in proportion to u
+    record = tl.BurstRecord(poisson_times(seen.size), streamwise=seen, transit_time=1e-4 / seen)
+    found = burst_moments(record).components["streamwise"]
+    # Arithmetic: <u^2>/<u> = mean + variance/mean.
+    assert found.mean == pytest.approx(3 + 1 / 3, abs=0.015)
+    assert found.velocity_bias == pytest.approx(1 / 3, abs=0.02)
+    assert found.weighted_mean == pytest.approx(3.0, abs=0.015)
+    assert found.weighted_rms == pytest.approx(1.0, abs=0.01)
+    assert found.weighted_third == pytest.approx(2 / 9 * 3, abs=0.05)  # 2 k theta^3
+
+
+def test_equal_transit_times_weigh_nothing():
+    """With one transit time for all, and without any, both weightings agree, and with numpy's."""
+    values = np.random.default_rng(3).normal(size=500)
+    for transit in (None, np.full(500, 3e-5), np.zeros(500)):
+        record = tl.BurstRecord(poisson_times(500), values, transit_time=transit)
+        found = burst_moments(record).components["wall_normal"]
+        assert found.velocity_bias == pytest.approx(0, abs=1e-15)
+        assert found.weighted_rms == pytest.approx(values.std(), rel=1e-12)
+        assert found.weighted_third == pytest.approx(stats.moment(values, 3), rel=1e-9)
+
+
+def test_weights_are_repetitions():
+    """A burst of twice the transit time counts as two bursts: moments and median."""
+    values, weights = torch.tensor([3.0, -1.0, 2.0, 7.0]).double(), torch.tensor([1, 2, 4, 1])
+    record = tl.BurstRecord(np.arange(4.0), values, transit_time=weights.double())
+    repeated = values.repeat_interleave(weights).numpy()
+    found = burst_moments(record).components["wall_normal"]
+    assert found.weighted_mean == pytest.approx(repeated.mean(), rel=1e-14)
+    assert found.weighted_rms == pytest.approx(repeated.std(), rel=1e-14)
+    assert found.weighted_third == pytest.approx(stats.moment(repeated, 3), rel=1e-12)
+    assert float(weighted_median(values, weights.double())) == np.median(repeated)
+
+
+def test_intervals_of_a_poisson_process_follow_the_exponential_law():
+    record = gaussian_record(40_000, wall_normal=np.zeros(40_000))
+    found = interval_histogram(record)
+    share = found.density * found.edges.diff()
+    assert float(share.sum()) + found.beyond == pytest.approx(1, abs=1e-12)
+    mean = float(record.arrival_time.diff().mean())
+    law = np.diff(stats.expon(scale=mean).cdf(found.edges.numpy()))
+    assert np.allclose(found.exponential * found.edges.diff(), law, rtol=1e-10)
+    assert found.exponential_beyond == pytest.approx(stats.expon(scale=mean).sf(8 * mean))
+    counts = np.append(share.numpy(), found.beyond) * 39_999
+    wanted = np.append(law, found.exponential_beyond) * 39_999
+    assert stats.chisquare(counts, wanted * counts.sum() / wanted.sum()).pvalue > 1e-3
+    seen = burst_moments(record)
+    assert seen.irregularity == pytest.approx(1, abs=0.02)
+    assert seen.rate == pytest.approx(1000, rel=0.02)
+
+
+def test_arrival_statistics_by_hand():
+    record = tl.BurstRecord(np.array([1.0, 2.0, 5.0, 6.0]), np.ones(4))
+    found = burst_moments(record)
+    assert (found.duration, found.rate, found.longest_gap) == (5.0, 3 / 5, 3.0)
+    alone = burst_moments(tl.BurstRecord(np.array([1.0]), np.ones(1)))
+    assert np.isnan(alone.rate)
+    with pytest.raises(ValueError, match="at least two bursts"):
+        interval_histogram(tl.BurstRecord(np.array([1.0]), np.ones(1)))
+
+
+# Validation
+
+
+def test_clean_bursts_all_stay():
+    record = gaussian_record()
+    kept = validate_bursts(record)
+    assert kept.bursts == record.bursts
+    assert kept.dropped == {}
+
+
+def test_times_that_repeat_or_step_back_are_dropped_and_counted():
+    """Of equal times the first stays; after a step back all until the old time is passed."""
+    time = np.array([0.0, 1.0, 1.0, 3.0, 2.0, 2.5, 4.0])
+    record = tl.BurstRecord(time, np.arange(7.0))
+    verdict = time_filter(record)
+    assert verdict.keep.tolist() == [True, True, False, True, False, False, True]
+    kept = validate_bursts(record, BurstFilters(outliers=None))
+    assert kept.dropped == {BACKWARDS: 2, REPEATED: 1}
+    assert kept.wall_normal.tolist() == [0, 1, 3, 6]
+    assert kept.received == 7
+    assert validate_bursts(record, BurstFilters(times=False)).bursts == 7
+
+
+def test_times_that_run_backwards_are_refused():
+    record = tl.BurstRecord(np.arange(10.0)[::-1], np.ones(10), name="back.txt")
+    with pytest.raises(ValueError, match=r"back.txt: 9 of 10 bursts .* run backwards"):
+        validate_bursts(record)
+    with pytest.raises(ValueError, match="9 of 10 arrival times repeat"):
+        validate_bursts(tl.BurstRecord(np.zeros(10), np.ones(10)))
+
+
+def test_runs_of_zeros_are_dropped_and_single_zeros_stay():
+    values = np.array([1.0, 0, 2, 0, 0, 0, 3, 0, 0])
+    record = tl.BurstRecord(np.arange(9.0), values, streamwise=np.ones(9))
+    assert run_lengths(torch.as_tensor(values) == 0).tolist() == [0, 1, 0, 3, 3, 3, 0, 2, 2]
+    assert zero_run_filter(record, 3).dropped == {ZERO_RUN: 3}
+    kept = validate_bursts(record, BurstFilters(zero_runs=3, outliers=None))
+    assert kept.wall_normal.tolist() == [1, 0, 2, 3, 0, 0]
+    assert len(kept.streamwise) == 6
+    assert kept.dropped == {ZERO_RUN: 3}
+    off = validate_bursts(record, BurstFilters(zero_runs=None, outliers=None))
+    assert off.dropped == {}
+
+
+def test_outliers_of_either_component_are_dropped():
+    record = gaussian_record(3000)
+    v = record.wall_normal.clone()
+    v[[5, 70]] = torch.tensor([30.0, -8.0]).double()
+    u = torch.full_like(v, 10.0) + v / 3
+    u[9] = -50.0
+    dirty = tl.BurstRecord(record.arrival_time, v, u, record.transit_time)
+    kept = validate_bursts(dirty)
+    assert kept.dropped == {OUTLIER: 3}
+    assert float(kept.wall_normal.abs().max()) < 4
+    assert validate_bursts(dirty, BurstFilters(outliers=None)).bursts == 3000
+
+
+def test_outliers_are_judged_by_the_time_and_not_by_the_number_of_bursts():
+    """Many fast bursts of short transit do not draw the median to themselves."""
+    v = torch.cat([torch.full((60,), 20.0), torch.linspace(0.9, 1.1, 40)]).double()
+    transit = torch.cat([torch.full((60,), 1e-6), torch.full((40,), 5e-5)]).double()
+    record = tl.BurstRecord(np.arange(100.0), v, transit_time=transit)
+    assert outlier_filter(record, 6.0).keep.tolist() == [False] * 60 + [True] * 40
+    plain = tl.BurstRecord(np.arange(100.0), v)
+    assert bool(outlier_filter(plain, 6.0).keep[:60].all())
+
+
+def test_a_median_deviation_of_zero_does_not_drop_neighbours():
+    """More than half equal: deviations up to the limit times the resolution stay."""
+    values = np.array([0.0] * 70 + [0.01, -0.01] * 14 + [5.0, 5.02])
+    kept = validate_bursts(tl.BurstRecord(np.arange(100.0), values), BurstFilters(zero_runs=None))
+    assert kept.dropped == {OUTLIER: 2}
+
+
+def test_filters_run_in_their_order_and_each_sees_what_is_left():
+    """A repeated burst that breaks a run of zeros is gone before runs are counted."""
+    time = np.array([0.0, 1, 2, 2, 3, 4, 5])
+    values = np.array([1.0, 0, 0, 7, 0, 1, 1])
+    kept = validate_bursts(
+        tl.BurstRecord(time, values, dropped={"before": 4}), BurstFilters(True, 3, None)
+    )
+    assert kept.dropped == {"before": 4, REPEATED: 1, ZERO_RUN: 3}
+    assert kept.received == 11
+
+
+def test_faulty_filters_are_refused():
+    with pytest.raises(ValueError, match="zero_runs is 1"):
+        BurstFilters(zero_runs=1)
+    with pytest.raises(ValueError, match=r"outliers .* is -1"):
+        BurstFilters(outliers=-1)
+    with pytest.raises(ValueError, match="all 5 bursts would be dropped"):
+        validate_bursts(tl.BurstRecord(np.arange(5.0), np.zeros(5)), BurstFilters(zero_runs=2))
+
+
+def test_coincident_bursts_are_paired_once_and_mutually():
+    """Worked by hand: 1.2 is nearer to 1.3 than to 1.0; 9 has nobody; 5 is just at the window."""
+    first = torch.tensor([1.0, 1.2, 5.0, 9.0]).double()
+    second = torch.tensor([0.1, 1.3, 5.5, 20.0]).double()
+    mine, theirs = pair_coincident(first, second, 0.5)
+    assert (mine.tolist(), theirs.tolist()) == ([1, 2], [1, 2])
+    again = pair_coincident(second, first, 0.5)
+    assert (again[0].tolist(), again[1].tolist()) == ([1, 2], [1, 2])
+    with pytest.raises(ValueError, match="coincidence window"):
+        pair_coincident(first, second, 0.0)
+
+
+# Records
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"arrival_time": np.zeros(0), "wall_normal": np.zeros(0)}, "at least one burst"),
+        ({}, "no velocity"),
+        ({"wall_normal": np.zeros(2)}, "wall_normal has 2 values, arrival_time 3"),
+        ({"wall_normal": np.array([0, np.nan, 1])}, "1 values that are not finite, .* burst 1"),
+        ({"wall_normal": np.zeros(3), "transit_time": np.array([1, -1e-6, 1])}, "transit_time is"),
+        ({"wall_normal": np.zeros((3, 1))}, "shape"),
+        ({"wall_normal": np.zeros(3), "x": float("nan")}, "x is nan"),
+        ({"wall_normal": np.zeros(3), "frequency": 0.0}, "frequency is 0"),
+        ({"wall_normal": np.zeros(3), "source_side": "uptream"}, "did you mean 'upstream'"),
+        ({"wall_normal": np.zeros(3), "dropped": {"a": -1}}, "at least 0"),
+    ],
+)
+def test_faulty_records_are_refused(fields, message):
+    fields.setdefault("arrival_time", np.arange(3.0))
+    with pytest.raises(ValueError, match=message):
+        tl.BurstRecord(**fields, name="f.txt")
+
+
+def test_counts_must_be_those_of_the_mask():
+    record = gaussian_record(4)
+    with pytest.raises(ValueError, match="1 bursts are masked"):
+        record.keep(torch.tensor([True, False, True, True]), {"why": 2})
+    with pytest.raises(TypeError, match="int64"):
+        tl.BurstRecord(np.arange(3), np.zeros(3))
+
+
+# Flags
+
+
+def flags_of(record: tl.BurstRecord) -> list[str]:
+    kept = validate_bursts(record)
+    return station_flags(record, kept, burst_moments(kept))
+
+
+def test_a_good_station_has_no_flag():
+    assert flags_of(gaussian_record(frequency=400.0)) == []
+
+
+def test_each_doubt_is_flagged():
+    rng = np.random.default_rng(5)
+    v = rng.normal(0, 1, 2000)
+    zeros = np.where(rng.random(2000) < 0.4, 0.0, v)
+    assert "40 % of wall_normal are exactly 0" in flags_of(gaussian_record(wall_normal=zeros))[0]
+    coarse = np.round(v)
+    assert any("rounding alone is 8 %" in f for f in flags_of(gaussian_record(wall_normal=coarse)))
+    assert "0.99 bursts a period of 1000 Hz" in str(flags_of(gaussian_record(frequency=1000.0)))
+    time = poisson_times(2000)
+    time[1000:] += 0.1
+    gap = tl.BurstRecord(time, v)
+    assert any("a gap of 10" in f for f in flags_of(gap))
+    many = tl.BurstRecord(poisson_times(2000), v, dropped={"before": 500})
+    assert "20 % of the bursts dropped" in flags_of(many)[0]
+
+
+# Real bursts
+
+
+@real_data
+@pytest.mark.parametrize("folder", ["FX01G00", "FX03G00"])
+def test_stations_near_the_wall_are_flagged(folder):
+    """Up to 95 % of v is exactly 0 at the two stations nearest to the wall."""
+    records = read_bursts(REAL / folder, columns=LAYOUT)
+    assert [record.bursts for record in records] == [2000] * 15
+    stations = inspect_stations(records)
+    assert [bool(station.flags) for station in stations] == [True] * 2 + [False] * 13
+    assert all("exactly 0" in station.flags[0] for station in stations[:2])
+    for station in stations[2:]:
+        assert 0.85 < station.moments.irregularity < 1.1
+        # Fast particles are seen more often: the arithmetic mean of u is never the lower one.
+        assert station.moments.components["streamwise"].velocity_bias > -0.001
+
+
+@real_data
+def test_real_exports_of_one_component():
+    path = REAL / "dxex" / "35Hz.000002.txt"
+    (record,) = read_bursts(path, components=["streamwise"])
+    assert record.bursts == 2000
+    assert record.position == (0.0, 0.0, -1e-3)
+    assert float(record.arrival_time[0]) == pytest.approx(3.088e-3)
+    assert float(record.streamwise[0]) == -42.690
+    with pytest.raises(ValueError, match="1 channel, LDA1; say what it measures"):
+        read_bursts(path)
+    with pytest.raises(ValueError, match="have the same position"):
+        read_bursts(REAL / "dxex", components=["streamwise"])
+
+
+# The command
+
+
+def test_the_command_tells_good_from_flagged(tmp_path, capsys):
+    folder = tmp_path / "line"
+    folder.mkdir()
+    for i in range(3):
+        gaussian_record(seed=i, x=0.01 * (2 - i), y=1e-3, z=0.0).write(folder / f"s{i}.csv")
+    table, picture, bins = (tmp_path / name for name in ("t.csv", "t.png", "bins.csv"))
+    targets = ["-o", str(table), "--figure", str(picture), "--intervals", str(bins)]
+    assert main(["ldv", "info", str(folder), *targets]) == 0
+    intervals = np.genfromtxt(bins, delimiter=",", skip_header=1)
+    assert intervals.shape == (32, 5)  # middle, law, three stations
+    assert np.allclose(0.25 * intervals[:, 1:].sum(0), 1, atol=2e-3)
+    assert np.allclose(intervals[:12, 2:], intervals[:12, 1:2], rtol=0.5)
+    said = capsys.readouterr().out
+    assert "no flags" in said
+    assert [line.split()[0] for line in said.splitlines()[1:4]] == ["s2", "s1", "s0"]
+    assert picture.stat().st_size > 10_000
+    assert table.read_text().splitlines()[0].startswith("station,x (m)")
+    zeros = np.where(np.arange(2000) % 3 == 0, 0.0, 1.0 + np.sin(np.arange(2000)))
+    gaussian_record(wall_normal=zeros, x=0.5, y=1e-3, z=0.0).write(folder / "s9.csv")
+    assert main(["ldv", "info", str(folder), "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)
+    assert [len(row["flags"]) for row in rows] == [0, 0, 0, 1]
+    assert rows[3]["components"]["wall_normal"]["mean"] > 0
+
+
+def test_filters_are_switched_from_the_command(tmp_path, capsys):
+    path = tmp_path / "s.csv"
+    values = np.random.default_rng(0).normal(size=300)
+    values[7] = 100.0
+    tl.BurstRecord(poisson_times(300), values).write(path)
+    assert main(["ldv", "info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["dropped"] == {OUTLIER: 1}
+    assert main(["ldv", "info", str(path), "--json", "--without", "outliers", "times"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["dropped"] == {}
+    assert main(["ldv", "info", str(path), "--without", "outliers", "--outliers", "5"]) == 2
+    assert main(["ldv", "info", str(tmp_path / "none.csv")]) == 2
+    assert main(["ldv", "info", str(path), "--figure", str(path)]) == 2
+    assert "is an input" in capsys.readouterr().err
+
+
+def test_the_command_converts(tmp_path, capsys):
+    source, target = tmp_path / "raw.txt", tmp_path / "all.h5"
+    source.write_text("1 0.5 20 3.0 -0.1\n2 0.9 25 3.5 0.2\n")
+    arguments = ["ldv", "convert", str(source), "--columns", LAYOUT, "--frequency", "1500"]
+    assert main([*arguments, "--x", "0.01", "-o", str(target)]) == 0
+    (record,) = read_bursts(target)
+    assert record.frequency == 1500
+    assert record.x == 0.01
+    assert record.y is None
+    assert torch.allclose(record.arrival_time, torch.tensor([5e-4, 9e-4]).double())
+    assert main([*arguments, "-o", str(source)]) == 2
+
+
+def test_a_figure_of_stations_without_positions(tmp_path):
+    stations = inspect_stations([gaussian_record(seed=i) for i in range(2)])
+    figure = draw_stations(stations, tmp_path / "f.png")
+    assert figure.axes[0].get_xlabel() == "station"

@@ -1,0 +1,73 @@
+"""What makes a station doubtful: it is flagged, so that it is not used in silence."""
+
+from __future__ import annotations
+
+import math
+
+from torchliner.records import BurstRecord
+from torchliner.signals.burst_moments import BurstMoments
+from torchliner.signals.burst_validation import resolution
+
+MOST_ZEROS = 0.25  # share of exact zeros in a component
+MOST_DROPPED = 0.10  # share of the bursts
+GAP_CHANCE = 1e-3  # of a gap so long in a Poisson process of the same rate
+MOST_ROUNDING = 0.05  # share of the variance
+FEWEST_PER_PERIOD = 2.0  # bursts in a period of the tone
+
+
+def zero_shares(record: BurstRecord) -> dict[str, float]:
+    """Share of exact zeros in each component, 0 to 1."""
+    return {n: float((v == 0).sum()) / record.bursts for n, v in record.components.items()}
+
+
+def station_flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments) -> list[str]:
+    """Doubts about a station in words, each with its number and limit.
+
+    Args:
+        raw: as read: zeros are counted before any are dropped.
+        kept: what validation left.
+        found: moments of ``kept``.
+    """
+    flags = []
+    for name, share in zero_shares(raw).items():
+        if share > MOST_ZEROS:
+            flags.append(
+                f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not "
+                "validated, or the wall's light; dropping them does not mend the rest"
+            )
+    gone = 1 - kept.bursts / kept.received
+    if gone > MOST_DROPPED:
+        flags.append(f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)")
+    for name, moments in found.components.items():
+        step = resolution(raw.components[name])
+        # Rounding to a step d adds d^2/12 to the variance.
+        share = step**2 / 12 / moments.rms**2 if moments.rms > 0 else math.inf
+        if share > MOST_ROUNDING:
+            flags.append(
+                f"{name} is resolved to {step:g} m/s: rounding alone is {_percent(share)} of its "
+                f"variance (limit {100 * MOST_ROUNDING:g} %)"
+            )
+    return flags + _arrival_flags(kept, found)
+
+
+def _percent(share: float) -> str:
+    return "all" if share >= 1 else f"{100 * share:.0f} %"
+
+
+def _arrival_flags(kept: BurstRecord, found: BurstMoments) -> list[str]:
+    if not found.rate > 0:
+        return [f"{kept.bursts} bursts: no rate, no intervals"]
+    flags = []
+    # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
+    chance = (kept.bursts - 1) * math.exp(-found.rate * found.longest_gap)
+    if chance < GAP_CHANCE:
+        flags.append(
+            f"a gap of {1e3 * found.longest_gap:.3g} ms, {found.rate * found.longest_gap:.3g} mean "
+            f"intervals (chance in a Poisson process {chance:.0e}, limit {GAP_CHANCE:g})"
+        )
+    if kept.frequency is not None and found.rate < FEWEST_PER_PERIOD * kept.frequency:
+        flags.append(
+            f"{found.rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz (limit "
+            f"{FEWEST_PER_PERIOD:g})"
+        )
+    return flags
