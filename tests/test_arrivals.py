@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import math
 
 import numpy as np
 import pytest
 import torch
+from conftest import load_script
 from scipy.integrate import dblquad
 from scipy.signal import lombscargle
 
@@ -380,3 +382,23 @@ def test_empty_slots_are_refused():
     found = slotted_correlation(TIMES, torch.sin(1e3 * TIMES), 3e-5, 1e-3)
     with pytest.raises(ValueError, match="slots hold no pair"):
         slotted_spectrum(found)
+
+
+def test_study_runs(tmp_path, monkeypatch):
+    """At two rates: linear interpolation lowers rms and resistance, the correction returns most."""
+    study = load_script("ldv_interpolation")
+    monkeypatch.setattr(study, "RATES", (15e3, 60e3))
+    monkeypatch.setattr(study, "LONG", 0.3)
+    assert study.main(["-o", str(tmp_path), "--draws", "8"]) == 0
+    assert len(list(tmp_path.glob("*.png"))) == 3
+    with (tmp_path / "ldv_effects.csv").open() as file:
+        low, high = ({k: float(v) for k, v in row.items()} for row in csv.DictReader(file))
+    for rule in ("averaged", "self-consistent"):
+        for row, least in ((low, 0.04), (high, 0.002)):
+            true = row[f"resistance {rule}, true"]
+            miss = abs(row[f"resistance {rule}, linear"] / true - 1)
+            kept = abs(row[f"resistance {rule}, linear, tone corrected"] / true - 1)
+            assert least < miss
+            assert kept < 0.7 * miss
+    flow = study.Flow(2.0, 1)
+    assert float(np.std(flow.turbulence(np.arange(0, 2, 1e-4)))) == pytest.approx(1.5, rel=0.03)
