@@ -352,6 +352,11 @@ ZEROS = torch.zeros(100)
         (lambda: tone_attenuation(TIMES, 5001.0), "fewer than two a period of 5001 Hz"),
         (lambda: tone_attenuation(TIMES, 3000.0, 30e3, "band-limited"), "band of the fit, 2500"),
         (lambda: tone_attenuation(TIMES, 500.0, segment=9.0), "segment is 9 s"),
+        (lambda: tone_attenuation(TIMES, 1500.0, 2e3), "at or above Nyquist, 1000 Hz"),
+        (
+            lambda: tone_attenuation(TIMES, 500.0, grid=UniformGrid(0.0, 20e3, 300)),
+            "the grid runs from 0 to 0.01495 s, the arrivals from 0 to 0.0099 s",
+        ),
         (lambda: poisson_attenuation(1.0, 10.0, "band-limited"), "closed form"),
         (lambda: slotted_correlation(TIMES, ZEROS, 0.0, 1e-3), "slot .* is 0"),
         (lambda: slotted_correlation(TIMES, ZEROS, 1e-4, 1.0), "longest_lag is 1 s"),
@@ -370,7 +375,7 @@ def test_corrections_that_are_refused():
     several = tone_attenuation(times, FREQUENCY, grid=found.grid, segment=0.02)
     with pytest.raises(ValueError, match="is that of 8 segments"):
         corrected_coherent_part(found, several)
-    with pytest.raises(ValueError, match="the signal is linear on"):
+    with pytest.raises(ValueError, match=r"the signal is linear .* the attenuation hold"):
         corrected_coherent_part(found, tone_attenuation(times, FREQUENCY, 32e3, "hold"))
     small = tone_attenuation(poisson(3.2e3, 0.1), FREQUENCY, 32e3)
     weak = onto_grid(poisson(3.2e3, 0.1), normal(len(poisson(3.2e3, 0.1))), 32e3)

@@ -67,7 +67,7 @@ class GridSignal:
     Args:
         values: (T,), or (stations, T); float64, in the unit given.
         grid: of all stations.
-        method: one of ``METHODS``.
+        method, band: as asked.
         mean_rate: arrivals a second, (stations,) or ().
         longest_gap, longest_gap_at: s, and s on the clock of the arrivals where it begins; alike.
         notes: doubts, as they were warned of.
@@ -80,6 +80,7 @@ class GridSignal:
     longest_gap: Tensor
     longest_gap_at: Tensor
     notes: tuple[str, ...] = ()
+    band: float | None = None
 
 
 def onto_grid(
@@ -131,7 +132,7 @@ def onto_grid(
     found = torch.stack([interpolate(t, v, grid, method, band) for t, v in stations])
     parts = (found, rates, lengths, places)
     found, rates, lengths, places = parts if several else (part[0] for part in parts)
-    return GridSignal(found, grid, method, rates, lengths, places, notes)
+    return GridSignal(found, grid, method, rates, lengths, places, notes, band)
 
 
 def interpolate(
@@ -144,18 +145,28 @@ def interpolate(
     """One station's values on a grid that its arrivals span: (..., N) at (N,) to (..., T).
 
     No checks of the data: see ``onto_grid``.
+
+    Raises:
+        ValueError: the grid reaches beyond the arrivals.
     """
+    slack, last = ROUNDING / grid.rate, grid.start + (grid.samples - 1) / grid.rate
+    if grid.start < float(arrival_times[0]) - slack or last > float(arrival_times[-1]) + slack:
+        raise ValueError(
+            f"the grid runs from {grid.start:.9g} to {last:.9g} s, the arrivals from "
+            f"{float(arrival_times[0]):.9g} to {float(arrival_times[-1]):.9g} s; nothing is "
+            "extrapolated"
+        )
     if method == "band-limited":
         band = BAND_SHARE * mean_rate(arrival_times) if band is None else band
         return spline_fit(arrival_times, values, grid.times, band)
-    points = (grid.times + ROUNDING / grid.rate).to(values.device)
+    points = (grid.times + slack).to(values.device)
     times = arrival_times.to(values.device)
     before = torch.searchsorted(times, points, right=True) - 1
     if method == "hold":
         return values[..., before.clamp(min=0)]
     before = before.clamp(0, len(times) - 2)
     step = times[before + 1] - times[before]
-    share = ((points - ROUNDING / grid.rate - times[before]) / step).clamp(0, 1)
+    share = ((points - slack - times[before]) / step).clamp(0, 1)
     return torch.lerp(values[..., before], values[..., before + 1], share)
 
 

@@ -145,8 +145,8 @@ def tone_attenuation(
         segment: s, overlapping by half; None for one segment of the whole record.
         name: how messages call the data.
     Raises:
-        ValueError: the mean rate is below twice a frequency, a frequency is outside ``band``, or as
-            ``onto_grid``.
+        ValueError: the mean rate is below twice a frequency, a frequency is outside ``band`` or not
+            below half the grid's rate, the grid reaches beyond the arrivals, or as ``onto_grid``.
     Warns:
         DataWarning: a factor below 0.95, with the number; fewer than 8 arrivals a period.
     """
@@ -163,6 +163,7 @@ def tone_attenuation(
     if grid is None:
         fine = derived_rate(times, float(wanted.max())) if rate is None else rate
         grid = common_grid(times, fine)
+    frequency_tensor(wanted, grid.rate)
     starts, length = segment_starts(grid.samples, 0, segment, grid.rate)
     weights = make_window(window, length).weights
     pairs = [_factors(each, wanted, grid, method, band, starts, weights) for each in times]

@@ -48,13 +48,15 @@ def corrected_coherent_part(
         attenuation: from ``tone_attenuation`` with one segment, for the same arrivals and grid.
         arrival_times: s, those of the signal, (N,), or a list of such.
     Raises:
-        ValueError: grids or methods differ, several segments, a factor below 0.3 (the correction
-            would raise noise by more than 3).
+        ValueError: grids, methods or bands differ, several segments, a factor below 0.3 (the
+            correction would raise noise by more than 3).
     """
-    if (signal.grid, signal.method) != (attenuation.grid, attenuation.method):
+    made_by, meant_for = ((each.method, each.band, each.grid) for each in (signal, attenuation))
+    if made_by != meant_for:
         raise ValueError(
-            f"the signal is {signal.method} on {signal.grid}, the attenuation {attenuation.method} "
-            f"on {attenuation.grid}; give tone_attenuation the signal's grid and method"
+            "the signal is {} (band {}) on {}, ".format(*made_by)
+            + "the attenuation {} (band {}) on {}; ".format(*meant_for)
+            + "give tone_attenuation the signal's grid, method and band"
         )
     segments, smallest = attenuation.factor.shape[-2], float(attenuation.factor.abs().min())
     if segments != 1:
