@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 import calibrate_resolved
+import ldv_interpolation
 import truth_page
 
 from torchliner.checks import DataWarning
@@ -69,6 +70,7 @@ def main() -> None:
     reasons = [truth_page.reasons_of(case) for case in truth_page.CASES]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
     truth_page.draw(rows, reasons, FIGURES)
+    ldv_interpolation.study(FIGURES, 200)
     print(f"pictures are in {FIGURES}")
 
 

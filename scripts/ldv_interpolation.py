@@ -1,0 +1,219 @@
+"""What the way onto a grid does to laser Doppler velocities, on bursts whose truth is known.
+
+    python scripts/ldv_interpolation.py [-o FOLDER] [--draws 200]
+
+A tone of 1500 Hz (2 m/s peak) and Gaussian turbulence (1.5 m/s rms, falling like f^-5/3 from 500 Hz
+to 20 kHz) are seen at Poisson arrivals and rebuilt. Figures with their numbers as CSV: the factor
+on the tone and the error of its amplitude; spectra; rms and the educed Z of the liner `onera`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.interpolate import CubicSpline
+from scipy.signal import welch
+from torch import Tensor
+
+import torchliner as tl
+from torchliner.report.arrivals import draw_attenuation, draw_effects, draw_spectra
+from torchliner.report.numbers import Array, Table
+from torchliner.signals.arrivals import METHODS, GridSignal, onto_grid
+from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
+from torchliner.signals.coherent_part import corrected_coherent_part
+from torchliner.signals.slotting import slotted_correlation, slotted_spectrum
+
+FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
+KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the record that is truth
+RATES = (8e3, 10e3, 15e3, 20e3, 25e3, 35e3, 50e3, 100e3)
+PUBLISHED = {15e3: 0.84, 25e3: 0.94, 50e3: 0.98}
+SHORT, LONG = 0.1, 2.0  # s; records for the errors of amplitudes, and for all else
+SPECTRUM_RATE, GRID = 15e3, 60e3  # Hz; grid: 40 steps a period, three times the turbulence's end
+VARIABLE = "mean rate (Hz)"
+RULES = ("averaged", "self-consistent")
+CORRECTED = ("linear, tone corrected", "linear, tone and its noise corrected")
+
+
+class Flow:
+    """Velocity at any time: a tone and one draw of turbulence, over ``seconds``."""
+
+    def __init__(self, seconds: float, seed: int) -> None:
+        count = 1 << math.ceil(math.log2((seconds + 0.01) * FINE))
+        self.generator = np.random.default_rng(seed)
+        self.seconds = seconds
+        frequency = np.fft.rfftfreq(count, 1 / FINE)
+        weights = (1 + (frequency / KNEE) ** 2) ** (-5 / 12) * (frequency <= HIGHEST)
+        weights[0] = 0.0
+        white = np.fft.rfft(self.generator.standard_normal(count))
+        noise = np.fft.irfft(white * weights, n=count)
+        scale = RMS / math.sqrt(2 * float((weights**2).sum()) / count)
+        kept = math.ceil((seconds + 0.005) * FINE)
+        self.turbulence = CubicSpline(np.arange(kept) / FINE, scale * noise[:kept])
+
+    def velocity(self, times: Tensor) -> Tensor:
+        """m/s."""
+        tone = PEAK * torch.cos(2 * math.pi * FREQUENCY * times)
+        return tone + torch.from_numpy(self.turbulence(times.numpy()))
+
+    def arrivals(self, rate: float) -> Tensor:
+        """Of a Poisson process, whatever the velocity: s."""
+        steps = self.generator.exponential(1 / rate, int(1.2 * rate * self.seconds) + 50)
+        times = torch.from_numpy(np.cumsum(steps))
+        return times[times < self.seconds]
+
+
+def attenuation_tables() -> tuple[Table, Table]:
+    """|G| for drawn arrivals, and the closed forms on finer rates."""
+    found: dict[str, list[float]] = {method: [] for method in METHODS}
+    for seed, rate in enumerate(RATES):
+        times = Flow(LONG, seed).arrivals(rate)
+        for method in METHODS:
+            factor = tone_attenuation(times, FREQUENCY, method=method).factor
+            found[method].append(float(factor.abs().squeeze()))
+    fine = np.geomspace(RATES[0], RATES[-1], 101)
+    closed = {
+        method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy()
+        for method in CLOSED_FORMS
+    }
+    drawn = {method: np.array(values) for method, values in found.items()}
+    return (
+        Table(np.array(RATES), drawn, "drawn arrivals", VARIABLE),
+        Table(fine, closed, "closed form", VARIABLE),
+    )
+
+
+def fit_at_arrivals(times: Tensor, values: Tensor) -> complex:
+    """A of the tone from the samples themselves: least squares, no grid, no bias."""
+    turns = 2 * math.pi * FREQUENCY * times
+    model = torch.stack([turns.cos(), -turns.sin(), torch.ones_like(turns)], 1)
+    cosine, sine, _ = torch.linalg.lstsq(model, values[:, None]).solution[:, 0].tolist()
+    return complex(cosine, sine) / 2
+
+
+def amplitude_errors(draws: int) -> Table:
+    """Bias and scatter of the tone's amplitude by linear interpolation, over its size."""
+    names = ("as interpolated", "corrected", "fit at the arrivals")
+    columns: dict[str, list[float]] = {}
+    for number, rate in enumerate(RATES):
+        found = []
+        for draw in range(draws):
+            flow = Flow(SHORT, 1000 * (number + 1) + draw)
+            times = flow.arrivals(rate)
+            values = flow.velocity(times)
+            signal = onto_grid(times, values, GRID)
+            factors = tone_attenuation(times, FREQUENCY, window="boxcar", grid=signal.grid)
+            back = corrected_coherent_part(signal, factors)
+            turn = np.exp(-2j * np.pi * FREQUENCY * signal.grid.start)
+            lines = [complex(each[0]) * turn for each in (back.line, back.amplitude)]
+            found.append([*lines, fit_at_arrivals(times, values)])
+        errors = np.array(found) / (PEAK / 2) - 1
+        for i, name in enumerate(names):
+            bias, scatter = abs(errors[:, i].mean()), errors[:, i].std(ddof=1)
+            columns.setdefault(f"bias, {name}", []).append(float(bias))
+            columns.setdefault(f"scatter, {name}", []).append(float(scatter))
+    numbers = {name: np.array(column) for name, column in columns.items()}
+    return Table(np.array(RATES), numbers, f"{draws} draws of {SHORT:g} s", VARIABLE)
+
+
+def spectra() -> list[Table]:
+    """Power spectral densities: known everywhere, rebuilt, and from the pairs of samples."""
+    flow = Flow(LONG, 77)
+    times = flow.arrivals(SPECTRUM_RATE)
+    values = flow.velocity(times)
+    found: list[Table] = []
+    for method in METHODS:
+        signal = onto_grid(times, values, GRID, method)
+        if not found:
+            found.append(_welch(flow.velocity(signal.grid.times), "velocity known everywhere"))
+        found.append(_welch(signal.values, method))
+    slotted = slotted_spectrum(slotted_correlation(times, values, 1 / GRID, 16e-3))
+    name = "slotted, local normalisation"
+    return [*found, Table(slotted[0], {"density (m2/s2/Hz)": slotted[1]}, name, "frequency (Hz)")]
+
+
+def _welch(signal: Tensor, label: str) -> Table:
+    frequency, density = welch(signal.numpy(), GRID, nperseg=2000)
+    numbers: Array = np.asarray(density, dtype=np.float64)
+    return Table(np.asarray(frequency), {"density (m2/s2/Hz)": numbers}, label, "frequency (Hz)")
+
+
+def effects() -> tuple[list[tuple[str, Table, float]], Table]:
+    """Panels of rms and Z by method, relative to the truth of the same draw; and all numbers."""
+    rows = []
+    for number, rate in enumerate(RATES):
+        flow = Flow(LONG, 500 + number)
+        times = flow.arrivals(rate)
+        values = flow.velocity(times)
+        signals = {method: onto_grid(times, values, GRID, method) for method in METHODS}
+        signals |= _corrections(times, signals["linear"])
+        true = flow.velocity(signals["linear"].grid.times)
+        rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    parts = ("rms (m/s)", *(f"{p} {rule}" for rule in RULES for p in ("resistance", "reactance")))
+    numbers = {f"{part}, {name}": column[:, i] for name, column in columns.items()
+               for i, part in enumerate(parts)}  # fmt: skip
+    panels = []
+    for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
+        shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
+        panels.append(
+            (f"{label}, over the truth", Table(np.array(RATES), shown, label, VARIABLE), 1.0)
+        )
+    return panels, Table(np.array(RATES), numbers, "effects", VARIABLE)
+
+
+def _corrections(times: Tensor, signal: GridSignal) -> dict[str, GridSignal]:
+    factors = tone_attenuation(times, FREQUENCY, grid=signal.grid)
+    pairs = zip(CORRECTED, (None, times), strict=True)
+    return {n: corrected_coherent_part(signal, factors, arrivals).signal for n, arrivals in pairs}
+
+
+def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:
+    """rms, and resistance and reactance under each phase rule."""
+    plane = tl.VelocityPlane(torch.stack(list(signals.values())), sampling_rate=GRID)
+    found = {name: [float(values.std())] for name, values in signals.items()}
+    for rule in RULES:
+        result = tl.educe(
+            plane, tl.load_liner("onera"), FREQUENCY, phase=rule, velocity_max=12.0, interval=None
+        )
+        for name, z in zip(signals, result.impedance[:, 0], strict=True):
+            found[name] += [float(z.real), float(z.imag)]
+    return found
+
+
+def study(folder: Path, draws: int) -> dict[str, Table]:
+    """Draw the figures into a folder; returns all numbers by name."""
+    factors, closed = attenuation_tables()
+    errors = amplitude_errors(draws)
+    draw_attenuation(factors, closed, PUBLISHED, errors, folder / "ldv_attenuation.png")
+    found = spectra()
+    title = f"tone and turbulence, {SPECTRUM_RATE / 1e3:g} kHz mean rate"
+    draw_spectra(found, title, 30e3, 1e-8, folder / "ldv_spectra.png")
+    panels, numbers = effects()
+    draw_effects(panels, folder / "ldv_effects.png")
+    tables = {"attenuation": factors, "closed_forms": closed, "errors": errors, "effects": numbers}
+    stems = (table.label.split(",")[0].replace(" ", "_") for table in found)
+    return tables | {f"spectrum_{stem}": table for stem, table in zip(stems, found, strict=True)}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/ldv_interpolation"))
+    parser.add_argument("--draws", type=int, default=200, help="of the amplitude's errors")
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore", tl.DataWarning)
+    for name, table in study(options.output, options.draws).items():
+        table.write_csv(options.output / f"ldv_{name}.csv")
+    print(f"figures and numbers are in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

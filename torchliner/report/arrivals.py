@@ -1,0 +1,139 @@
+"""What a reconstruction from random samples does, drawn over the mean rate of arrivals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from torchliner.report.figures import Figure, finish, styled, subplots
+from torchliner.report.numbers import Table
+from torchliner.report.style import COLOURS, MARKERS
+
+KILO = 1e-3
+RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
+# One look for a way of reconstruction in all figures.
+LOOKS = {
+    "linear": (COLOURS[0], MARKERS[0]),
+    "hold": (COLOURS[1], MARKERS[1]),
+    "band-limited": (COLOURS[2], MARKERS[2]),
+    "linear, tone corrected": (COLOURS[3], MARKERS[3]),
+    "linear, tone and its noise corrected": (COLOURS[5], MARKERS[4]),
+}
+
+
+@styled
+def draw_attenuation(
+    factors: Table,
+    closed_forms: Table,
+    published: Mapping[float, float],
+    errors: Table,
+    path: str | Path | None = None,
+) -> Figure:
+    """(a) the factor on a tone, (b) bias and scatter of its amplitude, over the mean rate.
+
+    Args:
+        factors: size of the factor for drawn arrivals, a column a method.
+        closed_forms: the same for Poisson arrivals, on finer rates; columns as in ``factors``.
+        published: known values by rate, Hz.
+        errors: errors of the amplitude over its size; a column whose name begins with "bias" is
+            dashed.
+    """
+    figure, axes = subplots(1, 2, 3.5)
+    left, right = axes[0]
+    for name, values in factors.values.items():
+        colour, marker = LOOKS[name]
+        left.plot(KILO * factors.at, values, marker, color=colour, label=name)
+        if name in closed_forms.values:
+            closed = closed_forms.values[name]
+            left.plot(KILO * closed_forms.at, closed, color=colour, label=f"{name}, closed form")
+    left.plot(
+        [KILO * rate for rate in published], list(published.values()), "+", color="k",
+        markersize=9, label="linear, known values", zorder=4,
+    )  # fmt: skip
+    left.set_ylabel("factor on the tone $|G|$")
+    for i, (name, values) in enumerate(errors.values.items()):
+        right.plot(
+            KILO * errors.at, values, MARKERS[i] + ("--" if name.startswith("bias") else "-"),
+            color=COLOURS[i], label=name, markerfacecolor="white" if i % 2 else None,
+        )  # fmt: skip
+    right.set_ylabel(r"error of the amplitude, over $|A|$")
+    right.set_yscale("log")
+    for axis in (left, right):
+        _rate_axis(axis, factors)
+        axis.legend(loc="lower right" if axis is left else "best", fontsize=6.5)
+    right.set_ylim(top=3 * max(values.max() for values in errors.values.values()))
+    return finish(figure, path)
+
+
+@styled
+def draw_spectra(
+    spectra: Sequence[Table],
+    title: str,
+    highest: float,
+    lowest: float,
+    path: str | Path | None = None,
+) -> Figure:
+    """Power spectral densities over frequency, each table's one column.
+
+    Args:
+        spectra: m2/s2/Hz over Hz, named by their labels.
+        title: of the figure.
+        highest: Hz, end of the axis.
+        lowest: m2/s2/Hz, bottom of the axis.
+        path: file.
+    """
+    figure, axes = subplots(1, 1, 3.4)
+    axis = axes[0, 0]
+    for table in spectra:
+        (values,) = table.values.values()
+        colour, style, width = _spectrum_look(table.label)
+        shown = (table.at > 0) & (table.at <= highest) & (values > 0)
+        axis.plot(
+            KILO * table.at[shown], values[shown], style, color=colour, linewidth=width,
+            markersize=2.0, label=table.label,
+        )  # fmt: skip
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_ylim(bottom=lowest)
+    axis.set_xlabel("frequency $f$ (kHz)")
+    axis.set_ylabel(r"$S_{vv}$ (m$^2$ s$^{-2}$ Hz$^{-1}$)")
+    axis.legend(loc="lower left")
+    axis.set_title(title)
+    return finish(figure, path)
+
+
+def _spectrum_look(label: str) -> tuple[str, str, float]:
+    if label in LOOKS:
+        return LOOKS[label][0], "-", 1.0
+    return ("0.3", ".", 0.0) if label.startswith("slotted") else ("k", "-", 2.0)
+
+
+@styled
+def draw_effects(
+    tables: Sequence[tuple[str, Table, float]], path: str | Path | None = None
+) -> Figure:
+    """Quantities over the mean rate, a panel each: (axis label, values by method, truth)."""
+    figure, axes = subplots(1, len(tables), 3.1)
+    for axis, (label, table, true) in zip(axes[0], tables, strict=True):
+        axis.axhline(true, color="k", linewidth=0.9, label="velocity known everywhere")
+        for name, values in table.values.items():
+            colour, marker = LOOKS[name]
+            axis.plot(KILO * table.at, values, marker + "-", color=colour, label=name)
+        _rate_axis(axis, table)
+        axis.set_ylabel(label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return finish(figure, path)
+
+
+def _rate_axis(axis: Any, table: Table) -> None:
+    from matplotlib.ticker import NullFormatter, NullLocator
+
+    axis.set_xscale("log")
+    low, high = 0.99 * KILO * table.at.min(), 1.01 * KILO * table.at.max()
+    inside = [tick for tick in (5, 10, 20, 50, 100, 200) if low <= tick <= high]
+    axis.set_xticks(inside, [f"{tick:g}" for tick in inside])
+    axis.xaxis.set_minor_locator(NullLocator())
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_xlabel(RATE_LABEL)
