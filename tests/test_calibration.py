@@ -382,3 +382,11 @@ def test_planes_of_several_liners_are_refused(capsys):
         assert "name different liners, lbm_orifice, lbm_slit" in capsys.readouterr().err
     assert main(["calibrate", *slits, "--free", "offset", "--draws", "3"]) == 2
     assert "needs at least 100" in capsys.readouterr().err
+
+
+def test_negative_references_are_read(capsys):
+    """A minus before a digit begins a number, not an option."""
+    words = ["calibrate", FILES[1], "--free", "offset", "--noise", "0.01", "--draws", "0"]
+    main([*words, "--reference", "-0.1-0.066j", "--json", "--quiet"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["reference"] == [{"resistance": -0.1, "reactance": -0.066}]

@@ -319,3 +319,17 @@ def test_command_refuses_what_would_be_ignored(capsys, words, message):
 def test_a_plane_is_needed(capsys):
     with pytest.raises(TypeError, match="plane is list; one VelocityPlane is needed"):
         tl.sensitivities([tl.read_plane(SLIT)], tl.load_liner("lbm_slit"))
+
+
+def test_json_states_impedance_and_correlation(capsys):
+    """What the table prints below its rows; nothing is text where a number is meant."""
+    words = ["--tolerance", "porosity=2 %", "--tolerance", "orifice_diameter=0.02 mm"]
+    assert main(["sensitivity", SLIT, *words, "--json", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["impedance"][0]["resistance"] - 0.174) < 1e-3
+    assert -1 <= found["correlation_of_R_and_X"][0] <= 1
+    (combined,) = [row for row in found["rows"] if row["parameter"] == "combined"]
+    assert combined["value"] is None
+    main(["sensitivity", SLIT, *words, "--quiet"])
+    printed = capsys.readouterr().out
+    assert f"correlation of R and X {found['correlation_of_R_and_X'][0]:+.2f}" in printed

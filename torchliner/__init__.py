@@ -34,6 +34,8 @@ _HOMES = {
     "in_situ": "torchliner.eduction.in_situ",
     "decompose_waves": "torchliner.eduction.wave_decomposition",
     "audit": "torchliner.eduction.audit",
+    "onto_grid": "torchliner.signals.arrivals",
+    "tone_attenuation": "torchliner.signals.attenuation",
     "sensitivities": "torchliner.eduction.sensitivity",
     "calibrate": "torchliner.eduction.calibration",
     "Tones": "torchliner.replay.waves",

@@ -7,7 +7,7 @@ import importlib
 import re
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from torchliner import __version__
 from torchliner.words import did_you_mean
@@ -30,6 +30,11 @@ DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 class Parser(argparse.ArgumentParser):
     """argparse that suggests the nearest option or choice and exits with 2."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        # No option begins with a minus and a digit: -0.17-0.07j is an impedance, not an option.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """Print the message with a suggestion and where to find help."""

@@ -62,10 +62,12 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.numbers import write_rows
     from torchliner.report.sensitivities import (
+        budget_correlation,
         budget_rows,
         draw_contributions,
         format_budget,
         format_sensitivities,
+        nominal_impedance,
         sensitivity_rows,
     )
 
@@ -104,7 +106,12 @@ def run(options: argparse.Namespace) -> int:
         title += f"; {said}" if tolerances else ""
         draw_contributions(first, title, options.figure)
     if options.json:
-        print_json({"order": order, "limits": options.limits if tolerances else None, "rows": rows,
+        together = [budget_correlation(budget, order, i) for i in range(len(frequency))] if (
+            tolerances
+        ) else None  # fmt: skip
+        print_json({"order": order, "limits": options.limits if tolerances else None,
+                    "frequency": frequency, "impedance": nominal_impedance(found, order),
+                    "correlation_of_R_and_X": together, "rows": rows,
                     "notes": list(found.found.notes)})  # fmt: skip
         return 0
     print(text)

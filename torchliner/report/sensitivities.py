@@ -65,8 +65,9 @@ def budget_rows(budget: Budget, frequency: Sequence[float], order: str) -> list[
             )  # fmt: skip
         total = complex(budget.combined(order)[i])
         rows.append(
-            {"frequency": each, "parameter": "combined", "value": "", "unit": "", "half_width": "",
-             "standard": "", "resistance": total.real, "reactance": total.imag}
+            {"frequency": each, "parameter": "combined", "value": None, "unit": None,
+             "half_width": None, "standard": None, "resistance": total.real,
+             "reactance": total.imag}
         )  # fmt: skip
     return rows
 
@@ -99,10 +100,8 @@ def format_budget(
             )
             continue
         i = found.found.frequency.tolist().index(row["frequency"])
-        nominal = _nominal(found, order)[i]
-        covariance = budget.covariance[order][i]
-        product = row["resistance"] * row["reactance"]
-        together = float(covariance[0, 1]) / product if product else 0.0
+        nominal = nominal_impedance(found, order)[i]
+        together = budget_correlation(budget, order, i)
         lines.append(
             f"{row['frequency']:8.1f} {'combined standard uncertainty':65s}"
             f"{row['resistance']:10.5f}{row['reactance']:10.5f}\n"
@@ -112,7 +111,15 @@ def format_budget(
     return "\n".join(lines)
 
 
-def _nominal(found: Sensitivities, order: str) -> list[complex]:
+def budget_correlation(budget: Budget, order: str, frequency_index: int) -> float:
+    """Of R and X, -1 to 1; 0 where one of them has no uncertainty."""
+    covariance = budget.covariance[order][frequency_index]
+    product = float((covariance[0, 0] * covariance[1, 1]).sqrt())
+    return float(covariance[0, 1]) / product if product else 0.0
+
+
+def nominal_impedance(found: Sensitivities, order: str) -> list[complex]:
+    """Of the whole liner at each frequency, at the parameters as stated."""
     result = found.found
     value = result.liner_impedance
     if order == "velocity first":
