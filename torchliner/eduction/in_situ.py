@@ -78,12 +78,7 @@ def in_situ(
     if record.facesheet is None or record.cavity_depth is None:
         missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
         raise ValueError(f"{record.name}: {missing} is missing; the in situ method needs it")
-    if frequency is None and record.frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(
-        record.frequency if frequency is None else frequency, record.sampling_rate
-    ).cpu()
-    require_periods(record, wanted, start, allow_short)
+    wanted = frequencies_of(record, frequency, start, allow_short)
     drive, notes = mouth_velocity_ratio(record, wanted, losses)
     cells, rows = _cells_of(record)
 
@@ -114,21 +109,32 @@ def in_situ(
     )  # fmt: skip
 
 
-def require_periods(
-    record: PressureRecord, frequency: Tensor, start: float, allow_short: bool
-) -> None:
-    """Refuse a record with fewer than four periods of a frequency."""
+def frequencies_of(
+    record: PressureRecord, frequency: Any, start: float, allow_short: bool
+) -> Tensor:
+    """Those asked for, or the record's tone, Hz, (F,).
+
+    Raises:
+        ValueError: none is stated; one is at or above Nyquist; the record after ``start`` (s) is
+            empty or has fewer than four periods of one.
+    """
+    if frequency is None and record.frequency is None:
+        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
+    wanted = frequency_tensor(
+        record.frequency if frequency is None else frequency, record.sampling_rate
+    ).cpu()
     if not 0 <= start < record.duration:
         raise ValueError(
             f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, "
             f"which lasts {record.duration:g} s"
         )
-    periods = float(frequency.min()) * (record.duration - start)
+    periods = float(wanted.min()) * (record.duration - start)
     if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
         raise ValueError(
-            f"{record.name} holds {periods:.3g} periods of {float(frequency.min()):g} Hz, fewer "
+            f"{record.name} holds {periods:.3g} periods of {float(wanted.min()):g} Hz, fewer "
             f"than {FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
         )
+    return wanted
 
 
 def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:

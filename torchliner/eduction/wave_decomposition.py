@@ -25,9 +25,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, frequency_tensor
+from torchliner.checks import DataWarning
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
-from torchliner.eduction.in_situ import require_periods
+from torchliner.eduction.in_situ import frequencies_of
 from torchliner.records import PressureRecord
 from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
@@ -206,12 +206,7 @@ def decompose_waves(
         raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
     if velocities and record.microphone_velocity is None:
         raise ValueError(f"{record.name} has no microphone_velocity; leave velocities out")
-    if frequency is None and record.frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(
-        record.frequency if frequency is None else frequency, record.sampling_rate
-    ).cpu()
-    require_periods(record, wanted, start, allow_short)
+    wanted = frequencies_of(record, frequency, start, allow_short)
     chosen = _chosen(record, microphones, wanted)
     options: dict[str, Any] = {"window": window, "segment": segment, "start": start}
 

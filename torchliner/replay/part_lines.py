@@ -17,7 +17,24 @@ from torchliner.replay.lines import Line
 
 
 @dataclass(frozen=True)
-class PartLine:
+class _Around:
+    """What a line around another has of it."""
+
+    inner: Line
+
+    @property
+    def law(self) -> SpeedLaw | None:
+        """Formula of R."""
+        return self.inner.law
+
+    @property
+    def grid(self) -> VelocityGrid | None:
+        """Levels of the tables."""
+        return self.inner.grid
+
+
+@dataclass(frozen=True)
+class PartLine(_Around):
     """Emission k of the part is sample ``begin + step k`` of the record.
 
     Args:
@@ -26,19 +43,8 @@ class PartLine:
         step: samples of the record from one to the next of the part.
     """
 
-    inner: Line
     begin: int = 0
     step: int = 1
-
-    @property
-    def law(self) -> SpeedLaw | None:
-        """That of the part."""
-        return self.inner.law
-
-    @property
-    def grid(self) -> VelocityGrid | None:
-        """That of the part."""
-        return self.inner.grid
 
     @property
     def directions(self) -> int:
@@ -69,25 +75,14 @@ class PartLine:
 
 
 @dataclass(frozen=True)
-class BackwardLine:
+class BackwardLine(_Around):
     """The reply to e^{-j omega t} of a line alone, so that others of the pass can do without.
 
     Args:
         inner: a line with both directions.
     """
 
-    inner: Line
     directions: int = 1
-
-    @property
-    def law(self) -> SpeedLaw | None:
-        """That of the line."""
-        return self.inner.law
-
-    @property
-    def grid(self) -> VelocityGrid | None:
-        """That of the line."""
-        return self.inner.grid
 
     def weights(self, begin: int, end: int) -> Tensor:
         """Of its second direction."""
