@@ -11,7 +11,6 @@ error of 0.5 %.
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import sys
 import warnings
@@ -22,6 +21,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
+from torchliner.report.numbers import write_rows
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
@@ -144,10 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for value in row.values()
         ), flush=True)  # fmt: skip
     if options.csv is not None:
-        with options.csv.open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(done[0]))
-            writer.writeheader()
-            writer.writerows(done)
+        write_rows(done, options.csv)
     return 0
 
 

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import cmath
 import dataclasses
-import json
 import math
 
-import numpy as np
 import pytest
-import scipy.signal
 import torch
 from conftest import DATA, turbulence
 
 import torchliner as tl
-from torchliner.cli.main import main
 from torchliner.eduction.cavity_mouth import mouth_velocity_ratio
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.report.alongside import alongside_surfaces
-from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.transfer import transfer_function
-from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, DEPTH = 40000.0, 1400.0, 0.038
 FLUID = tl.Fluid()
@@ -60,69 +51,6 @@ def as_the_file(record: tl.PressureRecord) -> dict:
     """The periods that the file's own values come from, with no window."""
     periods = record.provenance["periods_behind_truth"]
     return {"window": "boxcar", "start": record.duration - periods / record.frequency}
-
-
-# --- signals ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("window", ["hann", "boxcar", "blackman"])
-@pytest.mark.parametrize("samples", [100, 457, 1000])
-def test_tones_are_exact_in_any_record(window, samples):
-    """Tone, mean and whole or broken periods: the amplitude comes out to rounding."""
-    amplitude = 0.7 * cmath.exp(0.4j)
-    weights = make_window(window, samples).weights
-    found = tone_amplitudes(
-        tone(amplitude, samples) + 5.0, torch.tensor([FREQUENCY]), RATE, weights
-    )
-    assert abs(2 * complex(found[0]) - amplitude) < 1e-11
-
-
-def test_phase_refers_to_sample_zero():
-    """A part of a record gives the amplitude of the whole."""
-    part = tone(1 + 2j, 800)[300:]
-    weights = make_window("hann", 500).weights
-    found = tone_amplitudes(part, torch.tensor([FREQUENCY]), RATE, weights, begin=300)
-    assert abs(2 * complex(found[0]) - (1 + 2j)) < 1e-11
-
-
-def test_transfer_is_scipys():
-    """At the bins of the segments H1 and coherence are those of csd and welch."""
-    x, noise = (turbulence((1, 4096), seed=i)[0] for i in range(2))
-    y = 0.3 * x.roll(3) + 0.2 * noise
-    length = 512
-    frequency = torch.arange(4, 100, 7, dtype=torch.float64) * RATE / length
-    found = transfer_function(x, y, frequency, RATE, segment=length / RATE)
-    about = {"fs": RATE, "nperseg": length, "window": "hann", "detrend": "constant"}
-    f, cross = scipy.signal.csd(x.numpy(), y.numpy(), **about)
-    _, power = scipy.signal.welch(x.numpy(), **about)
-    _, coherence = scipy.signal.coherence(x.numpy(), y.numpy(), **about)
-    bins = np.searchsorted(f, frequency.numpy() - 1e-6)
-    assert np.abs(found.response.numpy() - (cross / power)[bins]).max() < 1e-9
-    assert np.abs(found.coherence.numpy() - coherence[bins]).max() < 1e-9
-    assert found.segments == 15
-
-
-def test_noise_on_the_output_leaves_h1_unbiased():
-    """Noise on y averages out; put on x instead, it would pull |H1| down."""
-    x = tone(1.0, 40_000)
-    noise = turbulence((1, 40_000), rms=1.0)[0]
-    where = torch.tensor([FREQUENCY])
-    about = {"segment": 0.02}
-    good = transfer_function(x, 2 * x + noise, where, RATE, **about).response[0]
-    assert abs(complex(good) - 2) < 0.05
-
-
-def test_batch_is_the_loop_and_lengths_must_agree():
-    """Signals do not know their neighbours."""
-    x, y = turbulence((3, 500)), turbulence((3, 500), seed=5)
-    where = torch.tensor([900.0, 1400.0])
-    together = transfer_function(x, y, where, RATE).response
-    alone = torch.stack([transfer_function(a, b, where, RATE).response
-                         for a, b in zip(x, y, strict=True)])  # fmt: skip
-    assert float((together - alone).abs().max()) < 1e-12
-    with pytest.raises(ValueError, match="driver has 500 samples, response 400"):
-        transfer_function(x, y[:, :400], where, RATE)
-    assert torch.isnan(transfer_function(x, y, where, RATE).coherence).all()
 
 
 # --- Dean's formula -----------------------------------------------------------------------------
@@ -310,128 +238,3 @@ def test_doubts_are_warned_of_and_kept():
     assert "coherence" in found.notes[0]
     with pytest.warns(tl.DataWarning, match="transverse waves"):
         tl.in_situ(dataclasses.replace(noise, cell_pitch=0.2))
-
-
-# --- commands, maps, figures --------------------------------------------------------------------
-
-
-def test_command_prints_writes_and_draws(tmp_path, capsys):
-    """The table has every method, the CSV the same numbers."""
-    csv, png, points = (tmp_path / name for name in ("rows.csv", "z.png", "points.h5"))
-    path = str(DATA / "pressure_g01_145.h5")
-    assert main(["insitu", path, "-o", str(csv), "--figure", str(png)]) == 0
-    text = capsys.readouterr().out
-    assert "cell 2, x = 18.7 mm" in text
-    assert "waves, 2 microphones" in text
-    assert "true Z = 0.948-0.340j" in text
-    assert len(csv.read_text().splitlines()) == 1 + 4 + 2 + 3
-    assert png.stat().st_size > 10_000
-    assert main(["insitu", path, "-o", str(points), "--json", "--quiet"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    assert rows[5]["distance_to_true"] < 0.02
-    assert tl.read_points(points).cell_impedance.shape == (2, 1)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        (["nothing.h5"], "no such file"),
-        ([str(DATA / "slit_n130_y2.5mm.h5")], "is no pressure record"),
-        ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
-        ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")],
-         "is an input or another output"),
-        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "must be one of .csv, .h5, .nc"),
-        ([str(DATA / "pressure_n130.h5"), "--figure", "no/a.png"], "the folder no does not exist"),
-        ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
-    ],
-)  # fmt: skip
-def test_command_refuses(arguments, match, capsys):
-    assert main(["insitu", *arguments]) == 2
-    assert match in capsys.readouterr().err
-
-
-def test_maps_carry_the_in_situ_values(tmp_path, capsys):
-    """educe --in-situ: in the table, in the file and back, in the figures."""
-    plane, pressure = DATA / "slit_n130_y2.5mm.h5", DATA / "pressure_n130.h5"
-    target, folder = tmp_path / "map.h5", tmp_path / "pictures"
-    arguments = ["educe", str(plane), "--in-situ", str(pressure), "-o", str(target)]
-    assert main([*arguments, "--figures", str(folder), "--quiet"]) == 0
-    assert "in situ (Dean), pressure first: 0.168-0.068j" in capsys.readouterr().out
-    again = tl.read_map(target)
-    wanted = tl.in_situ(tl.read_pressure(pressure))
-    assert again.alongside[0].name == "in situ (Dean)"
-    assert torch.equal(again.alongside[0].cell_impedance, wanted.cell_impedance)
-    assert len(alongside_surfaces([again], 0)) == 2
-    assert (folder / "along_x.png").exists()
-    import h5py
-
-    with h5py.File(target, "a") as file:
-        del file["alongside_0"]
-    assert tl.read_map(target).alongside == ()
-    assert main(["educe", str(plane), "--in-situ", str(pressure), "-o", str(pressure)]) == 2
-    assert "what --in-situ reads" in capsys.readouterr().err
-
-
-def test_other_times_are_warned_of(capsys, tmp_path):
-    """A pressure record that lasts another time."""
-    record = file_of("n130")
-    keep = record.facesheet.shape[-1] // 2
-    signals = ("facesheet", "backplate", "microphones", "microphone_velocity")
-    parts = {name: getattr(record, name)[..., :keep] for name in signals}
-    dataclasses.replace(record, **parts).write(tmp_path / "half.h5")
-    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
-    assert main([*arguments, str(tmp_path / "half.h5")]) == 0
-    assert "of different times" in capsys.readouterr().err
-
-
-def test_another_case_is_refused(capsys):
-    """Another level, flow or case does not stand beside the educed values."""
-    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
-    assert main([*arguments, str(DATA / "pressure_n115.h5")]) == 2
-    assert "are not one case: incident_level is 130.0 and 115.0" in capsys.readouterr().err
-    assert main([*arguments, str(DATA / "no.h5")]) == 2
-    assert "no.h5: no such file" in capsys.readouterr().err
-
-
-def test_record_of_another_kind():
-    plane = tl.read_plane(DATA / "slit_n130_y2.5mm.h5")
-    for method in (tl.in_situ, tl.decompose_waves):
-        with pytest.raises(TypeError, match="record is VelocityPlane; a PressureRecord is needed"):
-            method(plane)
-
-
-@pytest.mark.parametrize("rows", [1, 2, 3])
-def test_probe_of_no_cell_has_no_backplate(rows):
-    """Whatever the backplate's layout, a probe labelled -1 is nan and in no average."""
-    time = np.arange(2000) / 50e3
-    tone = np.cos(2 * np.pi * 1000 * time)
-    face = np.array([1.0, 9.0, 1.0])[:, None] * tone
-    back = 0.5 * np.sin(2 * np.pi * 1000 * time) * np.ones((rows, 1))
-    labels = [0, -1, 1] if rows == 2 else [0, -1, 0]
-    record = tl.PressureRecord(
-        face, back[0] if rows == 1 else back, sampling_rate=50e3, frequency=1000.0,
-        cavity_depth=0.03, probe_cell=labels,
-    )  # fmt: skip
-    found = tl.in_situ(record)
-    assert bool(found.point_impedance[1].isnan().all())
-    wanted = complex(found.point_impedance[0, 0])
-    assert abs(complex(found.liner_impedance[0]) - wanted) < 1e-9
-    assert abs(complex(found.liner_impedance_pressure_first[0]) - wanted) < 1e-9
-
-
-def test_legend_names_the_method():
-    """Black symbols at the cells with an entry of their own."""
-    from torchliner.report.figures import draw_against_height, draw_along_x
-
-    planes = [tl.read_plane(DATA / f"slit_n130_y{y}mm.h5") for y in ("1.0", "2.5")]
-    beside = tl.in_situ(file_of("n130"))
-    maps = [m.with_alongside(beside) for m in tl.educe(planes, tl.load_liner("lbm_slit"))]
-    for draw in (draw_along_x, draw_against_height):
-        figure = draw(maps)
-        legend = figure.legends[0] if figure.legends else figure.axes[0].get_legend()
-        names = [text.get_text() for text in legend.get_texts()]
-        assert "in situ (Dean), admittance over points" in names
-        assert len(names) == len(set(names))
-    assert alongside_surfaces(maps, 0)["in situ (Dean), pressure first"] == pytest.approx(
-        complex(beside.liner_impedance_pressure_first[0])
-    )

@@ -93,7 +93,8 @@ def test_the_limit_of_shear_itself_is_quiet():
     """Figure 22 uses 0.05."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        TanhProfile(0.3, HEIGHT, 0.05)
+        profile = TanhProfile(0.3, HEIGHT, 0.05)
+    assert profile.shear == 0.05
 
 
 def test_uniform_flow_has_the_closed_form():

@@ -51,8 +51,8 @@ def run(options: argparse.Namespace) -> int:
         draw_in_situ,
         format_in_situ,
         in_situ_report,
-        write_rows,
     )
+    from torchliner.report.numbers import write_rows
 
     refuse_inputs([options.output], [options.record], options.figure)
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
             "write; -o FILE.csv writes the rows"
         )
     if options.output is not None and options.output.suffix.lower() == ".csv":
-        write_rows(report.rows, options.output)
+        write_rows([row.plain() for row in report.rows], options.output)
     elif options.output is not None and report.points is not None:
         report.points.write(options.output)
     if options.figure is not None and report.points is not None:

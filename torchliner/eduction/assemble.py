@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.eduction.prepare import Prepared
-from torchliner.eduction.walls import find_walls
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Interval, Uncertainty
 from torchliner.replay.kernels import impedance_of
@@ -66,6 +65,7 @@ def assemble(
     peak: Tensor,
     notes: list[str],
     uncertainty: Uncertainty | None = None,
+    wall: Tensor | None = None,
 ) -> ImpedanceMap:
     """The map.
 
@@ -77,6 +77,7 @@ def assemble(
         peak: complex peak amplitude of v into the liner, (P + C, F).
         notes: all doubts.
         uncertainty: intervals, of the probes as (P, F).
+        wall: probes that count as wall in averages over probes, (P, F).
     """
     plane, cells, seen = ready.plane, ready.cells, ready.seen
     kept = ready.used.to(reflection.device)
@@ -96,7 +97,6 @@ def assemble(
     if uncertainty is not None:
         parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
         uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
-    wall, said = find_walls(ready)
     return ImpedanceMap(
         frequency=ready.frequency,
         reflection=on_probes(probes),
@@ -120,7 +120,7 @@ def assemble(
         goodrich=_goodrich(ready),
         title=plane.title,
         choices=facts_of(ready, phase),
-        notes=(*notes, *said),
+        notes=tuple(notes),
         uncertainty=uncertainty,
         wall=None if wall is None else on_probes(wall),
     )

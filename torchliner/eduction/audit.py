@@ -23,14 +23,13 @@ from torchliner.eduction.averaging import ORDERS
 from torchliner.eduction.cases import planes_by_height
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.drive import DRIVES, MEANS, DriveSpeed
-from torchliner.eduction.engines import tone_sums
+from torchliner.eduction.engines import block_lines_of
 from torchliner.eduction.prepare import Prepared, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.variants import Variant, VariantMaker
-from torchliner.eduction.velocity import Replayed
+from torchliner.eduction.velocity import Replayed, replay
 from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
 from torchliner.records import Audit, AuditRow, ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.block_lines import plan_block_lines
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import Liner
 from torchliner.replay.spectral import spectral_sums
@@ -122,11 +121,7 @@ class _Work:
         self.skipped |= skipped
         base = maker.base()
         ready = self.ready
-        of_blocks = [] if ready.blocks is None else plan_block_lines(
-            ready.liner, ready.frequency.tolist(), ready.record.sampling_rate, ready.blocks,
-            ready.grid, ready.kernels if ready.chosen.uses_kernel_response else None,
-            backward=False,
-        )  # fmt: skip
+        of_blocks = block_lines_of(ready, backward=False)
         everything = [*base, *variants]
         sums, notes = with_smaller_slabs(
             ready.drive.velocity,
@@ -149,26 +144,21 @@ class _Work:
             )
         for i, variant in enumerate(variants, len(base)):
             self._add_variant(variant, LineSums(_column(sums, i), None))
-        if self.order == 0:
-            other = complex(self.found.liner_impedance_velocity_first[0])
-        else:
-            other = complex(self.found.liner_impedance[0])
-        self._add("averaging order", ORDERS[1 - self.order], other)
+        self._add(
+            "averaging order", ORDERS[1 - self.order], _in_both_orders(self.found)[1 - self.order]
+        )
 
     def _add_variant(self, variant: Variant, sums: LineSums) -> None:
         quiet = dataclasses.replace(variant.ready, blocks=None)
         self._add(variant.factor, variant.name, self._value(Replayed(quiet, sums).map("averaged")))
 
-    def _pass(self, ready: Prepared) -> LineSums:
+    def _of_pass(self, ready: Prepared) -> complex:
+        """Another pass over data, without error bars."""
         quiet = dataclasses.replace(ready, blocks=None)
-        sums, _ = with_smaller_slabs(
-            quiet.drive.velocity, lambda: tone_sums(quiet, False, self.progress)
-        )
-        return sums
+        return self._value(replay(quiet, backward=False, progress=self.progress).map("averaged"))
 
     def _value(self, found: ImpedanceMap) -> complex:
-        both = (found.liner_impedance, found.liner_impedance_velocity_first)
-        return complex(both[self.order][0])
+        return _in_both_orders(found)[self.order]
 
     def _add(self, factor: str, variant: str, impedance: complex) -> None:
         self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
@@ -204,11 +194,10 @@ class _Work:
                 ready.drive.velocity, drive, mean, ready.seen, ready.drive.running_samples
             )
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
-            other = dataclasses.replace(ready, drive=source, chosen=rules, blocks=None)
-            sums = self._pass(other)
+            value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
             self.readings += drive != "rms"
             factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
-            self._add(factor, name, self._value(Replayed(other, sums).map("averaged")))
+            self._add(factor, name, value)
 
     def lengths(self) -> None:
         """Velocity averaged over shares of a cell before it is replayed: one reading in all."""
@@ -237,7 +226,7 @@ class _Work:
         for share, each in zip(shares, averaged, strict=True):
             # One by one: their levels, like the base's, come from their own velocities.
             (small,) = prepare([each], ready.liner, ready.frequency, rules)
-            found = Replayed(small, tone_sums(small, False, None)).map("averaged")
+            found = replay(small, backward=False).map("averaged")
             self._add(
                 "averaging length", f"velocity over {share:g} of a cell",
                 complex(found.liner_impedance[0]),
@@ -248,12 +237,11 @@ class _Work:
         if not self.others:
             self.skipped["height"] = "one plane is given; name the other heights too"
         for other in self.others:
-            sums = self._pass(other)
+            value = self._of_pass(other)
             self.readings += 1
-            quiet = dataclasses.replace(other, blocks=None)
             height = other.plane.height
             name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
-            self._add("height", name, self._value(Replayed(quiet, sums).map("averaged")))
+            self._add("height", name, value)
 
     def result(self, order: str) -> Audit:
         """Sorted."""
@@ -283,6 +271,11 @@ class _Work:
         if known is None:
             return None
         return known.liner if self.order == 0 else known.liner_velocity_first
+
+
+def _in_both_orders(found: ImpedanceMap) -> tuple[complex, complex]:
+    """Of the whole liner, as ``ORDERS``."""
+    return complex(found.liner_impedance[0]), complex(found.liner_impedance_velocity_first[0])
 
 
 def _column(sums: LineSums, index: int) -> Tensor:

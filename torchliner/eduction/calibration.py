@@ -160,7 +160,7 @@ def calibrate(
     """
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
-    chosen = Choices(**{"dtype": "float64", **choices})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     if chosen.engine != "spectral" or chosen.phase != "averaged":
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "

@@ -20,7 +20,7 @@ from torchliner.replay.unfold import Sink, replay_unfold
 def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
     """Windowed lines of the replies to complex tones, by the engine chosen."""
     record, drive, chosen = ready.record, ready.drive, ready.chosen
-    block_lines = _block_lines(ready, backward)
+    block_lines = block_lines_of(ready, backward)
     if chosen.engine == "spectral":
         lines = plan_lines(
             ready.liner, ready.frequency.tolist(), record, ready.grid, ready.kernels,
@@ -47,7 +47,7 @@ def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> Lin
     return dataclasses.replace(sink.sums(backward), blocks=blocks)
 
 
-def _block_lines(ready: Prepared, backward: bool) -> list[BlockLine]:
+def block_lines_of(ready: Prepared, backward: bool) -> list[BlockLine]:
     """For error bars; the drive ``rms`` moves with the mean square alone, see ``survey``."""
     if ready.blocks is None or ready.chosen.drive == "rms":
         return []

@@ -10,11 +10,14 @@ the difference vanishes, and the group is as a single probe.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+
 import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, reflection_from_admittance
-from torchliner.eduction.resampling import Bounds, Resampling
+from torchliner.eduction.resampling import Resampling
 from torchliner.records import Interval
 
 
@@ -49,9 +52,9 @@ class Groups:
         self.sums.index_add_(1, self.labels[part], deviation)
         self.biases.index_add_(0, self.labels[part], bias)
 
-    @property
+    @functools.cached_property
     def series(self) -> Tensor:
-        """Deviation of each group's R in each block, (S, G, F)."""
+        """Deviation of each group's R in each block, (S, G, F), once all members are added."""
         deviation = self.sums[:, : self.count] / self.sizes
         return deviation / admittance_slope(reflection_from_admittance(self.mean))
 
@@ -67,8 +70,8 @@ class Groups:
             how.over_time(self.series, reflection_from_admittance(self.mean - bias)), bias
         )
 
-    def with_bias(self, bounds: Bounds, bias: Tensor) -> Interval:
-        """Bounds that were formed without the bias of Y, and that bias in Z."""
+    def with_bias(self, interval: Interval, bias: Tensor) -> Interval:
+        """An interval that was formed without the bias of Y, and that bias in Z."""
         value = impedance_from_admittance(self.mean)
         off = value - impedance_from_admittance(self.mean - bias)
-        return bounds.with_bias(torch.where(bias == 0, 0, off))
+        return dataclasses.replace(interval, bias=torch.where(bias == 0, 0, off))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -23,21 +23,6 @@ DRAWN = 1 << 22  # draws times columns at once
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """Of resistance (real parts) and reactance, of one shape; see ``records.Interval``."""
-
-    low: Tensor
-    high: Tensor
-    standard_error: Tensor
-    runs: Tensor
-
-    def with_bias(self, bias: Tensor | None = None) -> Interval:
-        """With what they were formed without, in Z; none by default."""
-        off = torch.zeros_like(self.low) if bias is None else bias
-        return Interval(self.low, self.high, self.standard_error, self.runs, off)
-
-
-@dataclass(frozen=True)
 class Resampling:
     """What all intervals of a map have in common.
 
@@ -48,6 +33,7 @@ class Resampling:
         seed: of the generator.
         dtype: complex, of the draws of single probes: they are many, and their bounds are known
             to some per cent.
+        matrices: by length of a run, filled as they are needed.
     """
 
     weights: Tensor
@@ -55,8 +41,15 @@ class Resampling:
     draws: int
     seed: int
     dtype: torch.dtype = torch.complex128
+    matrices: dict[int, Tensor] = field(default_factory=dict, repr=False)
 
-    def over_time(self, series: Tensor, reflection: Tensor) -> Bounds:
+    def matrix(self, length: int) -> Tensor:
+        """``deviations`` for runs of ``length`` blocks, made once for all probes."""
+        if length not in self.matrices:
+            self.matrices[length] = deviations(self.weights, length, self.draws, self.seed)
+        return self.matrices[length]
+
+    def over_time(self, series: Tensor, reflection: Tensor) -> Interval:
         """Runs of blocks of time, each column with the run length that suits it.
 
         Args:
@@ -73,21 +66,23 @@ class Resampling:
             torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True)
         )
         exact = reflection.dtype
-        return Bounds(low.to(exact), high.to(exact), error.to(exact), runs)
+        return Interval(
+            low.to(exact), high.to(exact), error.to(exact), runs, torch.zeros_like(reflection)
+        )
 
     def _columns(self, series: Tensor, reflection: Tensor) -> tuple[Tensor, ...]:
         lengths, count = run_lengths(series), len(series)
         low, high, error = (torch.empty_like(reflection) for _ in range(3))
         for length in lengths.unique().tolist():
             mine = lengths == length
-            matrix = deviations(self.weights, length, self.draws, self.seed)
-            draws = (matrix.to(series) @ series[:, mine]).T * mean_factor(count, length)
+            draws = (self.matrix(length).to(series) @ series[:, mine]).T
+            draws = draws * mean_factor(count, length)
             low[mine], high[mine], error[mine] = self._bounds(
                 draws, reflection[mine], count / length
             )
         return low, high, error, count / lengths.to(torch.float64)
 
-    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Bounds:
+    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Interval:
         """Tiles of time and of rows that are alike.
 
         What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
@@ -103,13 +98,12 @@ class Resampling:
         draws = tile_draws(series, self.weights.to(series.device), (long, wide), self.draws,
                            self.seed)  # fmt: skip
         runs = count / long * (rows / wide)
-        matrix = deviations(self.weights, long, self.draws, self.seed)
-        together = (matrix.to(series) @ series.mean(1)).abs().square().mean(0)
+        together = (self.matrix(long).to(series) @ series.mean(1)).abs().square().mean(0)
         alone = draws.abs().square().mean(0).clamp(min=1e-300)
         draws = draws * (together / alone).clamp(min=1).sqrt()
         bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
         behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
-        return Bounds(*bounds, behind)
+        return Interval(*bounds, behind, torch.zeros_like(reflection))
 
     def _bounds(
         self, draws: Tensor, reflection: Tensor, runs: float
@@ -135,7 +129,7 @@ class Resampling:
         found = torch.empty_like(flat[0])
         for length in lengths.unique().tolist():
             mine = lengths == length
-            matrix = deviations(self.weights, length, self.draws, self.seed)
+            matrix = self.matrix(length)
             covariance = (matrix.T @ matrix / self.draws * mean_factor(count, length) ** 2).to(flat)
             found[mine] = (flat[:, mine] * (covariance @ flat[:, mine])).sum(0)
         return found.reshape(series.shape[1:])

@@ -160,7 +160,7 @@ def sensitivities(
     names = expand_names(NUMBERS if parameters is None else parameters)
     if not names:
         raise ValueError("no parameter is named; leave parameters out for all of them")
-    chosen = Choices(**{"dtype": "float64", **choices})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     if chosen.engine != "spectral":
         raise ValueError(
             f"sensitivities are read off engine 'spectral', not {chosen.engine!r}; leave engine "

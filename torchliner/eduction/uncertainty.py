@@ -26,8 +26,7 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.eduction.block_deviations import BlockDeviations
 from torchliner.eduction.groups import Groups, admittance_bias, admittance_slope
 from torchliner.eduction.prepare import Prepared
-from torchliner.eduction.resampling import COLUMNS, Bounds, Resampling
-from torchliner.eduction.walls import find_walls
+from torchliner.eduction.resampling import COLUMNS, Resampling
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
 
@@ -35,13 +34,16 @@ FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 
 
-def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) -> Uncertainty:
+def uncertainty_of(
+    ready: Prepared, reflection: Tensor, moved: BlockDeviations, wall: Tensor | None
+) -> Uncertainty:
     """Intervals of probes, rows, cells and the whole liner.
 
     Args:
         ready: prepared plane, with blocks.
         reflection: R of probes and cell averages, complex128, (P + C, F).
         moved: its deviation in each block.
+        wall: probes that count as wall, (P, F), of ``find_walls``.
     """
     chosen, plane, cells = ready.chosen, ready.plane, ready.cells
     assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
@@ -49,7 +51,9 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
     single = ready.drive.dtype == torch.float32
     of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
-    silent = _silent(ready, reflection)
+    # What adds nothing to a mean admittance: probes left out, or wall.
+    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    silent = silent if wall is None else silent | wall
     admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
     groups = {
         name: Groups(torch.where(ready.used, labels, -1), count, admittance, ready.blocks.count)
@@ -60,7 +64,7 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
     for low in range(0, plane.probes, step):
         part = slice(low, min(low + step, plane.probes))
         series = moved.of(part)
-        parts.append(of_probes.over_time(series, reflection[part]).with_bias())
+        parts.append(of_probes.over_time(series, reflection[part]))
         _add(groups.values(), part, reflection[part], series, how, silent[part])
     averaged = reflection[plane.probes :]
     series = moved.of(slice(plane.probes, plane.probes + cells.count))
@@ -69,26 +73,20 @@ def uncertainty_of(ready: Prepared, reflection: Tensor, moved: BlockDeviations) 
         ready.blocks.count,
     )  # fmt: skip
     _add([first], slice(0, cells.count), averaged, series, how)
+    wide = _tile_rows(groups, chosen.resample)
     return Uncertainty(
         probes=_join(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
-        cells_velocity_first=how.over_time(series, averaged).with_bias(),
-        liner=_of_liner(groups, how, chosen.resample),
+        cells_velocity_first=how.over_time(series, averaged),
+        liner=_of_liner(groups, how, wide),
         liner_velocity_first=_only(first.interval(how)),
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed,
-            "resampled": _resampled(groups, chosen.resample),
+            "resampled": chosen.resample if wide else "time",
             "blocks": ready.blocks.count, "periods_per_block": ready.blocks.periods,
         },
     )  # fmt: skip
-
-
-def _silent(ready: Prepared, reflection: Tensor) -> Tensor:
-    """Probes that add nothing to a mean admittance, left out or wall, (P, F)."""
-    wall, _ = find_walls(ready)
-    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
-    return silent if wall is None else silent | wall
 
 
 def _add(
@@ -205,17 +203,12 @@ def _tile_rows(groups: dict[str, Groups], resample: str) -> int:
     return 0 if wide == rows.count else wide
 
 
-def _resampled(groups: dict[str, Groups], resample: str) -> str:
-    return resample if _tile_rows(groups, resample) else "time"
-
-
-def _of_liner(groups: dict[str, Groups], how: Resampling, resample: str) -> Interval:
-    """(F,): blocks of time, or tiles of time and of rows or cells."""
+def _of_liner(groups: dict[str, Groups], how: Resampling, wide: int) -> Interval:
+    """(F,): blocks of time, or tiles of time and of ``wide`` rows or cells."""
     liner = groups["liner"]
-    wide = _tile_rows(groups, resample)
     if not wide:
         return _only(liner.interval(how))
     bias = liner.bias(how)
     reflection = reflection_from_admittance(liner.mean - bias)
-    bounds = how.over_tiles(groups["rows"].series, reflection[0], wide)
-    return _only(liner.with_bias(Bounds(*(v[None] for v in vars(bounds).values())), bias))
+    tiled = how.over_tiles(groups["rows"].series, reflection[0], wide)
+    return _only(liner.with_bias(Interval(*(v[None] for v in vars(tiled).values())), bias))

@@ -20,7 +20,8 @@ from torchliner.eduction.engines import tone_sums
 from torchliner.eduction.prepare import Prepared, Progress, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
 from torchliner.eduction.uncertainty import review_uncertainty, uncertainty_of
-from torchliner.records import ImpedanceMap, Uncertainty, VelocityPlane
+from torchliner.eduction.walls import find_walls
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.incident import (
     LineSums,
     Means,
@@ -159,23 +160,26 @@ class Replayed:
             reflection = torch.where(held, found, averaged)
             notes += _fallback_note(held[: ready.plane.probes], ready.chosen)
             notes += _chance_note(ready)
-        uncertainty = self._uncertainty(phase, reflection, psi, means, held)
-        if uncertainty is not None:
+        wall, said = find_walls(ready)
+        moved = self._deviations(phase, psi, means, held)
+        uncertainty = None
+        if moved is not None:
+            with torch.no_grad():
+                uncertainty = uncertainty_of(ready, reflection.detach(), moved, wall)
             notes += review_uncertainty(ready, uncertainty)
-        return assemble(ready, phase, reflection, held, 2 * amplitude, notes, uncertainty)
+        notes += said
+        return assemble(ready, phase, reflection, held, 2 * amplitude, notes, uncertainty, wall)
 
-    @torch.no_grad()
-    def _uncertainty(
-        self, phase: str, reflection: Tensor, psi: Tensor | None, means: Means, held: Tensor
-    ) -> Uncertainty | None:
+    def _deviations(
+        self, phase: str, psi: Tensor | None, means: Means, held: Tensor
+    ) -> BlockDeviations | None:
         """None where the sums, or the survey, did not keep the blocks that this rule needs."""
         ready, of_rms = self.ready, self.ready.chosen.drive == "rms"
         wants_velocity = phase == "self-consistent" or of_rms
         missing = self.sums.blocks is None and not of_rms
         if ready.blocks is None or missing or (wants_velocity and ready.seen.blocks is None):
             return None
-        moved = BlockDeviations(ready, self.sums.blocks, phase, psi, means, held)
-        return uncertainty_of(ready, reflection.detach(), moved)
+        return BlockDeviations(ready, self.sums.blocks, phase, psi, means, held)
 
 
 def _fallback_note(held: Tensor, chosen: Choices) -> list[str]:

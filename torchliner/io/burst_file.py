@@ -20,13 +20,14 @@ from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     place,
-    read_number,
     read_references,
+    read_scalars,
     read_si,
     text_attribute,
     to_json,
     write_dimension,
     write_references,
+    write_scalars,
     write_variable,
     written_whole,
 )
@@ -75,9 +76,7 @@ def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
             file.attrs[key] = getattr(records[0], key)
         _write_stations(file, records)
         _write_arrays(file, records)
-        for key, (_, unit) in SCALARS.items():
-            if getattr(records[0], key) is not None:
-                write_variable(file, key, float(getattr(records[0], key)), unit)
+        write_scalars(file, records[0], SCALARS)
         write_fluid(file, records[0].fluid)
         write_references(file, records[0].reference)
 
@@ -150,9 +149,8 @@ def read_burst_file(path: str | Path) -> list[BurstRecord]:
                   for field, (name, quantity, _) in ARRAYS.items() if name in file}  # fmt: skip
         places = {key: _array(file, key, "length", len(counts), path)
                   for key in PLACES if key in file}  # fmt: skip
-        about = {k: read_number(file, k, q, path) for k, (q, _) in SCALARS.items() if k in file}
         common: dict[str, Any] = {
-            **about,
+            **read_scalars(file, SCALARS, path),
             "source_side": text_attribute(file, "source_side") or "unknown",
             "liner": text_attribute(file, "liner") or "",
             "fluid": read_fluid(file, path),

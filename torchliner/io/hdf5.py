@@ -92,6 +92,21 @@ def read_number(group: h5py.Group, key: str, quantity: str, path: str | Path) ->
     return float(values.reshape(()))
 
 
+Scalars = Mapping[str, tuple[str, str]]  # name in file and record: quantity, unit
+
+
+def write_scalars(file: h5py.File, record: Any, scalars: Scalars) -> None:
+    """Numbers of a record that are not None, as variables with units."""
+    for key, (_, unit) in scalars.items():
+        if getattr(record, key) is not None:
+            write_variable(file, key, float(getattr(record, key)), unit)
+
+
+def read_scalars(file: h5py.File, scalars: Scalars, path: str | Path) -> dict[str, Any]:
+    """Those that the file states, in SI units."""
+    return {k: read_number(file, k, q, path) for k, (q, _) in scalars.items() if k in file}
+
+
 def to_json(value: Any) -> str:
     """JSON text; arrays and tensors become lists, what JSON does not know becomes text."""
     return json.dumps(

@@ -22,6 +22,7 @@ from torchliner.io.hdf5 import (
     to_json,
     write_dimension,
     write_references,
+    write_scalars,
     write_variable,
     written_whole,
 )
@@ -30,7 +31,11 @@ from torchliner.io.uncertainty_file import read_uncertainty, write_uncertainty
 from torchliner.records import ImpedanceMap
 
 SCHEMA = "torchliner map 1"
-SCALARS = {"height": "m", "mach": "1", "incident_level": "dB"}
+SCALARS = {
+    "height": ("length", "m"),
+    "mach": ("number", "1"),
+    "incident_level": ("level", "dB"),
+}
 
 
 def write_map(result: ImpedanceMap, path: str | Path) -> None:
@@ -52,9 +57,7 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         write_dimension(file, "frequency", _plain(result.frequency), "Hz")
         dims = _write_axes(file, result)
         _write_fields(file, result, dims)
-        for key, unit in SCALARS.items():
-            if getattr(result, key) is not None:
-                write_variable(file, key, float(getattr(result, key)), unit)
+        write_scalars(file, result, SCALARS)
         write_references(file, result.reference)
         if result.uncertainty is not None:
             write_uncertainty(file, result.uncertainty, dims)

@@ -24,13 +24,13 @@ from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     read_json,
-    read_number,
     read_references,
+    read_scalars,
     text_attribute,
     to_json,
     write_dimension,
     write_references,
-    write_variable,
+    write_scalars,
     written_whole,
 )
 from torchliner.io.stored import H5Velocity, numpy_kind
@@ -77,9 +77,7 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
         if plane.streamwise is not None:
             stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
             _write_velocity(file, STREAMWISE, stream, dims, compress)
-        for key, (_, unit) in SCALARS.items():
-            if getattr(plane, key) is not None:
-                write_variable(file, key, float(getattr(plane, key)), unit)
+        write_scalars(file, plane, SCALARS)
         write_fluid(file, plane.fluid)
         write_references(file, plane.reference)
 
@@ -141,7 +139,7 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
             streamwise=stream if lazy or stream is None else stream.load(),
             fluid=read_fluid(file, path),
             **coordinates,
-            **{k: read_number(file, k, q, path) for k, (q, _) in SCALARS.items() if k in file},
+            **read_scalars(file, SCALARS, path),
             source_side=text_attribute(file, "source_side") or "unknown",
             liner=text_attribute(file, "liner") or "",
             title=text_attribute(file, "title") or path.stem,

@@ -25,13 +25,14 @@ from torchliner.io.hdf5 import (
     open_file,
     place,
     read_json,
-    read_number,
     read_references,
+    read_scalars,
     read_si,
     text_attribute,
     to_json,
     write_dimension,
     write_references,
+    write_scalars,
     write_variable,
     written_whole,
 )
@@ -78,9 +79,7 @@ def write_pressure(record: PressureRecord, path: str | Path) -> None:
             values = getattr(record, field)
             if values is not None:
                 _write_signal(file, name, values, unit, dims[field])
-        for key, (_, unit) in SCALARS.items():
-            if getattr(record, key) is not None:
-                write_variable(file, key, float(getattr(record, key)), unit)
+        write_scalars(file, record, SCALARS)
         write_fluid(file, record.fluid)
         write_references(file, record.reference)
 
@@ -155,7 +154,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
             sampling_rate=rate,
             fluid=read_fluid(file, path),
             **places,
-            **{k: read_number(file, k, q, path) for k, (q, _) in SCALARS.items() if k in file},
+            **read_scalars(file, SCALARS, path),
             title=text_attribute(file, "title") or path.stem,
             reference=read_references(file, path),
             provenance=read_json(file, "provenance", path, {}),

@@ -13,11 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
-from torchliner.records.probes import (
-    checked_coordinate,
-    coordinates_of_probes,
-    signal_tensor,
-)
+from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 
 SIGNALS = {
     "facesheet": "Pa",
@@ -28,7 +24,7 @@ SIGNALS = {
 
 
 @dataclass(frozen=True, eq=False)
-class PressureRecord:
+class PressureRecord(AtProbes):
     """Pressures around a liner on one time base, for the in situ method and for microphones.
 
     Facesheet and backplate go together; a record may hold them, microphones, or both.
@@ -202,20 +198,6 @@ class PressureRecord:
     def probe_shape(self) -> tuple[int, ...]:
         """Shape of the facesheet's probe axes: (z, x), (probe,) or ()."""
         return () if self.facesheet is None else tuple(self.facesheet.shape[:-1])
-
-    @property
-    def probes(self) -> int:
-        """Number of facesheet probes; 1 without any."""
-        return int(np.prod(self.probe_shape, dtype=np.int64))
-
-    @property
-    def duration(self) -> float:
-        """T / sampling_rate, s."""
-        return self.samples / self.sampling_rate
-
-    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
-        """x and z of every facesheet probe, m, each (P,) or None."""
-        return coordinates_of_probes(self.x, self.z, self.probe_shape)
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file; see docs/formats.md."""

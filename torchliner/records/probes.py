@@ -9,6 +9,43 @@ import torch
 from torch import Tensor
 
 
+class AtProbes:
+    """What follows from samples, rate and the shape and coordinates of the probe axes."""
+
+    sampling_rate: float
+    x: Any
+    z: Any
+
+    @property
+    def samples(self) -> int:
+        """T."""
+        raise NotImplementedError
+
+    @property
+    def probe_shape(self) -> tuple[int, ...]:
+        """Shape of the probe axes: (z, x), (probe,) or ()."""
+        raise NotImplementedError
+
+    @property
+    def probes(self) -> int:
+        """Number of probes; 1 without probe axes."""
+        return int(np.prod(self.probe_shape, dtype=np.int64))
+
+    @property
+    def duration(self) -> float:
+        """T / sampling_rate, s."""
+        return self.samples / self.sampling_rate
+
+    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
+        """x and z of every probe, m, each (P,) or None."""
+        x, z = self.x, self.z
+        if len(self.probe_shape) == 2:
+            rows, columns = self.probe_shape
+            x = None if x is None else x.repeat(rows)
+            z = None if z is None else z.repeat_interleave(columns)
+        return x, z
+
+
 def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     """A signal as a tensor, without a copy where possible.
 
@@ -57,14 +94,3 @@ def checked_coordinate(
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
     return values
-
-
-def coordinates_of_probes(
-    x: Tensor | None, z: Tensor | None, probe_shape: tuple[int, ...]
-) -> tuple[Tensor | None, Tensor | None]:
-    """x and z of every probe, each (P,) or None, from those of the axes."""
-    if len(probe_shape) == 2:
-        rows, columns = probe_shape
-        x = None if x is None else x.repeat(rows)
-        z = None if z is None else z.repeat_interleave(columns)
-    return x, z

@@ -7,16 +7,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
 from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
-from torchliner.records.probes import (
-    checked_coordinate,
-    coordinates_of_probes,
-    signal_tensor,
-)
+from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
@@ -32,7 +27,7 @@ class StoredVelocity(Reader, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityPlane:
+class VelocityPlane(AtProbes):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
@@ -114,20 +109,6 @@ class VelocityPlane:
     def probe_shape(self) -> tuple[int, ...]:
         """Shape of the probe axes: (z, x), (probe,) or ()."""
         return tuple(self.velocity.shape[:-1])
-
-    @property
-    def probes(self) -> int:
-        """Number of probes."""
-        return int(np.prod(self.probe_shape, dtype=np.int64))
-
-    @property
-    def duration(self) -> float:
-        """T / sampling_rate, s."""
-        return self.samples / self.sampling_rate
-
-    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
-        """x and z of every probe, m, each (P,) or None."""
-        return coordinates_of_probes(self.x, self.z, self.probe_shape)
 
     @property
     def stored(self) -> StoredVelocity | None:

@@ -8,10 +8,9 @@ from typing import Any
 import torch
 
 from torchliner.records import ImpedanceMap, PointImpedances
-from torchliner.report.numbers import Profile, over_z
+from torchliner.report.numbers import COMPLEX_PART, Profile, over_z
 
 ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))
-COMPLEX_PART = {"resistance": "real", "reactance": "imag"}
 
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Profile:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.hdf5 import written_whole
 from torchliner.records import Audit
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import write_rows
 from torchliner.report.style import COLOURS
 from torchliner.report.truth import format_complex
 
@@ -34,20 +33,27 @@ def plain_audit(found: Audit) -> dict[str, Any]:
 
 def write_audit(found: Audit, path: str | Path) -> None:
     """One row a variant; the base and its interval are rows too, and what does not apply."""
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["factor", "variant", "R (rho c)", "X (rho c)", "change of R",
-                         "change of X", "note"])  # fmt: skip
-        rows: list[tuple[str, str, complex, complex]] = [("base", found.order, found.base, 0j)]
-        if found.low is not None and found.high is not None:
-            rows.append(("interval", "low", found.low, found.low - found.base))
-            rows.append(("interval", "high", found.high, found.high - found.base))
-        rows += [(row.factor, row.variant, row.impedance, row.change) for row in found.rows]
-        for factor, variant, value, change in rows:
-            numbers = (value.real, value.imag, change.real, change.imag)
-            writer.writerow([factor, variant, *(f"{number:.9g}" for number in numbers), ""])
-        for factor, reason in found.skipped.items():
-            writer.writerow([factor, "does not apply", "", "", "", "", reason])
+    values: list[tuple[str, str, complex, complex]] = [("base", found.order, found.base, 0j)]
+    if found.low is not None and found.high is not None:
+        values.append(("interval", "low", found.low, found.low - found.base))
+        values.append(("interval", "high", found.high, found.high - found.base))
+    values += [(row.factor, row.variant, row.impedance, row.change) for row in found.rows]
+    rows = [
+        {
+            "factor": factor, "variant": variant,
+            "R (rho c)": f"{value.real:.9g}", "X (rho c)": f"{value.imag:.9g}",
+            "change of R": f"{change.real:.9g}", "change of X": f"{change.imag:.9g}",
+            "note": "",
+        }
+        for factor, variant, value, change in values
+    ]  # fmt: skip
+    write_rows(
+        rows + [
+            {"factor": factor, "variant": "does not apply", "note": reason}
+            for factor, reason in found.skipped.items()
+        ],
+        path,
+    )  # fmt: skip
 
 
 def format_audit(found: Audit) -> str:

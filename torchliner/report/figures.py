@@ -12,6 +12,7 @@ import numpy as np
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.numbers import (
+    COMPLEX_PART,
     Table,
     against_height,
     height_label,
@@ -137,9 +138,9 @@ def _draw_cells(
         (result.cell_impedance, colour, first),
         (result.cell_impedance_velocity_first, "white", second),
     ):
-        numbers = getattr(values[:, frequency_index], _PART[part]).detach().cpu().numpy()
+        numbers = getattr(values[:, frequency_index], COMPLEX_PART[part]).detach().cpu().numpy()
         if interval is not None:
-            ends = [getattr(end[:, frequency_index], _PART[part]).cpu().numpy()
+            ends = [getattr(end[:, frequency_index], COMPLEX_PART[part]).cpu().numpy()
                     for end in (interval.low, interval.high)]  # fmt: skip
             axis.vlines(1e3 * result.cell_x.numpy(), *ends, color=colour, linewidth=1.2, zorder=2)
         axis.plot(
@@ -154,9 +155,6 @@ def _band_words(results: Sequence[ImpedanceMap]) -> str:
     if found is None:
         return ""
     return f"\nbands, bars: {100 * found.settings['level']:g} % statistical interval"
-
-
-_PART = {"resistance": "real", "reactance": "imag"}
 
 
 def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
@@ -176,7 +174,7 @@ def _draw_references(
     # One value per case; "true" first, so that it has the solid line.
     for i, name in enumerate(sorted(seen, key=lambda n: n != "true")):
         axis.axhline(
-            getattr(seen[name], _PART[part]), color="k", linewidth=0.9,
+            getattr(seen[name], COMPLEX_PART[part]), color="k", linewidth=0.9,
             linestyle=REFERENCE_STYLES[i % len(REFERENCE_STYLES)], label=name,
         )  # fmt: skip
 

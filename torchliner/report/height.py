@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from torchliner.eduction.heights import HeightStudy
-from torchliner.io.hdf5 import written_whole
 from torchliner.records import VelocityPlane
+from torchliner.report import numbers
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import Array, Table, velocity_along_x
+from torchliner.report.numbers import COMPLEX_PART, Array, Table, velocity_along_x
 from torchliner.report.style import COLOURS, MARKERS
 
-PART = {"resistance": "real", "reactance": "imag"}
 ORDERS = ("probes_first", "velocity_first")
 _V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 MOST_LENGTHS = 5  # curves a reader can tell apart
@@ -56,12 +54,13 @@ def plain_rows(study: HeightStudy) -> list[dict[str, Any]]:
 
 def write_rows(study: HeightStudy, path: str | Path) -> None:
     """``plain_rows`` as CSV; what is not known stays empty."""
-    rows = plain_rows(study)
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(rows[0])
-        for row in rows:
-            writer.writerow(["" if value is None else f"{value:.9g}" for value in row.values()])
+    numbers.write_rows(
+        [
+            {name: None if value is None else f"{value:.9g}" for name, value in row.items()}
+            for row in plain_rows(study)
+        ],
+        path,
+    )
 
 
 def length_label(length: float, pitch: float | None) -> str:
@@ -81,7 +80,7 @@ def impedance_over_height(study: HeightStudy) -> Table:
     values: dict[str, Array] = {}
     for length in study.lengths:
         rows = study.at_length(length)
-        for part, attribute in PART.items():
+        for part, attribute in COMPLEX_PART.items():
             for order in ORDERS:
                 name = f"{part}, {order.replace('_', ' ')}, {1e3 * length:.4g} mm"
                 values[name] = np.array([getattr(getattr(r, order), attribute) for r in rows])
@@ -125,12 +124,12 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         rows = study.at_length(study.lengths[0])
         heights = [1e3 * row.height for row in rows]
-        values = [getattr(row.probes_first, PART[part]) for row in rows]
+        values = [getattr(row.probes_first, COMPLEX_PART[part]) for row in rows]
         axis.plot(heights, values, "k*-", label="admittance over probes", markersize=6, zorder=4)
         for i, length in enumerate(lengths):
             rows = study.at_length(length)
-            values = [getattr(row.velocity_first, PART[part]) for row in rows]
-            spread = [getattr(row.velocity_first_spread, PART[part]) for row in rows]
+            values = [getattr(row.velocity_first, COMPLEX_PART[part]) for row in rows]
+            spread = [getattr(row.velocity_first_spread, COMPLEX_PART[part]) for row in rows]
             shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
             axis.errorbar(
                 shifted, values, spread, marker=MARKERS[i], color=COLOURS[i], capsize=2,
@@ -138,7 +137,7 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
                 label=f"velocity first, {length_label(length, study.pitch)}",
             )  # fmt: skip
         if "true" in study.reference:
-            true = getattr(study.reference["true"], PART[part])
+            true = getattr(study.reference["true"], COMPLEX_PART[part])
             axis.axhline(true, color="0.4", linewidth=0.9, linestyle="--", label="true")
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +9,10 @@ from typing import Any
 
 from torchliner.eduction.in_situ import in_situ
 from torchliner.eduction.wave_decomposition import WaveDecomposition, decompose_waves
-from torchliner.io.hdf5 import written_whole
 from torchliner.records import PointImpedances, PressureRecord
-from torchliner.report.alongside import COMPLEX_PART, ORDERS, draw_cells, points_along_x
+from torchliner.report.alongside import ORDERS, draw_cells, points_along_x
 from torchliner.report.figures import PARTS, finish, styled, subplots
+from torchliner.report.numbers import COMPLEX_PART
 from torchliner.report.style import COLOURS
 from torchliner.report.truth import format_complex
 
@@ -188,14 +187,6 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
 
 def _number(value: float, digits: int = 3) -> str:
     return "-" if value != value else f"{value:.{digits}f}"
-
-
-def write_rows(rows: Sequence[InSituRow], path: str | Path) -> None:
-    """The rows as CSV."""
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].plain().keys())
-        writer.writeheader()
-        writer.writerows(row.plain() for row in rows)
 
 
 @styled

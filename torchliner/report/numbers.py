@@ -19,6 +19,7 @@ from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.kernels import BAND, Liner
 
 Array = NDArray[np.float64]
+COMPLEX_PART = {"resistance": "real", "reactance": "imag"}
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path) -> None:

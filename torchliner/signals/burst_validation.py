@@ -15,7 +15,6 @@ from torchliner.records import BurstRecord
 GAUSSIAN_MAD = 1.4826  # standard deviation over median absolute deviation, 1 / Phi^-1(3/4)
 REPEATED, BACKWARDS = "repeated time", "time runs backwards"
 ZERO_RUN, OUTLIER = "run of exact zeros", "outlier"
-ALL_FILTERS = ("times", "zero-runs", "outliers")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,76 @@
+"""Tones exact in any record, and transfer functions between signals."""
+
+from __future__ import annotations
+
+import cmath
+
+import numpy as np
+import pytest
+import scipy.signal
+import torch
+from conftest import turbulence
+from test_in_situ import FREQUENCY, RATE, tone
+
+from torchliner.signals.tones import tone_amplitudes
+from torchliner.signals.transfer import transfer_function
+from torchliner.signals.windows import make_window
+
+
+@pytest.mark.parametrize("window", ["hann", "boxcar", "blackman"])
+@pytest.mark.parametrize("samples", [100, 457, 1000])
+def test_tones_are_exact_in_any_record(window, samples):
+    """Tone, mean and whole or broken periods: the amplitude comes out to rounding."""
+    amplitude = 0.7 * cmath.exp(0.4j)
+    weights = make_window(window, samples).weights
+    found = tone_amplitudes(
+        tone(amplitude, samples) + 5.0, torch.tensor([FREQUENCY]), RATE, weights
+    )
+    assert abs(2 * complex(found[0]) - amplitude) < 1e-11
+
+
+def test_phase_refers_to_sample_zero():
+    """A part of a record gives the amplitude of the whole."""
+    part = tone(1 + 2j, 800)[300:]
+    weights = make_window("hann", 500).weights
+    found = tone_amplitudes(part, torch.tensor([FREQUENCY]), RATE, weights, begin=300)
+    assert abs(2 * complex(found[0]) - (1 + 2j)) < 1e-11
+
+
+def test_transfer_is_scipys():
+    """At the bins of the segments H1 and coherence are those of csd and welch."""
+    x, noise = (turbulence((1, 4096), seed=i)[0] for i in range(2))
+    y = 0.3 * x.roll(3) + 0.2 * noise
+    length = 512
+    frequency = torch.arange(4, 100, 7, dtype=torch.float64) * RATE / length
+    found = transfer_function(x, y, frequency, RATE, segment=length / RATE)
+    about = {"fs": RATE, "nperseg": length, "window": "hann", "detrend": "constant"}
+    f, cross = scipy.signal.csd(x.numpy(), y.numpy(), **about)
+    _, power = scipy.signal.welch(x.numpy(), **about)
+    _, coherence = scipy.signal.coherence(x.numpy(), y.numpy(), **about)
+    bins = np.searchsorted(f, frequency.numpy() - 1e-6)
+    assert np.abs(found.response.numpy() - (cross / power)[bins]).max() < 1e-9
+    assert np.abs(found.coherence.numpy() - coherence[bins]).max() < 1e-9
+    assert found.segments == 15
+
+
+def test_noise_on_the_output_leaves_h1_unbiased():
+    """Noise on y averages out; put on x instead, it would pull |H1| down."""
+    x = tone(1.0, 40_000)
+    noise = turbulence((1, 40_000), rms=1.0)[0]
+    where = torch.tensor([FREQUENCY])
+    about = {"segment": 0.02}
+    good = transfer_function(x, 2 * x + noise, where, RATE, **about).response[0]
+    assert abs(complex(good) - 2) < 0.05
+
+
+def test_batch_is_the_loop_and_lengths_must_agree():
+    """Signals do not know their neighbours."""
+    x, y = turbulence((3, 500)), turbulence((3, 500), seed=5)
+    where = torch.tensor([900.0, 1400.0])
+    together = transfer_function(x, y, where, RATE).response
+    alone = torch.stack([transfer_function(a, b, where, RATE).response
+                         for a, b in zip(x, y, strict=True)])  # fmt: skip
+    assert float((together - alone).abs().max()) < 1e-12
+    with pytest.raises(ValueError, match="driver has 500 samples, response 400"):
+        transfer_function(x, y[:, :400], where, RATE)
+    assert torch.isnan(transfer_function(x, y, where, RATE).coherence).all()
