@@ -155,9 +155,31 @@ def test_a_file_that_shrinks_is_noticed(liner, path, engine):
         tl.educe(lazy, liner, engine=engine)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("gap", [None, 700])
+def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monkeypatch):
+    """Neither the length of the slabs nor how many segments are added at once moves a result."""
+    v = turbulence((3, 3000), seed=5)
+    v += torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(3000)) + 0.4
+    if gap is not None:
+        v[1, gap] = torch.nan
+    plane = plane_of(v)
+    choices = {"engine": engine, "phase": "self-consistent", "missing": "exclude"}
+    long = tl.educe(plane, liner, **choices)
+    monkeypatch.setattr("torchliner.eduction.drive.NARROW", 1)
+    monkeypatch.setattr("torchliner.eduction.survey.TOGETHER", 1)
+    short = tl.educe(plane, liner, **choices)
+    kept = [0, 2] if gap else [0, 1, 2]
+    for name in ("reflection", "coherence", "velocity_amplitude", "velocity_rms"):
+        a, b = (getattr(found, name)[kept] for found in (long, short))
+        assert float((a - b).abs().max()) < 1e-12, name
+    assert torch.isnan(long.reflection.real).sum() == torch.isnan(short.reflection.real).sum()
+
+
 @pytest.mark.parametrize("error", [torch.OutOfMemoryError, MemoryError, RuntimeError])
 def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, monkeypatch, error):
     """Slabs half as long, and a note that says so; other errors are not caught."""
+    monkeypatch.setattr("torchliner.eduction.drive.NARROW", 1)  # slabs as of a wide plane
     real, rows = engines.tone_sums, []
 
     def narrow(ready, backward, progress):

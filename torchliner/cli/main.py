@@ -45,8 +45,11 @@ class Parser(argparse.ArgumentParser):
         print(f"{self.prog}: {message}\nSee {self.prog} --help", file=sys.stderr)
         sys.exit(BAD_INPUT)
 
-    def refuse(self, extras: Sequence[str]) -> NoReturn:
+    def refuse(self, extras: Sequence[str], options: argparse.Namespace) -> NoReturn:
         """Complain of unknown options, each with its nearest known one."""
+        for action in self._actions:  # a task of a command knows more than the command
+            if isinstance(action, argparse._SubParsersAction):
+                action.choices[getattr(options, action.dest)].refuse(extras, options)
         known = [option for action in self._actions for option in action.option_strings]
         said = [word + did_you_mean(word.split("=")[0], known) for word in extras if word[0] == "-"]
         self.error(f"unknown option or argument: {', '.join(said or extras)}")
@@ -82,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         top.print_help()
         return DONE
     if extras:
-        parsers[options.command].refuse(extras)
+        parsers[options.command].refuse(extras, options)
     command = importlib.import_module(f"torchliner.cli.{options.command}")
     try:
         return int(command.run(options))

@@ -102,31 +102,37 @@ def refuse_inputs(
 
 
 @contextmanager
-def progress_bar(total: int, label: str, quiet: bool) -> Iterator[Any]:
+def progress_bar(total: int, label: str, quiet: bool, unit: str = "sample") -> Iterator[Any]:
     """A callable that takes steps done; silent unless standard error is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
 
-    with tqdm(total=total, desc=label, unit="sample", unit_scale=True, leave=False) as bar:
+    scaled = unit == "sample"
+    with tqdm(total=total, desc=label, unit=unit, unit_scale=scaled, leave=False) as bar:
         yield bar.update
 
 
 def liner_name(plane: VelocityPlane, path: Path) -> str:
-    """The preset a plane file names.
+    """The preset a plane file names; see ``known_liner``."""
+    return known_liner(plane.liner, path)
+
+
+def known_liner(name: str, path: Path) -> str:
+    """The preset a file names.
 
     Raises:
         ValueError: it names none.
     """
     from torchliner.liners.catalogue import preset_names
 
-    if plane.liner not in preset_names():
-        said = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
+    if name not in preset_names():
+        said = f"names {name!r}, which is no preset" if name else "names no liner"
         raise ValueError(
             f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
         )
-    return plane.liner
+    return name
 
 
 def frequencies(text: str) -> list[float]:

@@ -44,7 +44,7 @@ def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
     return facts
 
 
-def _goodrich(ready: Prepared) -> Tensor | None:
+def goodrich_of(ready: Prepared) -> Tensor | None:
     """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
     plane, porosity = ready.plane, getattr(ready.liner, "surface_porosity", None)
     diameter = getattr(ready.liner, "orifice_diameter", None)
@@ -117,7 +117,7 @@ def assemble(
         mach=plane.mach,
         incident_level=plane.incident_level,
         source_side=plane.source_side,
-        goodrich=_goodrich(ready),
+        goodrich=goodrich_of(ready),
         title=plane.title,
         choices=facts_of(ready, phase),
         notes=tuple(notes),

@@ -26,8 +26,9 @@ from torchliner.eduction.drive import DRIVES, MEANS, DriveSpeed
 from torchliner.eduction.engines import block_lines_of
 from torchliner.eduction.prepare import Prepared, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
+from torchliner.eduction.replayed import Replayed
 from torchliner.eduction.variants import Variant, VariantMaker
-from torchliner.eduction.velocity import Replayed, replay
+from torchliner.eduction.velocity import replay
 from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
 from torchliner.records import Audit, AuditRow, ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.incident import LineSums

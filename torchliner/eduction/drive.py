@@ -14,6 +14,7 @@ from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, r
 from torchliner.replay.sources import Columns, block_elements, blocks
 
 DRIVES = ("instantaneous", "rms", "running-rms")
+NARROW = 1 << 16  # velocities of a slab, at least: few columns get longer slabs
 RUNNING_COLUMNS = 4096  # at once, in float64
 MEANS = ("kept", "removed")
 FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
@@ -63,7 +64,9 @@ class ProbeVelocity:
         size = self.plane.velocity.dtype.itemsize
         if self.dtype.itemsize > size or self.device.type == "cuda":
             size += self.dtype.itemsize
-        most = rows_per_slab(sum(self.widths), size, self.memory, most=max(SLAB_ROWS, tile))
+        columns = sum(self.widths)
+        longest = max(SLAB_ROWS, tile, NARROW // columns)
+        most = rows_per_slab(columns, size, self.memory, most=longest)
         rows = most if tile > most else most - most % tile
         return bounds_of(self.samples, min(rows, self.most_rows or rows))
 

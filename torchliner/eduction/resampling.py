@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -33,6 +34,8 @@ class Resampling:
         seed: of the generator.
         dtype: complex, of the draws of single probes: they are many, and their bounds are known
             to some per cent.
+        convert: impedance from the quantity that is resampled, the reflection unless stated; all
+            docstrings below call it R.
         matrices: by length of a run, filled as they are needed.
     """
 
@@ -41,6 +44,7 @@ class Resampling:
     draws: int
     seed: int
     dtype: torch.dtype = torch.complex128
+    convert: Callable[[Tensor], Tensor] = impedance_from_reflection
     matrices: dict[int, Tensor] = field(default_factory=dict, repr=False)
 
     def matrix(self, length: int) -> Tensor:
@@ -77,7 +81,7 @@ class Resampling:
             mine = lengths == length
             draws = (self.matrix(length).to(series) @ series[:, mine]).T
             draws = draws * mean_factor(count, length)
-            low[mine], high[mine], error[mine] = self._bounds(
+            low[mine], high[mine], error[mine] = self.bounds(
                 draws, reflection[mine], count / length
             )
         return low, high, error, count / lengths.to(torch.float64)
@@ -101,16 +105,16 @@ class Resampling:
         together = (self.matrix(long).to(series) @ series.mean(1)).abs().square().mean(0)
         alone = draws.abs().square().mean(0).clamp(min=1e-300)
         draws = draws * (together / alone).clamp(min=1).sqrt()
-        bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
+        bounds = self.bounds(draws.T * mean_factor(count, long), reflection, runs)
         behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
         return Interval(*bounds, behind, torch.zeros_like(reflection))
 
-    def _bounds(
+    def bounds(
         self, draws: Tensor, reflection: Tensor, runs: float
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Quantiles of Z of widened draws, (N, M), and its standard error: (N,) each."""
         student = student_factor(runs, self.level)
-        values = impedance_from_reflection(reflection[:, None] + student * draws)
+        values = self.convert(reflection[:, None] + student * draws)
         found = []
         for part in (values.real, values.imag):
             low, high = tails(part, self.level)

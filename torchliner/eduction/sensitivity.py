@@ -27,7 +27,7 @@ from torchliner.eduction.choices import Choices
 from torchliner.eduction.engines import with_liner
 from torchliner.eduction.prepare import Prepared, Progress, prepare
 from torchliner.eduction.recovery import with_smaller_slabs
-from torchliner.eduction.velocity import Replayed
+from torchliner.eduction.replayed import Replayed
 from torchliner.liners.parameters import (
     NUMBERS,
     expand_names,

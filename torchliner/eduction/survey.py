@@ -18,6 +18,7 @@ from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import line_sums, waves
 
 PERIODS_PER_SEGMENT = 2.0
+TOGETHER = 1 << 17  # samples times columns of coherence segments that are added at once
 
 
 class VelocitySource(Protocol):
@@ -100,7 +101,7 @@ def survey(
     ]  # fmt: skip
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
-        for low, high in analysis.pieces(begin, end):
+        for low, high in analysis.pieces(begin, end, sum(source.widths)):
             rows = analysis.rows(low, high)
             for group, slab in zip(groups, slabs, strict=True):
                 group.add(low, high, rows, slab[low - begin : high - begin])
@@ -145,8 +146,11 @@ class _Sums:
         self.coherence = _Coherence(analysis, width, device)
 
     def add(self, begin: int, end: int, rows: Tensor, slab: Tensor) -> None:
-        """Samples begin .. end - 1, of one coherence segment; ``rows`` are the analysis rows."""
+        """Samples begin .. end - 1, a piece of the analysis, with its rows."""
         count = len(self.linear)
+        whole = self.analysis.whole_segments(begin, end)
+        if whole > 1:
+            self._add_segments(begin, whole, slab)
         window = torch.complex(*rows[count:].sum(1).to(slab.device).chunk(2))
         rows = rows.to(slab.device, slab.dtype)
         segment = torch.zeros(
@@ -167,6 +171,16 @@ class _Sums:
         self.coherence.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
         if len(segment):
             self.coherence.add(end, torch.complex(*segment.chunk(2)), window[:, None])
+
+    def _add_segments(self, begin: int, whole: int, slab: Tensor) -> None:
+        """Coherence of several whole segments at once: segments side by side as columns."""
+        columns = slab.unflatten(0, (whole, -1)).transpose(0, 1).flatten(1)
+        if not bool(torch.isfinite(columns).all()):
+            columns = torch.where(torch.isfinite(columns), columns, 0.0)
+        rows = self.analysis.segment_rows().to(slab.device)
+        products = torch.complex(*weighted_sums(rows.to(slab.dtype), columns).chunk(2))
+        window = torch.complex(*rows.sum(1).chunk(2))[:, None]
+        self.coherence.add_whole(begin, products.unflatten(1, (whole, -1)), window)
 
     def _without_faults(self, block: Tensor, begin: int, columns: slice) -> Tensor:
         wrong = ~torch.isfinite(block)
@@ -201,20 +215,33 @@ class _Analysis:
         steps = torch.arange(self.segment_length, dtype=torch.float64)
         self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / self.segment_length)
 
-    def pieces(self, begin: int, end: int) -> list[tuple[int, int]]:
-        """begin .. end - 1 cut where coherence segments end."""
+    def pieces(self, begin: int, end: int, columns: int) -> list[tuple[int, int]]:
+        """begin .. end - 1 in parts of a segment, and in whole segments where they are small."""
         length, last = self.segment_length, self.segments * self.segment_length
         cuts = [k for k in range(begin - begin % length + length, end, length) if k <= last]
-        marks = [begin, *cuts, end]
-        return list(itertools.pairwise(marks))
+        together = max(1, TOGETHER // (length * columns))
+        kept = [*cuts[:-1:together], *cuts[-1:]]
+        return list(itertools.pairwise([begin, *kept, end]))
+
+    def whole_segments(self, begin: int, end: int) -> int:
+        """How many make up begin .. end - 1; 0 where it is a part, or beyond the last."""
+        inside = begin % self.segment_length == 0 == end % self.segment_length
+        whole = (end - begin) // self.segment_length
+        return whole if inside and end <= self.segments * self.segment_length else 0
+
+    def segment_rows(self) -> Tensor:
+        """Lines of a segment from its own first sample on, real and imaginary, (2 F, L)."""
+        turning = waves(self.frequency, self.sampling_rate, 0, self.segment_length) * self.hann
+        return torch.cat([turning.real, turning.imag])
 
     def rows(self, begin: int, end: int) -> Tensor:
-        """Ones; lines, real and imaginary; segment lines, none beyond the last segment."""
+        """Ones; lines, real and imaginary; lines of a segment, if this is one or a part of one."""
         turning = waves(self.frequency, self.sampling_rate, begin, end)
         parts = [torch.ones(1, end - begin, dtype=torch.float64)]
         lines = turning * self.weights[begin:end]
         parts += [lines.real, lines.imag]
-        if begin < self.segments * self.segment_length:
+        several = self.whole_segments(begin, end) > 1
+        if begin < self.segments * self.segment_length and not several:
             segment = turning * self.hann[torch.arange(begin, end) % self.segment_length]
             parts += [segment.real, segment.imag]
         return torch.cat(parts)
@@ -251,6 +278,18 @@ class _Coherence:
             self.cross += (self.current * self.window.conj()).real
             self.current.zero_()
             self.window.zero_()
+
+    def add_whole(self, begin: int, products: Tensor, window: Tensor) -> None:
+        """Whole segments from sample ``begin`` on, read from their own first samples: (F, S, P)."""
+        own = self.analysis
+        starts = begin + own.segment_length * torch.arange(products.shape[1], dtype=torch.float64)
+        turns = torch.outer(2 * torch.pi / own.sampling_rate * own.frequency, starts)
+        phase = torch.exp(-1j * turns).to(products.device)
+        self.total += (phase[..., None] * products).sum(1)
+        self.power += products.abs().square().sum(1)
+        self.window_total += (phase * window).sum(1, keepdim=True)
+        self.window_power += products.shape[1] * window.abs() ** 2
+        self.cross += (products * window.conj()[:, None]).real.sum(1)
 
     def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
         """|sum V_s|^2 / (S sum |V_s|^2) of v without its mean, (F, P)."""

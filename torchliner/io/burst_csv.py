@@ -61,14 +61,25 @@ def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
             decimal marks, an unreadable or missing cell.
     """
     lines = read_lines(path)
-    start = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
-    if start is None:
-        raise ValueError(f"{path} has no header line with the names of the columns")
+    start = _header_line(lines, path)
     stated = _stated(lines[:start], path)
     separator = next((s for s in SEPARATORS if s in lines[start]), ",")
     columns = named_columns(lines[start].split(separator), path)
     found = read_columns(lines[start + 1 :], start + 2, columns, path, separator)
     return record_of(found, path, provenance={"format": "csv"}, **{**stated, **about})
+
+
+def stated_place(lines: list[str], path: str | Path) -> dict[str, float]:
+    """x, y, z, m, as far as the lines before the header state them."""
+    said = _stated(lines[: _header_line(lines, path)], path)
+    return {key: said[key] for key in "xyz" if key in said}
+
+
+def _header_line(lines: list[str], path: str | Path) -> int:
+    start = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
+    if start is None:
+        raise ValueError(f"{path} has no header line with the names of the columns")
+    return start
 
 
 def _stated(lines: list[str], path: str | Path) -> dict[str, Any]:

@@ -127,9 +127,12 @@ def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
         file[ARRAYS["wall_normal"][0]].attrs["positive"] = "away from the liner"
 
 
-def read_burst_file(path: str | Path) -> list[BurstRecord]:
+def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:
     """Stations of a file written by ``write_bursts`` or by anyone who follows the schema.
 
+    Args:
+        path: the file.
+        only: number of the one station that is read, from 0; None for all.
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
         ValueError: another schema, a dataset missing, of a wrong length or without units; the
@@ -137,18 +140,13 @@ def read_burst_file(path: str | Path) -> list[BurstRecord]:
     """
     path = Path(path)
     with open_file(path) as file:
-        schema = text_attribute(file, "schema")
-        if schema != SCHEMA:
-            raise ValueError(f"{path} holds no bursts: its schema is {schema!r}, not {SCHEMA!r}")
-        counts = read_si(file, "burst_count", "number", path).astype(np.int64).reshape(-1)
-        if len(counts) == 0 or (counts < 1).any():
-            raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; at least 1 a station")
+        ends, places = _layout(file, path)
+        counts = np.diff(ends, prepend=0)
         if ARRAYS["arrival_time"][0] not in file:
             get_dataset(file, ARRAYS["arrival_time"][0], path)  # says what is there instead
-        arrays = {field: _array(file, name, quantity, int(counts.sum()), path)
-                  for field, (name, quantity, _) in ARRAYS.items() if name in file}  # fmt: skip
-        places = {key: _array(file, key, "length", len(counts), path)
-                  for key in PLACES if key in file}  # fmt: skip
+        for name, _, _ in ARRAYS.values():
+            if name in file:
+                _require_length(file, name, int(ends[-1]), path)
         common: dict[str, Any] = {
             **read_scalars(file, SCALARS, path),
             "source_side": text_attribute(file, "source_side") or "unknown",
@@ -157,24 +155,52 @@ def read_burst_file(path: str | Path) -> list[BurstRecord]:
             "reference": read_references(file, path),
         }
         texts = _texts(file, len(counts), path)
-    ends = np.cumsum(counts)
-    records = []
-    for i, (begin, end) in enumerate(zip(ends - counts, ends, strict=True)):
-        own: dict[str, Any] = {k: None if np.isnan(v[i]) else float(v[i])
-                               for k, v in places.items()}  # fmt: skip
-        own |= {key: _known(values[begin:end]) for key, values in arrays.items()}
-        own |= {key: lines[i] for key, lines in texts.items()}
-        records.append(BurstRecord(**own, **common, name=f"{path}, station {i}"))
+        records = []
+        for i in range(len(counts)) if only is None else [only]:
+            own: dict[str, Any] = {k: None if np.isnan(v[i]) else float(v[i])
+                                   for k, v in places.items()}  # fmt: skip
+            part = slice(int(ends[i] - counts[i]), int(ends[i]))
+            own |= {field: _known(read_si(file, name, quantity, path, part))
+                    for field, (name, quantity, _) in ARRAYS.items() if name in file}  # fmt: skip
+            own |= {key: lines[i] for key, lines in texts.items()}
+            records.append(BurstRecord(**own, **common, name=f"{path}, station {i}"))
     return records
 
 
-def _array(file: h5py.File, name: str, quantity: str, count: int, path: Path) -> np.ndarray:
-    values = read_si(file, name, quantity, path).reshape(-1)
-    if len(values) != count:
-        raise ValueError(
-            f"{place(file, name, path)} has {len(values)} values; /burst_count says {count}"
-        )
-    return values
+def station_places(path: str | Path) -> list[tuple[float | None, float | None, float | None]]:
+    """(x, y, z) of each station of a file, m; None where unknown. Bursts are not read.
+
+    Raises:
+        As ``read_burst_file``.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        ends, places = _layout(file, path)
+    columns = [places.get(key, np.full(len(ends), np.nan)) for key in PLACES]
+    known = [[None if np.isnan(v) else float(v) for v in row] for row in zip(*columns, strict=True)]
+    return [(x, y, z) for x, y, z in known]
+
+
+def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Where the bursts of each station end, and the stations' coordinates that are stated."""
+    schema = text_attribute(file, "schema")
+    if schema != SCHEMA:
+        raise ValueError(f"{path} holds no bursts: its schema is {schema!r}, not {SCHEMA!r}")
+    counts = read_si(file, "burst_count", "number", path).astype(np.int64).reshape(-1)
+    if len(counts) == 0 or (counts < 1).any():
+        raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; at least 1 a station")
+    places = {}
+    for key in PLACES:
+        if key in file:
+            _require_length(file, key, len(counts), path)
+            places[key] = read_si(file, key, "length", path).reshape(-1)
+    return np.cumsum(counts), places
+
+
+def _require_length(file: h5py.File, name: str, count: int, path: Path) -> None:
+    found = get_dataset(file, name, path).size
+    if found != count:
+        raise ValueError(f"{place(file, name, path)} has {found} values; /burst_count says {count}")
 
 
 def _known(values: np.ndarray) -> np.ndarray | None:

@@ -38,9 +38,12 @@ class Column:
     sign: float = 1.0
 
 
-def read_lines(path: str | Path) -> list[str]:
+def read_lines(path: str | Path, head: int | None = None) -> list[str]:
     """Lines of a text file in UTF-8, or else latin-1, without their ends.
 
+    Args:
+        path: file.
+        head: bytes that are read from its beginning, the line cut there included; None for all.
     Raises:
         FileNotFoundError: no such file.
         OSError: a folder.
@@ -51,7 +54,8 @@ def read_lines(path: str | Path) -> list[str]:
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():
         raise OSError(f"{path} is a folder, not a file")
-    raw = path.read_bytes()
+    with path.open("rb") as file:
+        raw = file.read() if head is None else file.read(head)
     if b"\0" in raw:
         raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
     try:

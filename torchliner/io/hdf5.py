@@ -72,14 +72,16 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def read_si(group: h5py.Group, key: str, quantity: str, path: str | Path) -> np.ndarray:
-    """A small dataset in SI units, float64."""
+def read_si(
+    group: h5py.Group, key: str, quantity: str, path: str | Path, part: slice | None = None
+) -> np.ndarray:
+    """A small dataset, or a part of one along its only axis, in SI units, float64."""
     dataset = get_dataset(group, key, path)
     name = place(group, key, path)
     factor = si_factor(quantity, text_attribute(dataset, "units"), name)
     if dataset.dtype.kind not in "fiu":
         raise ValueError(f"{name} is {dataset.dtype}; numbers are needed")
-    return np.asarray(dataset[()], dtype=np.float64) * factor
+    return np.asarray(dataset[() if part is None else part], dtype=np.float64) * factor
 
 
 def read_number(group: h5py.Group, key: str, quantity: str, path: str | Path) -> float:

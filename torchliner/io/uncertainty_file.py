@@ -45,18 +45,30 @@ def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]
             continue
         cells = ("cell",) if name.startswith("cells") else ()
         where = (*axes.get(name, cells), "frequency")
-        for bound, words in BOUNDS.items():
-            values = getattr(interval, bound).detach().cpu()
-            for part, numbers in (("resistance", values.real), ("reactance", values.imag)):
-                key = f"{stem}{part}_{bound}"
-                variable = write_variable(file, key, numbers.numpy(), "1", where)
-                variable.attrs["long_name"] = (
-                    f"{words} of {part}"
-                    + (f", {level:g} % interval" if bound in ("low", "high") else "")
-                    + "; statistical (moving blocks over time), not the spread over positions"
-                )
-        runs = interval.runs.detach().cpu().numpy()
-        write_variable(file, f"{stem}interval_runs", runs, "1", where)
+        words = f"{level:g} %, statistical (moving blocks over time), not the spread over positions"
+        write_interval(file, interval, stem, where, words)
+
+
+def write_interval(
+    file: h5py.File, interval: Interval, stem: str, where: tuple[str, ...], words: str
+) -> None:
+    """One interval as variables ``<stem>resistance_low`` and so on.
+
+    Args:
+        file: with its dimensions.
+        interval: values on the dimensions ``where``.
+        stem: before each name.
+        where: dimensions.
+        words: what kind of interval it is, for the long names.
+    """
+    for bound, said in BOUNDS.items():
+        values = getattr(interval, bound).detach().cpu()
+        for part, numbers in (("resistance", values.real), ("reactance", values.imag)):
+            key = f"{stem}{part}_{bound}"
+            variable = write_variable(file, key, numbers.numpy(), "1", where)
+            variable.attrs["long_name"] = f"{said} of {part}; {words}"
+    runs = interval.runs.detach().cpu().numpy()
+    write_variable(file, f"{stem}interval_runs", runs, "1", where)
 
 
 def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
@@ -64,16 +76,21 @@ def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
     if "uncertainty" not in file.attrs:
         return None
 
+    found = {name: read_interval(file, stem, path) for name, stem in STEMS.items()}
+    settings = read_json(file, "uncertainty", path, {})
+    return Uncertainty(**{n: v for n, v in found.items() if v is not None}, settings=settings)
+
+
+def read_interval(file: h5py.File, stem: str, path: str | Path) -> Interval | None:
+    """What ``write_interval`` wrote; None if there is none."""
+    if f"{stem}resistance_low" not in file:
+        return None
+
     def real(key: str) -> torch.Tensor:
         return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
 
-    found: dict[str, Interval] = {}
-    for name, stem in STEMS.items():
-        if f"{stem}resistance_low" not in file:
-            continue
-        low, high, error, bias = (
-            torch.complex(real(f"{stem}resistance_{bound}"), real(f"{stem}reactance_{bound}"))
-            for bound in BOUNDS
-        )
-        found[name] = Interval(low, high, error, real(f"{stem}interval_runs"), bias)
-    return Uncertainty(**found, settings=read_json(file, "uncertainty", path, {}))
+    low, high, error, bias = (
+        torch.complex(real(f"{stem}resistance_{bound}"), real(f"{stem}reactance_{bound}"))
+        for bound in BOUNDS
+    )
+    return Interval(low, high, error, real(f"{stem}interval_runs"), bias)

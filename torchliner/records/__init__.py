@@ -2,9 +2,11 @@
 
 from torchliner.records.audit import Audit, AuditRow
 from torchliner.records.burst_record import BurstRecord
+from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
+from torchliner.records.reference_channel import ReferenceChannel
 from torchliner.records.uncertainty import Interval, Uncertainty
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
 
@@ -13,10 +15,13 @@ __all__ = [
     "Audit",
     "AuditRow",
     "BurstRecord",
+    "ImpedanceLine",
     "ImpedanceMap",
     "Interval",
+    "LineAverage",
     "PointImpedances",
     "PressureRecord",
+    "ReferenceChannel",
     "StoredVelocity",
     "Uncertainty",
     "VelocityPlane",

@@ -123,7 +123,7 @@ def onto_grid(
     stations, several = checked_stations(arrival_times, values, name)
     times = [each[0] for each in stations]
     grid = common_grid(times, derived_rate(times, frequency) if rate is None else rate)
-    rates, lengths, places = torch.tensor([_spacing(each) for each in times]).T
+    rates, lengths, places = torch.tensor([_spacing(each) for each in times], dtype=torch.float64).T
     notes = _long_gaps(rates, lengths, places, longest_gap, name)
     if notes and gaps == "refuse":
         raise ValueError(f"{notes[0]}; cut the record there, or accept it with gaps='report'")

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 
 def segment_starts(
-    samples: int, start: int, seconds: float | None, sampling_rate: float
+    samples: int, start: int, seconds: float | None, sampling_rate: float, overlap: float = 0.5
 ) -> tuple[list[int], int]:
-    """First sample of each segment, and their length: overlapping by half, from ``start`` on.
+    """First sample of each segment, evenly spaced from ``start`` on, and their length.
 
     Args:
         samples: n of the record.
         start: first sample that may be used.
         seconds: length; None for one segment of all that is there.
         sampling_rate: Hz.
+        overlap: share of a segment that the next one covers too, 0 to below 1.
     Raises:
-        ValueError: no segment fits, or it has fewer than two samples.
+        ValueError: no segment fits, it has fewer than two samples, or the overlap is none.
     """
+    if not 0 <= overlap < 1:
+        raise ValueError(f"overlap is {overlap:g}; it is a share of a segment, 0 to below 1")
     if seconds is None:
         return [start], samples - start
     length = round(seconds * sampling_rate)
@@ -24,4 +27,4 @@ def segment_starts(
             f"segment is {seconds:g} s, {length} samples; it must have 2 to the record's "
             f"{samples - start} ({(samples - start) / sampling_rate:g} s)"
         )
-    return list(range(start, samples - length + 1, max(1, length // 2))), length
+    return list(range(start, samples - length + 1, max(1, int((1 - overlap) * length)))), length

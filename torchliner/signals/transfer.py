@@ -7,6 +7,7 @@ cavity, which no boundary layer reaches.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchliner.signals.segments import segment_starts
-from torchliner.signals.tones import tone_amplitudes
+from torchliner.signals.tones import ELEMENTS, tone_amplitudes
 from torchliner.signals.windows import make_window
 
 
@@ -64,11 +65,16 @@ def segment_amplitudes(
         )
     starts, length = segment_starts(samples, first, segment, sampling_rate)
     weights = make_window(window, length).weights
+    step = starts[1] - starts[0] if len(starts) > 1 else 1
+    frames = signal[..., first:].unfold(-1, length, step)  # a view, (..., S, n)
+    together = max(1, ELEMENTS // (length * max(1, math.prod(signal.shape[:-1]))))
     parts = [
-        tone_amplitudes(signal[..., s : s + length], frequency, sampling_rate, weights, s)
-        for s in starts
+        tone_amplitudes(frames[..., low : low + together, :], frequency, sampling_rate, weights)
+        for low in range(0, len(starts), together)
     ]
-    return torch.stack(parts)
+    # Each frame was read from its own first sample on.
+    turns = 2 * torch.pi / sampling_rate * torch.outer(torch.tensor(starts), frequency.cpu())
+    return (torch.cat(parts, dim=-2) * torch.exp(-1j * turns)).movedim(-2, 0)
 
 
 def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:

@@ -1,0 +1,242 @@
+"""``torchliner ldv educe``: from a folder of burst files to a line file, and back after a break."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from test_stations import FREQUENCY, drifting, station
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.eduction import bursts as bursts_module
+from torchliner.io.burst_csv import write_burst_csv
+from torchliner.io.burst_file import write_bursts
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+SHORT = ["--segment", "0.04", "--liner", "onera"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    place = tmp_path / "line"
+    place.mkdir()
+    for seed in range(3):
+        write_burst_csv(station(seed, seconds=0.2), place / f"p{seed}.csv")
+    return place
+
+
+def run(*words):
+    return main(["ldv", "educe", *[str(word) for word in words], *SHORT])
+
+
+def test_one_command_from_files_to_numbers(folder, tmp_path, capsys):
+    """Table, JSON, netCDF-4, CSV and picture agree with the one Python call."""
+    out = tmp_path / "line.h5"
+    assert run(folder, "-o", out, "--figure", tmp_path / "line.png", "--json", "--quiet") == 0
+    told = json.loads(capsys.readouterr().out)
+    known = tl.educe_bursts(folder, tl.load_liner("onera"), segment=0.04)
+    line = tl.read_line(out)
+    assert torch.equal(line.impedance, known.impedance)
+    row = told["average"]["rows"][0]
+    assert row["impedance"]["resistance"] == float(known.average.impedance[0].real)
+    assert row["spread_along_the_line"]["reactance"] == float(known.average.spatial_spread[0].imag)
+    assert [row["station"] for row in told["rows"]] == ["s0", "s1", "s2"]
+    assert told["rows"][2]["x (m)"] == 0.02
+    assert (tmp_path / "line.png").stat().st_size > 5000
+    assert not (tmp_path / "line.h5.parts").exists()
+    assert run(folder, "--quiet") == 0
+    text = capsys.readouterr().out
+    assert "3 of 3 stations count; Z = 1/mean(1/Z), eq. (5.2)" in text
+    assert f"{float(known.impedance[1, 0].real):.3f}" in text
+    assert run(folder, "-o", tmp_path / "line.csv", "--quiet") == 0
+    rows = (tmp_path / "line.csv").read_text().splitlines()
+    assert len(rows) == 4
+    assert "resistance spread over segments" in rows[0]
+    assert "resistance low" in rows[0]
+
+
+def test_a_line_comes_back_from_its_file_bit_for_bit(folder, tmp_path):
+    line = tl.educe_bursts(
+        folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2
+    )
+    line.write(tmp_path / "line.nc")
+    back = tl.read_line(tmp_path / "line.nc")
+    for name, value in vars(line).items():
+        again = getattr(back, name)
+        if isinstance(value, torch.Tensor):
+            assert torch.equal(torch.nan_to_num(value), torch.nan_to_num(again)), name
+            assert value.dtype == again.dtype, name
+    for mine, other in ((line.interval, back.interval),
+                        (line.average.interval, back.average.interval)):  # fmt: skip
+        for name, value in vars(mine).items():  # nan where all stations are wall
+            again = torch.nan_to_num(torch.view_as_real(getattr(other, name) + 0j))
+            assert torch.equal(torch.nan_to_num(torch.view_as_real(value + 0j)), again), name
+    assert torch.equal(line.average.monte_carlo_spread, back.average.monte_carlo_spread)
+    assert back.average.stations == line.average.stations
+    assert (back.names, back.flags, back.notes) == (line.names, line.flags, line.notes)
+    assert back.station_notes == line.station_notes
+    assert back.fluid == line.fluid
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf") as data:
+        assert data["resistance"].dims == ("station", "frequency")
+        assert data["segment_spread_resistance"].attrs["long_name"].endswith("over the segments")
+        assert "how Z differs" in data["line_spatial_spread_resistance"].attrs["long_name"]
+
+
+def test_other_files_are_no_lines(tmp_path, folder):
+    station(0).write(tmp_path / "bursts.h5")
+    with pytest.raises(ValueError, match=r"bursts\.h5 is no impedance line: its schema is"):
+        tl.read_line(tmp_path / "bursts.h5")
+
+
+def counted(monkeypatch, fail_at=None):
+    """How many stations were educed anew; optionally the power fails at one."""
+    real, seen = bursts_module.educe_station, []
+
+    def educe_station(record, *arguments):
+        if len(seen) == fail_at:
+            raise KeyboardInterrupt
+        seen.append(record.title)
+        return real(record, *arguments)
+
+    monkeypatch.setattr(bursts_module, "educe_station", educe_station)
+    return seen
+
+
+def test_a_broken_run_goes_on_where_it_stopped(folder, tmp_path, monkeypatch, capsys):
+    """Finished stations are taken up, bit for bit; then the parts are gone."""
+    whole = tmp_path / "whole.h5"
+    assert run(folder, "-o", whole, "--quiet") == 0
+    out = tmp_path / "line.h5"
+    counted(monkeypatch, fail_at=2)
+    assert run(folder, "-o", out, "--quiet") == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert len(list((tmp_path / "line.h5.parts").glob("*.h5"))) == 2
+    assert not out.exists()
+    monkeypatch.undo()
+    seen = counted(monkeypatch)
+    assert run(folder, "-o", out) == 0
+    assert "holds 2 finished stations" in capsys.readouterr().err
+    assert seen == ["s2"]
+    assert torch.equal(tl.read_line(out).reflection, tl.read_line(whole).reflection)
+    assert not (tmp_path / "line.h5.parts").exists()
+
+
+def test_parts_of_other_data_or_choices_are_not_taken_up(folder, tmp_path, monkeypatch):
+    parts, liner = tmp_path / "parts", tl.load_liner("onera")
+    seen = counted(monkeypatch)
+
+    def educe(**choices):
+        seen.clear()
+        tl.educe_bursts(folder, choices.pop("liner", liner), parts=parts,
+                        **{"segment": 0.04, **choices})  # fmt: skip
+        return list(seen)
+
+    assert educe() == ["s0", "s1", "s2"]
+    assert educe() == []
+    assert educe(phase="self-consistent") == ["s0", "s1", "s2"]
+    assert educe(segment=0.05) == ["s0", "s1", "s2"]
+    assert educe(liner=tl.load_liner("polito")) == ["s0", "s1", "s2"]
+    assert educe(filters=tl.BurstFilters(outliers=5.0)) == ["s0", "s1", "s2"]
+    write_burst_csv(station(7, seconds=0.2, x=0.01), folder / "p1.csv")
+    assert educe() == ["s7"]
+    records = [station(seed, seconds=0.2) for seed in range(2)]
+    for wanted in (["s0", "s1"], []):
+        seen.clear()
+        tl.educe_bursts(records, liner, parts=parts, segment=0.04)
+        assert seen == wanted
+
+
+def test_stations_of_one_file_are_read_one_by_one(folder, tmp_path):
+    """HDF5 with many stations gives what the folder gives, and one station at a time."""
+    records = tl.read_bursts(folder)
+    write_bursts(records, tmp_path / "all.h5")
+    sources = tl.list_stations(tmp_path / "all.h5")
+    assert [source.number for source in sources] == [0, 1, 2]
+    assert [source.place[0] for source in sources] == [0.0, 0.01, 0.02]
+    for source, record in zip(sources, records, strict=True):
+        assert torch.equal(source.read().wall_normal, record.wall_normal)
+    liner = tl.load_liner("onera")
+    one, other = (
+        tl.educe_bursts(each, liner, segment=0.04) for each in (folder, tmp_path / "all.h5")
+    )
+    assert torch.equal(one.reflection, other.reflection)
+
+
+def test_references_from_a_folder(tmp_path, capsys):
+    """A recording a station, of its file's name, on the clock that --reference-start states."""
+    record, channel = drifting(1)
+    place, recordings = tmp_path / "line", tmp_path / "loud"
+    place.mkdir()
+    recordings.mkdir()
+    write_burst_csv(record, place / "a.csv")
+    words = [place, "--reference", recordings, "--reference-rate", 40e3, "--quiet"]
+    assert run(*words) == 2
+    assert "loud holds no recording a{.npy,.wav,.mat,.h5} for" in capsys.readouterr().err
+    np.save(recordings / "a.npy", channel.values.numpy())
+    assert run(*words, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["rows"][0]["coherence"] > 0.8
+    assert told["choices"]["referred"] is True
+    assert run(*words, "--reference-start", -0.3) == 2
+    assert "the velocity from" in capsys.readouterr().err
+    assert run(place, "--reference", tmp_path / "none.npy") == 2
+    assert "no such file or folder" in capsys.readouterr().err
+    assert run(place, "--reference-rate", 4e4) == 2
+    assert "name the recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--methd", "hold"], "did you mean '--method'"),
+        (["--method", "cubic"], "invalid choice: 'cubic'"),
+        (["-o", "line.txt"], "--output line.txt ends in '.txt'"),
+        (["-o", "missing/line.h5"], "the folder missing does not exist"),
+        (["--segment", "9"], "two segments of 9 s"),
+        (["--educe-at", "100:50:1"], "argument --educe-at"),
+    ],
+)
+def test_faulty_commands_end_with_two(folder, capsys, words, message):
+    try:
+        code = main(["ldv", "educe", str(folder), *SHORT, *words])
+    except SystemExit as stop:  # argparse's own way
+        code = stop.code
+    assert code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_bad_folders_say_so(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    assert run(tmp_path / "empty") == 2
+    assert "holds no files of bursts" in capsys.readouterr().err
+    assert run(tmp_path / "gone") == 2
+    assert "no such file" in capsys.readouterr().err
+    place = tmp_path / "twice"
+    place.mkdir()
+    for name in ("a", "b"):
+        write_burst_csv(station(0, seconds=0.2), place / f"{name}.csv")
+    assert run(place) == 2
+    assert "a.csv and" in (said := capsys.readouterr().err)
+    assert "have the same position, (0, 1, 0) mm" in said
+
+
+def test_the_liner_named_in_the_file_is_taken(tmp_path, capsys):
+    write_burst_csv(station(0, seconds=0.2, liner="onera"), tmp_path / "a.csv")
+    words = ["ldv", "educe", str(tmp_path / "a.csv"), "--segment", "0.04", "--quiet"]
+    assert main(words) == 0
+    write_burst_csv(station(0, seconds=0.2), tmp_path / "a.csv")
+    assert main(words) == 2
+    assert "names no liner; choose a model with --liner" in capsys.readouterr().err
+
+
+def test_the_line_file_is_valid_hdf5_with_units(folder, tmp_path):
+    run(folder, "-o", tmp_path / "line.h5", "--quiet")
+    with h5py.File(tmp_path / "line.h5") as file:
+        for name, item in file.items():
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                assert "units" in item.attrs, name

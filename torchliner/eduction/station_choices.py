@@ -1,0 +1,70 @@
+"""What is open between bursts and segments, in one validated place."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from torchliner.checks import require_choice, require_positive
+from torchliner.signals.arrivals import METHODS
+from torchliner.signals.burst_validation import BurstFilters
+
+CORRECTIONS = ("none", "tone", "tone-and-noise")
+FLAGGED = ("exclude", "use", "refuse")
+MOST_DRAWS = 1_000_000
+
+
+@dataclass(frozen=True)
+class StationChoices:
+    """From bursts to segments and from segments to averages.
+
+    Args:
+        method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or
+            ``band-limited``; see ``torchliner.signals.arrivals``.
+        grid_rate: Hz; default ``derived_rate`` of each station.
+        band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
+        correction: what is put back of what the reconstruction took from the tone: ``tone``, its
+            line; ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the paper).
+        segment: s (the paper: 1).
+        overlap: share of a segment that the next one covers too (the paper: 0.5).
+        flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or
+            ``refuse`` them.
+        monte_carlo: draws of (5.2) (the paper: 5000).
+        filters: which bursts count.
+    """
+
+    method: str = "linear"
+    grid_rate: float | None = None
+    band_limit: float | None = None
+    correction: str = "tone"
+    segment: float = 1.0
+    overlap: float = 0.5
+    flagged: str = "exclude"
+    monte_carlo: int = 5000
+    filters: BurstFilters = field(default_factory=BurstFilters)
+
+    def __post_init__(self) -> None:
+        require_choice("method", self.method, METHODS)
+        require_choice("correction", self.correction, CORRECTIONS)
+        require_choice("flagged", self.flagged, FLAGGED)
+        require_positive("segment (s)", self.segment)
+        for name in ("grid_rate", "band_limit"):
+            if getattr(self, name) is not None:
+                require_positive(f"{name} (Hz)", getattr(self, name))
+        if self.band_limit is not None and self.method != "band-limited":
+            raise ValueError(
+                f"band_limit is for method 'band-limited', not {self.method!r}; leave it out"
+            )
+        if not 0 <= self.overlap < 1:
+            raise ValueError(
+                f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1"
+            )
+        draws = self.monte_carlo
+        if not isinstance(draws, int) or isinstance(draws, bool):
+            raise TypeError(f"monte_carlo is {draws!r}; a whole number of draws is needed")
+        if not 2 <= draws <= MOST_DRAWS:
+            raise ValueError(f"monte_carlo is {draws}; it is 2 to {MOST_DRAWS} draws")
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for a file."""
+        return asdict(self)

@@ -1,0 +1,186 @@
+"""Impedance lines as netCDF-4 and as CSV; docs/ldv.md lists the variables."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.fluid import Fluid
+from torchliner.io.hdf5 import (
+    open_file,
+    read_json,
+    read_references,
+    read_scalars,
+    text_attribute,
+    to_json,
+    write_dimension,
+    write_references,
+    write_scalars,
+    write_variable,
+    written_whole,
+)
+from torchliner.io.line_csv import write_line_csv
+from torchliner.io.uncertainty_file import read_interval, write_interval
+from torchliner.records import ImpedanceLine, LineAverage
+
+SCHEMA = "torchliner line 1"
+SCALARS = {"mach": ("number", "1"), "incident_level": ("level", "dB")}
+OF_STATION = {
+    "x": "m", "y": "m", "z": "m", "mean_velocity": "m/s", "velocity_rms": "m/s", "rate": "1/s",
+    "grid_rate": "Hz", "longest_gap": "s", "received": "1", "bursts": "1", "used": "1",
+}  # fmt: skip
+OF_LINE = {"coherence": "1", "corrected": "1", "phase_held": "1"}  # of station and frequency
+COMPLEX = {"velocity_amplitude": "m/s", "attenuation": "1"}
+CARTESIAN = ("_real", "_imaginary")
+PARTS = ("resistance", "reactance")
+LISTS = ("flags", "dropped", "station_notes")
+SPREADS = {
+    "monte_carlo_spread": "standard deviation over the draws of (5.2), no uncertainty of the mean",
+    "spatial_spread": "standard deviation over the stations: how Z differs along the line",
+}
+
+
+def write_line(line: ImpedanceLine, path: str | Path) -> None:
+    """Write a line: netCDF-4, or CSV (one row a station and frequency) for .csv.
+
+    The old file, if any, is replaced only when the new one is whole.
+    """
+    if Path(path).suffix.lower() == ".csv":
+        write_line_csv(line, path)
+        return
+    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["Conventions"] = "CF-1.8"
+        file.attrs["schema"] = SCHEMA
+        file.attrs["title"], file.attrs["source_side"] = line.title, line.source_side
+        for key in ("choices", "notes", *LISTS):
+            file.attrs[key] = to_json(getattr(line, key))
+        file.attrs["fluid"] = to_json(dataclasses.asdict(line.fluid))
+        write_dimension(file, "frequency", _plain(line.frequency), "Hz")
+        write_dimension(file, "station", np.arange(line.stations), "1")
+        write_dimension(file, "segment", np.arange(line.segment_start.shape[1]), "1")
+        file.create_dataset("station_name", data=list(line.names), dtype=h5py.string_dtype())
+        file["station_name"].dims[0].attach_scale(file["station"])
+        _write_fields(file, line)
+        write_scalars(file, line, SCALARS)
+        write_references(file, line.reference)
+        if line.average is not None:
+            _write_average(file, line.average)
+
+
+def _write_fields(file: h5py.File, line: ImpedanceLine) -> None:
+    full, each = ("station", "segment", "frequency"), ("station", "frequency")
+    write_variable(file, "segment_start", _plain(line.segment_start), "s", full[:2])
+    _pair(file, "segment_reflection", line.reflection, full, CARTESIAN)
+    _pair(file, "segment_", line.segment_impedance, full, PARTS)
+    _pair(file, "", line.impedance, each, PARTS, "mean over the segments, eq. (5.1)")
+    spread = "standard deviation over the segments"
+    _pair(file, "segment_spread_", line.segment_spread, each, PARTS, spread)
+    _pair(file, "admittance", line.admittance, each, CARTESIAN, "mean over the segments")
+    for key, unit in OF_STATION.items():
+        write_variable(file, key, _plain(getattr(line, key)), unit, ("station",))
+    for key, unit in OF_LINE.items():
+        write_variable(file, key, _plain(getattr(line, key)), unit, each)
+    for key, unit in COMPLEX.items():
+        _pair(file, key, getattr(line, key), each, CARTESIAN, unit=unit)
+    level = _plain(line.inferred_incident_level)
+    write_variable(file, "inferred_incident_level", level, "dB", each)
+    if line.wall is not None:
+        write_variable(file, "wall", _plain(line.wall), "1", each)
+    if line.goodrich is not None:
+        _pair(file, "goodrich_", line.goodrich, ("frequency",), PARTS)
+    if line.interval is not None:
+        write_interval(file, line.interval, "", each, _words(line))
+
+
+def _words(line: ImpedanceLine) -> str:
+    return f"{100 * float(line.choices['interval']):g} % statistical, moving blocks over segments"
+
+
+def _write_average(file: h5py.File, found: LineAverage) -> None:
+    where = ("frequency",)
+    _pair(file, "line_", found.impedance, where, PARTS, "1 over the mean of 1/Z, eq. (5.2)")
+    _pair(file, "line_monte_carlo_", found.monte_carlo, where, PARTS, "mean of the draws of (5.2)")
+    for key, words in SPREADS.items():
+        _pair(file, f"line_{key}_", getattr(found, key), where, PARTS, words)
+    file.attrs["stations_that_count"] = found.stations
+    if found.interval is not None:
+        words = "statistical, segments resampled, stations independent"
+        write_interval(file, found.interval, "line_", where, words)
+
+
+def _pair(
+    file: h5py.File, stem: str, value: Tensor, where: tuple[str, ...], parts: tuple[str, str],
+    words: str = "", unit: str = "1",
+) -> None:  # fmt: skip
+    for part, numbers in zip(parts, (value.real, value.imag), strict=True):
+        variable = write_variable(file, stem + part, _plain(numbers), unit, where)
+        if words:
+            variable.attrs["long_name"] = words
+
+
+def _plain(value: Tensor) -> np.ndarray:
+    values = value.detach().cpu().numpy()
+    return values.astype(np.int8) if values.dtype == np.bool_ else values
+
+
+def read_line(path: str | Path) -> ImpedanceLine:
+    """Read a line written by ``ImpedanceLine.write`` as netCDF-4.
+
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, not HDF5.
+        ValueError: not a line of this schema.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        if text_attribute(file, "schema") != SCHEMA:
+            found = text_attribute(file, "schema")
+            raise ValueError(
+                f"{path} is no impedance line: its schema is {found!r}, not {SCHEMA!r}"
+            )
+
+        def real(key: str) -> Tensor:
+            return torch.from_numpy(np.asarray(file[key][()]))
+
+        def both(stem: str, parts: tuple[str, str]) -> Tensor:
+            return torch.complex(real(stem + parts[0]), real(stem + parts[1]))
+
+        known: dict[str, Any] = {key: real(key) for key in OF_STATION}
+        known |= {key: real(key) for key in OF_LINE}
+        known |= {key: both(key, CARTESIAN) for key in COMPLEX}
+        for key in ("used", "corrected"):
+            known[key] = known[key].to(torch.bool)
+        for key in LISTS:
+            values = read_json(file, key, path, [])
+            known[key] = tuple(v if isinstance(v, dict) else tuple(v) for v in values)
+        average = None
+        if "line_resistance" in file:
+            average = LineAverage(
+                impedance=both("line_", PARTS), monte_carlo=both("line_monte_carlo_", PARTS),
+                interval=read_interval(file, "line_", path),
+                stations=int(file.attrs["stations_that_count"]),
+                **{key: both(f"line_{key}_", PARTS) for key in SPREADS},
+            )  # fmt: skip
+        return ImpedanceLine(
+            frequency=real("frequency"),
+            reflection=both("segment_reflection", CARTESIAN),
+            segment_start=real("segment_start"),
+            wall=real("wall").to(torch.bool) if "wall" in file else None,
+            interval=read_interval(file, "", path),
+            names=tuple(file["station_name"].asstr()[()]),
+            average=average,
+            fluid=Fluid(**read_json(file, "fluid", path, {})),
+            reference=read_references(file, path),
+            source_side=text_attribute(file, "source_side") or "unknown",
+            goodrich=both("goodrich_", PARTS) if "goodrich_resistance" in file else None,
+            title=text_attribute(file, "title") or "",
+            choices=read_json(file, "choices", path, {}),
+            notes=tuple(read_json(file, "notes", path, [])),
+            **read_scalars(file, SCALARS, path),
+            **known,
+        )
