@@ -6,6 +6,10 @@ Every probe (or cell of probes) is a trial: Gaussian velocity of 3 m/s rms, whos
 quadrature, so that the truth is Z(E[R]) of the liner `onera` at 1400 Hz. Spectra: low-passed at
 1 kHz, and two of exponential correlation (0.4 and 1.5 ms). A row of 2000 trials has a standard
 error of 0.5 %.
+
+Stations are bursts of 10 s at random arrivals, held until the next one (a held value has the
+distribution of the velocity itself, so that the truth is the same), educed by segments of 1 s; ten
+of them are a line.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
 TRIALS = 500  # of one seed
 IN_A_CELL, PITCH = 16, 12.44e-3  # probes; m, of the liner
+STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 FASTEST = 10 * RMS  # 10 standard deviations: no record exceeds it
 
 
@@ -108,6 +113,13 @@ def coverage(
             inside.append((part(low) <= part(true)) & (part(true) <= part(high)))
             widths.append(part(high) - part(low))
         runs.append(interval.runs.numpy())
+    return _summary(inside, widths, runs)
+
+
+def _summary(
+    inside: list[np.ndarray], widths: list[np.ndarray], runs: list[np.ndarray]
+) -> dict[str, float]:
+    """Resistance and reactance take turns in the lists."""
     return {
         "R inside (%)": 100 * float(np.mean(np.concatenate(inside[0::2]))),
         "X inside (%)": 100 * float(np.mean(np.concatenate(inside[1::2]))),
@@ -117,27 +129,68 @@ def coverage(
     }
 
 
-def rows(trials: int) -> Iterator[dict[str, object]]:
+def bursts(spectrum: str, seed: int) -> tl.BurstRecord:
+    """A station of ``STATION`` seconds."""
+    values = velocity(SPECTRA[spectrum], 1, round(STATION * RATE), seed)[0]
+    generator = torch.Generator().manual_seed(seed + 700_000)
+    met = torch.rand(len(values), generator=generator) < ARRIVALS / RATE
+    times = torch.arange(len(values), dtype=torch.float64)[met] / RATE
+    return tl.BurstRecord(times, wall_normal=values[met], x=float(seed), y=1e-3, z=0.0,
+                          name=f"station {seed}")  # fmt: skip
+
+
+def station_coverage(spectrum: str, trials: int, liner: tl.SDoFLiner) -> list[dict[str, object]]:
+    """As ``coverage``, of stations and of lines of ten."""
+    true = true_impedance(liner)
+    found: dict[str, tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]]
+    found = {"station": ([], [], []), f"line of {IN_A_LINE}": ([], [], [])}
+    for first in range(0, trials, IN_A_LINE):
+        line = tl.educe_bursts(
+            [bursts(spectrum, first + i) for i in range(IN_A_LINE)], liner, FREQUENCY,
+            method="hold", correction="none", grid_rate=2 * ARRIVALS, velocity_max=FASTEST,
+            flagged="use", monte_carlo=2,
+        )  # fmt: skip
+        assert line.interval is not None
+        assert line.average is not None
+        assert line.average.interval is not None
+        of_both = (line.interval, line.average.interval)
+        for interval, lists in zip(of_both, found.values(), strict=True):
+            low, high = interval.low.reshape(-1).numpy(), interval.high.reshape(-1).numpy()
+            for part in (np.real, np.imag):
+                lists[0].append((part(low) <= part(true)) & (part(true) <= part(high)))
+                lists[1].append(part(high) - part(low))
+            lists[2].append(interval.runs.reshape(-1).numpy())
+    return [
+        {"of": of, "spectrum": spectrum, "record": f"{STATION:g} s of bursts",
+         "trials": sum(len(part) for part in lists[2]), **_summary(*lists)}
+        for of, lists in found.items()
+    ]  # fmt: skip
+
+
+def rows(trials: int, *, only_stations: bool = False) -> Iterator[dict[str, object]]:
     liner = tl.load_liner("onera")
     assert isinstance(liner, tl.SDoFLiner)
     cases = [("probe", spectrum, record) for spectrum in SPECTRA for record in RECORDS]
     cases += [("cell of 16", "1 kHz noise", record) for record in list(RECORDS)[:2]]
-    for of, spectrum, record in cases:
+    for of, spectrum, record in [] if only_stations else cases:
         yield {"of": of, "spectrum": spectrum, "record": record, "trials": trials} | coverage(
             spectrum, RECORDS[record], trials, liner, of=of
         )
+    for spectrum in SPECTRA:
+        yield from station_coverage(spectrum, trials, liner)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--trials", type=int, default=2000)
+    parser.add_argument("--only-stations", action="store_true", help="leave the planes out")
     parser.add_argument("--csv", type=Path, help="write the table")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore", tl.DataWarning)
     true = true_impedance(tl.load_liner("onera"))
     print(f"truth {true:.4f}, {options.trials} trials a row, 95 % intervals")
     done = []
-    for row in rows(options.trials):
+    for row in rows(options.trials, only_stations=options.only_stations):
         done.append(row)
         print("  ".join(
             f"{value:.3g}" if isinstance(value, float) else f"{value!s:20s}"
