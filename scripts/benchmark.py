@@ -7,7 +7,8 @@ paper's, 548 x 50 probes. Times are ns per velocity sample, the best of three ru
 not counted; engines that need longer than --seconds get fewer probes. Each row's error is the
 largest in R against float64 `direct` (for wrapped records: the formula in float64) on the same
 kernels. Rows marked * are compiled, without the compiler's own time, which the line below them
-states. Parts: engines, slopes, worth (error bars, audit), files, memory, start.
+states. Parts: engines, slopes, worth (error bars, audit), stations (laser Doppler),
+files, memory, start.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
-PARTS = ("engines", "slopes", "worth", "files", "memory", "start")
+PARTS = ("engines", "slopes", "worth", "stations", "files", "memory", "start")
 
 
 class Bench:
@@ -271,6 +272,10 @@ def main() -> None:
 
             benchmark_worth.worth(bench.velocity.T, RATE, FREQUENCY, bench.liner)
         del bench
+    if "stations" in parts:
+        import benchmark_ldv
+
+        benchmark_ldv.stations()
     import benchmark_files
 
     if "files" in parts:

@@ -111,7 +111,7 @@ def test_npy_is_read_on_demand_and_never_changed(tmp_path):
     ("values", "axes", "units", "error", "message"),
     [
         (CUBE, ("z", "x"), "m/s", ValueError, r"axes are z,x; 'time' and probe, or any of z and x"),
-        (CUBE, ("z", "y", "time"), "m/s", ValueError, r"axes are z,y,time; .* each once, are need"),
+        (CUBE, ("z", "u", "time"), "m/s", ValueError, r"axes are z,u,time; .* each once, are need"),
         (CUBE, ("x", "x", "time"), "m/s", ValueError, r"axes are x,x,time; .* each once, are need"),
         (CUBE, ("probe", "x", "time"), "m/s", ValueError, r"axes are probe,x,time"),
         (

@@ -25,13 +25,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stride", type=int, default=1, help="resolved: keep every n-th x")
     array = parser.add_argument_group("array")
     array.add_argument("--variable", help="name in the file, if it holds several")
-    array.add_argument("--axes", help="its axes in order, e.g. time,z,x or probe,time")
+    array.add_argument("--axes", help="its axes in order, e.g. time,z,x or y,x,time or probe,time")
     array.add_argument("--velocity-units", help="m/s, mm/s, ...")
     array.add_argument("--sampling-rate", type=float, metavar="HZ")
     array.add_argument("--towards-liner", action="store_true", help="data are positive INTO it")
     array.add_argument("--x", help="coordinates: FILE or FILE:VARIABLE")
     array.add_argument("--z", help="likewise")
-    array.add_argument("--length-units", default="m", help="of --x and --z")
+    array.add_argument("--y", help="likewise, of particle images; that of --row is the height")
+    array.add_argument("--row", type=int, help="of an axis y, from 0")
+    array.add_argument("--length-units", default="m", help="of --x, --z and --y")
     about = parser.add_argument_group("about the case (SI, of the plane as written)")
     about.add_argument("--height", type=float, metavar="M")
     about.add_argument("--frequency", type=float, metavar="HZ")
@@ -85,7 +87,7 @@ def _from_array(options: argparse.Namespace) -> VelocityPlane:
                 f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
             )
     coordinates = {}
-    for name in ("x", "z"):
+    for name in ("x", "z", "y"):
         where = getattr(options, name)
         if where is not None:
             file, _, variable = where.partition(":")
@@ -96,6 +98,7 @@ def _from_array(options: argparse.Namespace) -> VelocityPlane:
         options.velocity_units,
         options.sampling_rate,
         towards_liner=options.towards_liner,
+        row=options.row,
         length_units=options.length_units,
         name=str(options.source),
         **coordinates,

@@ -17,7 +17,7 @@ from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
 from torchliner.words import did_you_mean
 
-AXES = ("time", "z", "x", "probe")
+AXES = ("time", "z", "x", "y", "probe")
 
 
 def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
@@ -83,6 +83,8 @@ def plane_from_array(
     towards_liner: bool = False,
     x: Any = None,
     z: Any = None,
+    y: Any = None,
+    row: int | None = None,
     length_units: str = "m",
     name: str = "array",
     **about: Any,
@@ -91,11 +93,13 @@ def plane_from_array(
 
     Args:
         values: real array.
-        axes: one name per axis of ``values``: ``time`` and ``probe``, or any of ``z``, ``x``.
+        axes: one name per axis of ``values``: ``time`` and ``probe``, or any of ``z``, ``x``; also
+            ``y``, the heights of particle images, of which one is taken.
         velocity_units: "m/s", "mm/s", ...
         sampling_rate: Hz.
         towards_liner: the data are positive INTO the liner; they are turned.
-        x, z: coordinates in ``length_units``.
+        x, z, y: coordinates in ``length_units``; that of ``row`` becomes the plane's height.
+        row: which y, from 0; needed with an axis y.
         about: further arguments of ``VelocityPlane``, in SI.
     Raises:
         TypeError: complex or not numeric.
@@ -109,11 +113,13 @@ def plane_from_array(
     if unknown or mixed or len(set(axes)) != len(axes) or "time" not in axes:
         raise ValueError(
             f"axes are {','.join(axes)}; 'time' and probe, or any of z and x, each once, are needed"
+            ", or x and y with a row of y"
         )
     if len(axes) != values.ndim:
         raise ValueError(
             f"{name} has shape {values.shape}, but {len(axes)} axes are named: {','.join(axes)}"
         )
+    values, axes, height = _one_height(values, axes, y, row, name)
     order = [axis for axis in ("probe", "z", "x", "time") if axis in axes]
     arranged = values.transpose([list(axes).index(axis) for axis in order])
     if values.dtype.kind != "f":
@@ -122,6 +128,8 @@ def plane_from_array(
     factor = -factor if towards_liner else factor
     scaled = arranged if factor == 1 else (arranged * arranged.dtype.type(factor))
     metre = si_factor("length", length_units, f"{name} coordinates")
+    if height is not None:
+        about = {"height": height * metre, **about}
     return VelocityPlane(
         scaled,
         sampling_rate=sampling_rate,
@@ -130,3 +138,24 @@ def plane_from_array(
         name=name,
         **about,
     )
+
+
+def _one_height(
+    values: np.ndarray, axes: Sequence[str], y: Any, row: int | None, name: str
+) -> tuple[np.ndarray, list[str], float | None]:
+    """The array at one y, its axes, and that y where it is known."""
+    if "y" not in axes:
+        if row is not None or y is not None:
+            raise ValueError(f"{name}: row and y are for an array with an axis y; name it in axes")
+        return values, list(axes), None
+    axis = list(axes).index("y")
+    count = values.shape[axis]
+    if row is None or not 0 <= row < count:
+        said = "which is not stated" if row is None else f"not {row}"
+        raise ValueError(f"{name} has {count} heights; row is 0 to {count - 1}, {said}")
+    heights = None if y is None else np.asarray(y, float).reshape(-1)
+    if heights is not None and len(heights) != count:
+        raise ValueError(f"{name} has {count} heights, y has {len(heights)} values")
+    kept = [each for each in axes if each != "y"]
+    height = None if heights is None else float(heights[row])
+    return values.take(row, axis=axis), kept, height
