@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
+from test_stations import station
 
 import torchliner as tl
 
@@ -76,3 +77,13 @@ def test_signals_on_a_gpu(liner, incident):
     wanted = tl.educe(plane, liner, incident=incident)
     found = tl.educe(plane, liner, incident=incident, device="cuda")
     assert float((found.reflection.cpu() - wanted.reflection).abs().max()) < 1e-9
+
+
+def test_a_line_of_stations_is_the_same_on_the_gpu(liner):
+    """Bursts are gridded on the CPU; their segments are replayed on the device."""
+    records = [station(seed) for seed in range(2)]
+    choices = {"segment": 0.04, "phase": "self-consistent"}
+    here, there = (tl.educe_bursts(records, liner, device=d, **choices) for d in ("cpu", "cuda"))
+    assert there.reflection.device.type == "cpu"
+    assert float((here.reflection - there.reflection).abs().max()) < 1e-10
+    assert float((here.interval.low - there.interval.low).abs().max()) < 1e-8

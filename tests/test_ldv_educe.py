@@ -140,6 +140,8 @@ def test_parts_of_other_data_or_choices_are_not_taken_up(folder, tmp_path, monke
     assert educe() == ["s0", "s1", "s2"]
     assert educe() == []
     assert educe(phase="self-consistent") == ["s0", "s1", "s2"]
+    assert educe(phase="given", reference_phase=0.1) == ["s0", "s1", "s2"]
+    assert educe(phase="given", reference_phase=0.2) == ["s0", "s1", "s2"]
     assert educe(segment=0.05) == ["s0", "s1", "s2"]
     assert educe(liner=tl.load_liner("polito")) == ["s0", "s1", "s2"]
     assert educe(filters=tl.BurstFilters(outliers=5.0)) == ["s0", "s1", "s2"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -206,6 +207,16 @@ def test_the_interval_of_the_line_is_that_of_independent_stations(onera):
     whole = float(found.average.interval.standard_error[0].real)
     assert whole == pytest.approx(float(single) / 4, rel=0.33)
     assert float(found.average.interval.runs[0]) > 5 * float(found.interval.runs[:, 0].mean())
+
+
+def test_equal_records_are_drawn_apart(onera):
+    """Two stations with the same bursts are two measurements: errors add as if independent."""
+    record = station(0)
+    again = dataclasses.replace(record, x=0.3, title="again")
+    found = educed([record, again], onera, draws=4000)
+    ratio = found.average.interval.standard_error[0].real
+    ratio = float(ratio / found.interval.standard_error[0, 0].real)
+    assert ratio == pytest.approx(2**-0.5, rel=0.12)  # Student's factor differs a little
 
 
 def test_the_tone_is_put_back(onera):
@@ -441,8 +452,6 @@ def test_faulty_references_are_refused(onera):
 
 
 def test_admittance_at_walls_is_zero_in_the_draws(line):
-    import dataclasses
-
     wall = torch.tensor([[False], [True], [False]])
     found = segment_admittances(dataclasses.replace(line, wall=wall))
     assert bool((found[1] == 0).all())

@@ -12,7 +12,7 @@ from conftest import turbulence
 from test_in_situ import FREQUENCY, RATE, tone
 
 from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.transfer import transfer_function
+from torchliner.signals.transfer import segment_amplitudes, transfer_function
 from torchliner.signals.windows import make_window
 
 
@@ -74,3 +74,18 @@ def test_batch_is_the_loop_and_lengths_must_agree():
     with pytest.raises(ValueError, match="driver has 500 samples, response 400"):
         transfer_function(x, y[:, :400], where, RATE)
     assert torch.isnan(transfer_function(x, y, where, RATE).coherence).all()
+
+
+def test_segments_share_one_clock():
+    """A steady tone has the same amplitude and phase in every segment, between the bins too."""
+    rate, frequency = 8000.0, torch.tensor([433.0, 1210.0], dtype=torch.float64)
+    times = torch.arange(4000, dtype=torch.float64) / rate
+    angle = 2 * torch.pi * frequency[:, None] * times
+    signal = torch.cos(
+        angle + torch.tensor([[0.7], [-1.1]], dtype=torch.float64)
+    )  # one tone a channel
+    found = segment_amplitudes(signal, frequency, rate, segment=0.1)
+    assert found.shape == (9, 2, 2)
+    for i, phase in enumerate((0.7, -1.1)):
+        wanted = 0.5 * torch.exp(torch.tensor(1j * phase, dtype=torch.complex128))
+        assert float((found[:, i, i] - wanted).abs().max()) < 1e-9
