@@ -3,43 +3,19 @@
 from __future__ import annotations
 
 import json
-import tomllib
-from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from torchliner.fluid import Fluid
+from torchliner import toml_files
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
+from torchliner.toml_files import FluidTable, Strict, parse_toml, read_text, validated
 from torchliner.words import did_you_mean
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class FluidFile(_Strict):
-    """Table ``[fluid]``: all of it explicit, or temperature (K) and pressure (Pa)."""
-
-    temperature: float | None = Field(None, ge=150, le=1500)
-    pressure: float | None = Field(None, gt=0)
-    sound_speed: float | None = Field(None, gt=0)
-    density: float | None = Field(None, gt=0)
-    dynamic_viscosity: float | None = Field(None, gt=0)
-    heat_capacity_ratio: float | None = Field(None, ge=1)
-    prandtl: float | None = Field(None, gt=0)
-
-    def build(self) -> Fluid:
-        """The gas; explicit values win over those from temperature and pressure."""
-        given = {k: v for k, v in self.model_dump().items() if v is not None}
-        state = {k: given.pop(k) for k in ("temperature", "pressure") if k in given}
-        base = vars(Fluid.from_temperature(**state)) if state else {}
-        return Fluid(**{**base, **given})
-
-
-class SDoFFile(_Strict):
+class SDoFFile(Strict):
     """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
 
     model: Literal["sdof"]
@@ -59,7 +35,7 @@ class SDoFFile(_Strict):
     impedance_offset: tuple[float, float] = (0.0, 0.0)
     cell_pitch: float | None = Field(None, gt=0)
     flow_facing_porosity: float | None = Field(None, gt=0, le=1)
-    fluid: FluidFile = FluidFile()
+    fluid: FluidTable = FluidTable()
 
     def build(self, path: Path, name: str) -> SDoFLiner:
         """The liner."""
@@ -68,7 +44,7 @@ class SDoFFile(_Strict):
         return SDoFLiner(**values, fluid=self.fluid.build(), name=self.name or name)
 
 
-class TableFile(_Strict):
+class TableFile(Strict):
     """Keys of a file with ``model = "table"``: a CSV beside it."""
 
     model: Literal["table"]
@@ -87,10 +63,12 @@ class TableFile(_Strict):
 MODELS: dict[str, type[SDoFFile] | type[TableFile]] = {"sdof": SDoFFile, "table": TableFile}
 
 
+PACKAGE = "torchliner.liners"
+
+
 def preset_names() -> list[str]:
     """Names of the liners shipped with the package."""
-    folder = resources.files("torchliner.liners") / "presets"
-    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return toml_files.preset_names(PACKAGE)
 
 
 def preset_text(name: str) -> str:
@@ -99,14 +77,7 @@ def preset_text(name: str) -> str:
     Raises:
         ValueError: no such preset; the nearest is named.
     """
-    known = preset_names()
-    if name not in known:
-        raise ValueError(
-            f"unknown liner {name!r}{did_you_mean(name, known)}; presets are {', '.join(known)}; "
-            "a file of your own ends in .toml or .csv"
-        )
-    folder = resources.files("torchliner.liners") / "presets"
-    return (folder / f"{name}.toml").read_text(encoding="utf-8")
+    return toml_files.preset_text(PACKAGE, name, "liner", ".toml or .csv")
 
 
 def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
@@ -123,7 +94,7 @@ def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
     if path.suffix.lower() == ".csv":
         return TabulatedLiner.read_csv(path)
     if path.suffix.lower() == ".toml":
-        return _build(_read_text(path), path, path.stem)
+        return _build(read_text(path), path, path.stem)
     return _build(preset_text(text), Path(f"{text}.toml"), text)
 
 
@@ -145,44 +116,16 @@ def liner_text(liner: SDoFLiner, source: str, description: str = "") -> str:
     return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
 
 
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
-
-
 def _build(text: str, path: Path, name: str) -> SDoFLiner | TabulatedLiner:
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path} is not valid TOML: {error}") from error
+    content = parse_toml(text, path)
     kind = content.get("model")
     if not isinstance(kind, str) or kind not in MODELS:
         raise ValueError(
             f"{path}: model is {kind!r}{did_you_mean(str(kind), list(MODELS))}; "
             f"it is one of {', '.join(MODELS)}"
         )
-    try:
-        file = MODELS[kind].model_validate(content)
-    except ValidationError as error:
-        mistakes = [_explain(mistake, MODELS[kind]) for mistake in error.errors()]
-        raise ValueError(
-            f"{path} has {len(mistakes)} mistake(s):\n  " + "\n  ".join(mistakes)
-        ) from None
+    file = validated(MODELS[kind], content, path, {"fluid": FluidTable})
     try:
         return file.build(path, name)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def _explain(mistake: Any, model: type[BaseModel]) -> str:
-    """One line a user can act on."""
-    place = ".".join(str(part) for part in mistake["loc"])
-    if mistake["type"] == "extra_forbidden":
-        schema = FluidFile if mistake["loc"][0] == "fluid" else model
-        key, known = str(mistake["loc"][-1]), list(schema.model_fields)
-        return f"{place}: no such key{did_you_mean(key, known)}"
-    if mistake["type"] == "missing":
-        return f"{place}: missing"
-    return f"{place} = {mistake['input']!r}: {mistake['msg'][0].lower()}{mistake['msg'][1:]}"

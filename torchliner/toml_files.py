@@ -1,0 +1,126 @@
+"""Files of the user's in TOML: all mistakes at once, each with what would be right."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from torchliner.fluid import Fluid
+from torchliner.words import did_you_mean
+
+
+class Strict(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+Table = TypeVar("Table", bound=Strict)
+
+
+class FluidTable(Strict):
+    """Table ``[fluid]``: all of it explicit, or temperature (K) and pressure (Pa)."""
+
+    temperature: float | None = Field(None, ge=150, le=1500)
+    pressure: float | None = Field(None, gt=0)
+    sound_speed: float | None = Field(None, gt=0)
+    density: float | None = Field(None, gt=0)
+    dynamic_viscosity: float | None = Field(None, gt=0)
+    heat_capacity_ratio: float | None = Field(None, ge=1)
+    prandtl: float | None = Field(None, gt=0)
+
+    def build(self) -> Fluid:
+        """The gas; explicit values win over those from temperature and pressure."""
+        given = {k: v for k, v in self.model_dump().items() if v is not None}
+        state = {k: given.pop(k) for k in ("temperature", "pressure") if k in given}
+        base = vars(Fluid.from_temperature(**state)) if state else {}
+        return Fluid(**{**base, **given})
+
+
+def preset_names(package: str) -> list[str]:
+    """Names of the TOML files in the folder ``presets`` of a package."""
+    folder = resources.files(package) / "presets"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def preset_text(package: str, name: str, kind: str, endings: str) -> str:
+    """The TOML text of a preset.
+
+    Args:
+        package: whose ``presets`` it is one of.
+        name: without ending.
+        kind, endings: what it is and how a user's own files end, for the message.
+    Raises:
+        ValueError: no such preset; the nearest is named.
+    """
+    known = preset_names(package)
+    if name not in known:
+        raise ValueError(
+            f"unknown {kind} {name!r}{did_you_mean(name, known)}; presets are {', '.join(known)}; "
+            f"a file of your own ends in {endings}"
+        )
+    return (resources.files(package) / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def read_text(path: Path) -> str:
+    """A UTF-8 file.
+
+    Raises:
+        FileNotFoundError, ValueError: missing, or not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
+
+
+def parse_toml(text: str, path: Path) -> dict[str, Any]:
+    """The content of a TOML text.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path} is not valid TOML: {error}") from error
+
+
+def validated(
+    model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]
+) -> Table:
+    """Content checked against a model.
+
+    Args:
+        model: keys and their ranges.
+        content: of the file.
+        path: for messages.
+        tables: models of its tables by name, whose keys are suggested for a slip inside them.
+    Raises:
+        ValueError: mistakes, all of them listed, each mistyped key with the nearest valid one.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        mistakes = [_explain(mistake, model, tables) for mistake in error.errors()]
+        raise ValueError(
+            f"{path} has {len(mistakes)} mistake(s):\n  " + "\n  ".join(mistakes)
+        ) from None
+
+
+def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:
+    """One line a user can act on."""
+    place = ".".join(str(part) for part in mistake["loc"])
+    if mistake["type"] == "extra_forbidden":
+        inside = len(mistake["loc"]) > 1
+        schema = tables.get(str(mistake["loc"][0]), model) if inside else model
+        key, known = str(mistake["loc"][-1]), list(schema.model_fields)
+        return f"{place}: no such key{did_you_mean(key, known)}"
+    if mistake["type"] == "missing":
+        return f"{place}: missing"
+    return f"{place} = {mistake['input']!r}: {mistake['msg'][0].lower()}{mistake['msg'][1:]}"
