@@ -51,8 +51,14 @@ def make_window(name: Any, samples: int) -> Window:
     kind, *parameters = label.split(",")
     if label in PLAIN:
         steps = np.arange(samples) / samples
-        weights = PLAIN[label][0] - PLAIN[label][1] * np.cos(2 * np.pi * steps)
-        return Window(torch.from_numpy(weights), _cosine_lines(weights), label)
+        mean, cosine = PLAIN[label]
+        weights = mean - cosine * np.cos(2 * np.pi * steps)
+        # Known; a transform of some 1e5 samples would take longer than the replay of a station.
+        lines: tuple[tuple[int, complex], ...] = ((0, complex(mean)),)
+        if cosine:
+            lines += ((1, complex(-cosine / 2)), (-1, complex(-cosine / 2)))
+        few = len(lines) > max(1, samples // 2)
+        return Window(torch.from_numpy(weights), () if few else lines, label)
     from scipy.signal import get_window  # takes half a second or more to import
 
     try:
