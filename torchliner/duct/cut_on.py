@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import torch
 from scipy.optimize import brentq
@@ -12,7 +11,6 @@ from torchliner.duct.rigid_spectrum import DIRECTIONS, rigid_wavenumbers
 from torchliner.flow_profiles import MeanFlow
 
 
-@lru_cache(maxsize=64)
 def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
     r"""Cut-on frequency of a mode between rigid walls, Hz.
 

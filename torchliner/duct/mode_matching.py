@@ -24,7 +24,7 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive
 from torchliner.duct.chebyshev import derivative_matrix
-from torchliner.duct.wall_impedance import wall_reflection
+from torchliner.duct.wall_impedance import result_type, wall_reflection
 
 SOURCES = ("upstream", "downstream")
 EXTRA_POINTS = 30  # Chebyshev points beyond twice the modes
@@ -149,11 +149,12 @@ def match_modes(
             "lined modes that have become one; change the frequency or the impedance slightly"
         )
     back, on = (b, t) if source == "upstream" else (t, b)
-    return MatchedDuct(
-        wanted.to(wall.device), height, sound_speed, liner, rigid, lined, beta / height,
-        alpha / height, torch.stack([coming[0], b], -2), torch.stack([c, d], -2),
-        torch.stack([t, coming[1]], -2), back[..., 0], on[..., 0],
+    parts = (
+        lined, beta / height, alpha / height, torch.stack([coming[0], b], -2),
+        torch.stack([c, d], -2), torch.stack([t, coming[1]], -2), back[..., 0], on[..., 0],
     )  # fmt: skip
+    typed = [part.to(result_type(impedance)) for part in parts]
+    return MatchedDuct(wanted.to(wall.device), height, sound_speed, liner, rigid, *typed)
 
 
 def _match(

@@ -14,7 +14,7 @@ from torchliner.duct.chebyshev import interpolation_matrix
 from torchliner.duct.homotopy import follow, polish
 from torchliner.duct.pridmore_brown import PridmoreBrown
 from torchliner.duct.rigid_spectrum import DIRECTIONS, rigid_wavenumbers
-from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
+from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
 from torchliner.flow_profiles import MeanFlow
 
 CHUNK = 256  # modes solved at once: some 40 MB of matrices
@@ -93,7 +93,8 @@ def duct_modes(
             needed for a lined wall along which the flow slips.
         points: Chebyshev points in each panel of the height, see ``pridmore_brown``.
     Returns:
-        Modes in the device of ``frequency`` or ``impedance``, complex128.
+        Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``; complex64 if
+        ``impedance`` is, else complex128.
     Raises:
         ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
             unknown; a count below 1.
@@ -123,8 +124,8 @@ def duct_modes(
     ]  # fmt: skip
     parts = [_solve(equation, *part) for part in zip(*(f.split(CHUNK) for f in flat), strict=True)]
     a, pressure, u, v = (torch.cat(part) for part in zip(*parts, strict=True))
-    whole = (*shape, -1)
-    height = profile.duct_height
+    whole, height = (*shape, -1), profile.duct_height
+    a, pressure, u, v = (part.to(result_type(impedance)) for part in (a, pressure, u, v))
     return DuctModes(
         wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(),
         pressure.reshape(whole), u.reshape(whole), v.reshape(whole), points,

@@ -41,19 +41,20 @@ def rigid_wavenumbers(
     Raises:
         RuntimeError: fewer acoustic modes than wanted are resolved.
     """
+    device, kappa = kappa.device, kappa.cpu()  # small, and no faster elsewhere
     height, n = profile.duct_height, points
     heights = (height * chebyshev_points(n).numpy()).clip(0, height)
-    mach = torch.as_tensor(profile.mach(heights)).to(kappa.device, torch.complex128)
+    mach = torch.as_tensor(profile.mach(heights)).to(torch.complex128)
     slope = height * torch.as_tensor(profile.mach_slope(heights)).to(mach)
     derivative = derivative_matrix(n).to(mach)
-    still = torch.zeros(n, n, dtype=mach.dtype, device=mach.device)
-    one, flow = torch.eye(n, dtype=mach.dtype, device=mach.device), torch.diag(mach)
+    still = torch.zeros(n, n, dtype=mach.dtype)
+    one, flow = torch.eye(n, dtype=mach.dtype), torch.diag(mach)
     along = _blocks([[flow, one, still], [one, flow, still], [still, still, flow]])
     across = _blocks(
         [[still, still, derivative], [still, still, torch.diag(slope)], [derivative, still, still]]
     )
     damped = (kappa * (1 - 1j * CAUSAL)).to(mach)[:, None, None]
-    system = damped * torch.eye(3 * n, dtype=mach.dtype, device=mach.device) - 1j * across
+    system = damped * torch.eye(3 * n, dtype=mach.dtype) - 1j * across
     for wall in (0, n - 1):
         along[wall] = 0
         system[:, wall] = 0
@@ -63,7 +64,8 @@ def rigid_wavenumbers(
     infinite = inverted.abs() < 1 / INFINITE
     found = shift[..., 0] + 1 / torch.where(infinite, torch.ones_like(inverted), inverted)
     found = torch.where(infinite, torch.full_like(found, complex(torch.nan, torch.nan)), found)
-    return _lowest(found, kappa, profile, float(mach.real.max()), count, direction)
+    fastest = float(mach.real.max())
+    return _lowest(found, kappa, profile, fastest, count, direction).to(device)
 
 
 def _lowest(

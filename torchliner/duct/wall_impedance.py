@@ -49,6 +49,13 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     return torch.where(rigid, torch.ones_like(wall), reflection_from_impedance(finite))
 
 
+def result_type(impedance: Any) -> torch.dtype:
+    """complex64 for a tensor of single precision, else complex128; sums are done in complex128."""
+    single = (torch.complex64, torch.float32)
+    is_single = isinstance(impedance, Tensor) and impedance.dtype in single
+    return torch.complex64 if is_single else torch.complex128
+
+
 def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> bool:
     """Whether the wall condition is Ingard-Myers'; either is the same where the flow does not slip.
 
