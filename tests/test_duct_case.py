@@ -1,0 +1,183 @@
+"""Cases, meshes and walls of a duct: what is refused, what is doubted, and in which words."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+import torchliner as tl
+from torchliner.duct.case import DuctCase
+from torchliner.duct.lee import DuctSolver, solve_duct
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.flow_profiles import TanhProfile, UniformProfile
+
+HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
+STILL, PLUG = UniformProfile(0.0, HEIGHT, SPEED), UniformProfile(0.3, HEIGHT, SPEED)
+B2A = 2.33 - 0.30j
+
+
+def case_of(**about):
+    about = {"profile": STILL, "start": -0.2, "end": 0.35, "liner": (0.0, 0.15), **about}
+    return DuctCase(**about)
+
+
+@pytest.mark.parametrize(
+    ("about", "match"),
+    [
+        ({"end": -0.3}, r"duct length, end - start \(m\) is -0\.1"),
+        ({"end": math.nan}, "duct end is nan m; it must be finite"),
+        (
+            {"liner": (0.0, 0.4)},
+            r"patch from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m",
+        ),
+        ({"liner": (-0.21, 0.1)}, r"from x = -0\.21 to 0\.1 m lies outside"),
+        ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
+        ({"liner": (0.1, 0.1)}, "has the length 0 m"),
+        ({"liner": [(0.0, 0.1), (0.05, 0.15)]}, r"overlap: one ends at x = 0\.1 m, .* at 0\.05 m"),
+        ({"liner": 0.15}, r"liner is 0\.15; it must be \(start, end\) in m"),
+        ({"liner": [1, 2, 3]}, r"liner is \[1, 2, 3\]; it must be \(start, end\) in m"),
+        ({"source": "left"}, "unknown source 'left'"),
+        ({"density": 0.0}, "density .* is 0"),
+        ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
+        ({"incident_at": math.inf}, "incident_at is inf m; it must be finite"),
+    ],
+)
+def test_cases_refused(about, match):
+    with pytest.raises(ValueError, match=match):
+        case_of(**about)
+
+
+def test_supersonic_flow_is_refused_by_the_profile():
+    with pytest.raises(ValueError, match="bulk_mach is 1; it must be"):
+        case_of(profile=UniformProfile(1.0, HEIGHT))
+    with pytest.raises(ValueError, match=r"centreline Mach number is 1\.0"):
+        case_of(profile=TanhProfile(0.95, HEIGHT))
+
+
+X, Y = np.array([-0.2, 0.0, 0.15, 0.35]), np.array([0.0, 0.02, 0.05])
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"degree": 0}, "degree is 0; it must be at least 1"),
+        ({"x": X[::-1]}, "mesh x must be a list of increasing edges"),
+        ({"y": Y[:1]}, "mesh y must be a list of increasing edges"),
+        ({"x": X[:3]}, r"mesh x runs from -0\.2 to 0\.15 m, the duct from -0\.2 to 0\.35 m"),
+        ({"x": X[[0, 2, 3]]}, r"edge at x = 0 m lies inside a column; make it an edge"),
+    ],
+)
+def test_meshes_refused(change, match):
+    with pytest.raises(ValueError, match=match):
+        DuctMesh(**{"case": case_of(), "x": X, "y": Y, "degree": 2, **change})
+
+
+def test_meshes_built():
+    """Edges of the liner are met, cells grow to the wanted size, equal widths are one width."""
+    case = case_of(profile=TanhProfile(0.3, HEIGHT, 0.1, SPEED), liner=[(0.0, 0.031), (0.05, 0.15)])
+    mesh = build_mesh(case, FREQUENCY, edge_cell=1e-3)
+    for edge in (-0.2, 0.0, 0.031, 0.05, 0.15, 0.35):
+        assert np.abs(mesh.x - edge).min() < 1e-12
+    rows = np.diff(mesh.y)
+    assert rows[0] == pytest.approx(0.5e-3)
+    assert rows.max() <= 0.01 + 1e-12
+    assert rows == pytest.approx(rows[::-1], rel=1e-9)
+    assert np.diff(mesh.x).max() <= 0.01 + 1e-12
+    assert np.diff(mesh.x)[0] == pytest.approx(1e-3)
+    assert len(np.unique(mesh.widths)) < 0.5 * len(mesh.widths)
+    assert mesh.widths == pytest.approx(np.diff(mesh.x), rel=1e-9)
+    assert mesh.lined_widths.sum() == pytest.approx(0.131)
+    assert mesh.unknowns == 75 * len(mesh.widths) * len(rows)
+    assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
+
+
+def test_coarse_meshes_are_named():
+    """The shortest wave is the one against the flow; a fine mesh is quiet."""
+    case = case_of(profile=PLUG, slip_condition="velocity")
+    mesh = DuctMesh(case, np.linspace(-0.2, 0.35, 12), Y, 4)
+    assert mesh.points_per_wavelength(FREQUENCY) == pytest.approx(0.7 * SPEED / 1500 * 5 / 0.05)
+    mesh.warn_if_coarse(FREQUENCY)  # quiet
+    with pytest.warns(tl.DataWarning, match=r"2900 Hz: 8\.28 points per wavelength .* below 9 for"):
+        mesh.warn_if_coarse(2900.0)
+    with pytest.warns(
+        tl.DataWarning, match="800 Hz: 12 points per wavelength .* below 30 for degree 1"
+    ):
+        DuctSolver(case, 800.0, DuctMesh(case, mesh.x, Y, 1))
+
+
+def test_cut_on_modes_are_named():
+    with pytest.warns(tl.DataWarning, match=r"at 3600 Hz mode 1 runs too: its cut-on is 3272 Hz"):
+        solve_duct(case_of(profile=PLUG, liner=()), [1500.0, 3600.0])
+
+
+def test_near_ends_are_named():
+    with pytest.warns(tl.DataWarning, match=r"lies 50 mm from an end .* 4\.3 % of the first"):
+        DuctSolver(case_of(start=-0.05), FREQUENCY)
+
+
+def test_negative_resistance_warns():
+    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.1, below 0"):
+        solve_duct(case_of(), FREQUENCY, -0.1 + 1j)
+
+
+@pytest.mark.parametrize(
+    ("impedance", "match"),
+    [
+        (math.nan, "impedance is nan; a hard wall is inf"),
+        (-1.0, "impedance is -1, a wall that sends waves"),
+        (torch.ones(3), r"impedance has shape \(3,\); its last two axes must fit \(1, 1\)"),
+        (torch.ones(2, 2, 1), r"shape \(2, 2, 1\); its last two axes must fit \(1, 1\)"),
+        (lambda x, f: torch.ones(len(x) + 1), "the impedance function returned shape"),
+    ],
+)
+def test_walls_refused(impedance, match):
+    solver = DuctSolver(case_of(), FREQUENCY, keep="walls")
+    with pytest.raises(ValueError, match=match):
+        solver.solve(impedance)
+
+
+def test_slip_needs_a_condition():
+    with pytest.raises(ValueError, match=r"slips along the lined wall at Mach 0\.3; say which"):
+        DuctSolver(case_of(profile=PLUG), FREQUENCY)
+    DuctSolver(case_of(profile=PLUG, liner=()), FREQUENCY, keep="walls")
+
+
+@pytest.mark.parametrize("frequency", [0.0, -1.0, math.inf])
+def test_frequencies_refused(frequency):
+    with pytest.raises(ValueError, match="frequency"):
+        solve_duct(case_of(), frequency)
+
+
+def test_solver_refusals():
+    case = case_of()
+    with pytest.raises(ValueError, match="built for another DuctCase"):
+        DuctSolver(case, FREQUENCY, build_mesh(case_of(), FREQUENCY))
+    with pytest.raises(ValueError, match="unknown keep 'nothing'"):
+        DuctSolver(case, FREQUENCY, keep="nothing")
+    with pytest.raises(ValueError, match=r"take .* GB for 1 frequencies, above .* keep='walls'"):
+        DuctSolver(case, FREQUENCY, memory=1e5)
+    field = DuctSolver(case, FREQUENCY, keep="walls").solve(B2A)
+    with pytest.raises(ValueError, match="keep='all' to read fields inside"):
+        field.at(0.0, 0.0)
+    field = solve_duct(case, FREQUENCY, B2A)
+    with pytest.raises(ValueError, match=r"x = 0\.36 m lies outside the duct, -0\.2 to 0\.35 m"):
+        field.at([0.0, 0.36], 0.01)
+    with pytest.raises(ValueError, match=r"y = 0\.06 m lies outside the duct, 0 to 0\.05 m"):
+        field.at(0.0, 0.06)
+    with pytest.raises(ValueError, match=r"x = -1 m lies outside"):
+        field.wall_pressure(-1.0)
+    with pytest.raises(ValueError, match="unknown wall 'upper'"):
+        field.wall_pressure(0.0, "upper")
+
+
+def test_resonance_is_singular():
+    """Two ends that reflect everything, a whole number of half waves apart; an active wall."""
+    length = 0.55
+    frequency = 4 * SPEED / (2 * length)
+    closed = case_of(liner=(), end_reflection=1.0, source_reflection=1.0)
+    mesh = build_mesh(closed, frequency, degree=8, column=0.02)
+    with pytest.raises(RuntimeError, match=r"singular: their solution leaves a residual of .* of"):
+        solve_duct(closed, frequency, mesh=mesh)

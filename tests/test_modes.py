@@ -1,0 +1,368 @@
+"""Modes of a lined duct: dispersion relation, independent shooting, counting, limits, gradients."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.integrate import solve_ivp
+
+import torchliner as tl
+from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix, integral_matrix
+from torchliner.duct.cut_on import cut_on_frequency
+from torchliner.duct.modes import duct_modes
+from torchliner.flow_profiles import (
+    LawOfTheWallProfile,
+    ParabolicProfile,
+    TabulatedProfile,
+    TanhProfile,
+    UniformProfile,
+)
+
+HEIGHT, SPEED = 50e-3, 343.0
+B2A = 2.33 - 0.30j
+BOTH = ("downstream", "upstream")
+WALLS = [B2A, 0.5 + 1.0j, 0.5 - 1.0j, 0.05 - 0.3j, 8.0 + 0.0j]
+UNIFORM = UniformProfile(0.3, HEIGHT, SPEED)
+TANH = TanhProfile(0.3, HEIGHT, 0.1, SPEED)
+
+
+def k_of(frequency):
+    return 2 * math.pi * frequency / SPEED
+
+
+def pole_free(alpha, k, mach, impedance, myers):
+    """k Z g sin(g H) - j (k - a M)^2 cos(g H), the dispersion relation without its poles."""
+    local = k - alpha * mach
+    g = np.sqrt(local**2 - alpha**2 + 0j)
+    left = impedance * g * np.sin(g * HEIGHT) * (k if myers else 1)
+    return left - 1j * local ** (2 if myers else 1) * np.cos(g * HEIGHT)
+
+
+def wall_impedance(alpha, k, mach, myers):
+    """The relation solved for Z."""
+    g = np.sqrt((k - alpha * mach) ** 2 - alpha**2 + 0j)
+    local = k - alpha * mach
+    return 1j * local * (local / k if myers else 1) / (g * np.tan(g * HEIGHT))
+
+
+def shoot(profile, alpha, k, height=HEIGHT):
+    """p, v at y = 0 from p = 1, v = 0 at y = H: the Euler equations as they stand, by DOP853.
+
+    In (p, v) with M', not in the package's (p, v/sigma) without it.
+    """
+
+    def right(y, q):
+        mach, slope = float(profile.mach(y)), float(profile.mach_slope(y))
+        local = k - alpha * mach
+        u = (alpha * q[0] + 1j * slope * q[1]) / local
+        return [-1j * local * q[1], -1j * (local * q[0] - alpha * u)]
+
+    options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    start, state = height, [1.0 + 0j, 0j]
+    for stop in (height / 2, 0.0):  # the slope may bend on the centreline
+        run = solve_ivp(right, (start, stop), state, **options)
+        start, state = stop, run.y[:, -1]
+    return state
+
+
+# --- collocation --------------------------------------------------------------------------------
+
+
+def test_collocation_is_exact_for_polynomials():
+    x = chebyshev_points(9)
+    for n in range(9):
+        slope = derivative_matrix(9) @ x**n
+        assert torch.allclose(slope, n * x ** max(n - 1, 0), atol=1e-12)
+        assert torch.allclose(integral_matrix(9) @ x**n, x ** (n + 1) / (n + 1), atol=1e-14)
+
+
+# --- uniform flow: closed forms -----------------------------------------------------------------
+
+
+def test_published_wavenumber():
+    """Uniform + Ingard-Myers, 50 mm, 1500 Hz, M 0.3, Z 2.33-0.30j: 21.45776-2.51104j."""
+    modes = duct_modes(UNIFORM, 1500.0, B2A, count=1, slip_condition="ingard-myers")
+    assert abs(complex(modes.wavenumber) - (21.45776 - 2.51104j)) < 8e-6
+
+
+@pytest.mark.parametrize("direction", BOTH)
+@pytest.mark.parametrize("mach", [0.0, 0.3, 0.6])
+def test_rigid_uniform_duct(mach, direction):
+    """alpha = (-k M +- sqrt(k^2 - (1 - M^2)(n pi/H)^2))/(1 - M^2), p = cos(n pi y/H)."""
+    frequency = np.array([300.0, 1500.0, 5000.0])
+    modes = duct_modes(UniformProfile(mach, HEIGHT, SPEED), frequency, direction=direction)
+    k, n = k_of(frequency)[:, None], np.arange(6)
+    root = np.sqrt(k**2 - (1 - mach**2) * (n * np.pi / HEIGHT) ** 2 + 0j)
+    root = np.where(root.imag > 0, -root, root)  # decays downstream
+    wanted = (-k * mach + (1 if direction == "downstream" else -1) * root) / (1 - mach**2)
+    assert np.abs(modes.wavenumber.numpy() - wanted).max() < 1e-9 * 6 * np.pi / HEIGHT
+    y = np.linspace(0, HEIGHT, 17)
+    p, u, v = modes.at(y)
+    local = k - wanted * mach
+    shape = np.cos(n[:, None] * np.pi * (1 - y / HEIGHT))
+    sine = np.sin(n[:, None] * np.pi * (1 - y / HEIGHT)) * (n * np.pi / HEIGHT)[:, None]
+    assert np.abs(p.numpy() - shape).max() < 1e-9
+    assert np.abs(u.numpy() - (wanted / local)[..., None] * shape).max() < 1e-8
+    assert np.abs(v.numpy() - 1j * sine / local[..., None]).max() < 1e-8 * 6 * np.pi / 0.3
+
+
+@pytest.mark.parametrize("condition", ["ingard-myers", "velocity"])
+@pytest.mark.parametrize("direction", BOTH)
+def test_dispersion_relation(direction, condition):
+    """Every mode at every wall and frequency gives its Z back: 1e-9 of what Z is sensible to."""
+    frequency = np.array([500.0, 1500.0, 3000.0])
+    walls = torch.tensor(WALLS, dtype=torch.complex128)[:, None]
+    modes = duct_modes(UNIFORM, frequency, walls, direction=direction, slip_condition=condition)
+    alpha, k = modes.wavenumber.numpy(), k_of(frequency)[:, None]
+    found = wall_impedance(alpha, k, 0.3, condition == "ingard-myers")
+    assert found.shape == (5, 3, 6)
+    assert np.abs(found / np.array(WALLS)[:, None, None] - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("condition", ["ingard-myers", "velocity"])
+@pytest.mark.parametrize("direction", BOTH)
+@pytest.mark.parametrize("impedance", WALLS[:3])
+def test_no_mode_is_missed(impedance, direction, condition):
+    """Cauchy's count of the zeros of the dispersion relation in a box, and of modes in it.
+
+    The box ends short of k/M = 92/m, where a surface wave of Ingard's and Myers' condition may lie.
+    """
+    k, sign = k_of(1500.0), 1 if direction == "downstream" else -1
+    modes = duct_modes(UNIFORM, 1500.0, impedance, direction=direction, slip_condition=condition)
+    alpha = modes.wavenumber.numpy().ravel()
+    assert np.abs(alpha[:, None] - alpha + 1e9 * np.eye(6)).min() > 1
+    real, low, high = (-70.0, 60.0), -0.2, (abs(alpha[4].imag) + abs(alpha[5].imag)) / 2
+    corners = [real[0] + 1j * low, real[1] + 1j * low, real[1] + 1j * high, real[0] + 1j * high]
+    sides = zip(corners, corners[1:] + corners[:1], strict=True)
+    edge = np.concatenate([np.linspace(a, b, 4001)[:-1] for a, b in sides])
+    # Downstream the modes decay with Im alpha < 0: their box is the conjugate of this one.
+    box = edge.conj() if sign > 0 else edge
+    values = pole_free(box, k, 0.3, impedance, condition == "ingard-myers")
+    values = values.conj() if sign > 0 else values
+    turns = np.angle(np.roll(values, -1) / values).sum() / (2 * np.pi)
+    inside = [a for a in (alpha.conj() if sign > 0 else alpha) if low < a.imag < high]
+    assert round(turns) == len(inside) == 5
+
+
+@pytest.mark.parametrize("direction", BOTH)
+def test_homotopy_is_that_of_small_steps(direction):
+    """2000 steps of the closed relation along R = 1..R, Newton with differences: the same modes.
+
+    The walls lie about 0.4-0.3j, where modes 0 and 1 meet at this frequency and a jump is easy.
+    """
+    generator = np.random.default_rng(0)
+    walls = generator.uniform(0.02, 0.9, 60) + 1j * generator.uniform(-1, 0.2, 60)
+    modes = duct_modes(
+        UNIFORM, 1500.0, walls[:, None], count=3, direction=direction, slip_condition="velocity"
+    )
+    rigid, k = duct_modes(UNIFORM, 1500.0, count=3, direction=direction), k_of(1500.0)
+    alpha = np.repeat(rigid.wavenumber.numpy(), 60, 0)
+    for s in np.linspace(0, 1, 2001)[1:]:
+        impedance = ((walls + 1) / s - 1)[:, None]
+        for _ in range(3):
+            h = 1e-4
+            value, ahead, behind = (
+                pole_free(alpha + i * h, k, 0.3, impedance, False) for i in (0, 1, -1)
+            )
+            alpha = alpha - value * 2 * h / (ahead - behind)
+    found = modes.wavenumber[:, 0].numpy()
+    assert np.abs(found - alpha).max() < 1e-6 * np.abs(alpha).max()
+
+
+def test_no_flow_is_symmetric():
+    """At M = 0 the upstream modes are the downstream ones, turned round."""
+    still = UniformProfile(0.0, HEIGHT, SPEED)
+    down, up = (duct_modes(still, [500.0, 2500.0], B2A, direction=d) for d in BOTH)
+    assert float((down.wavenumber + up.wavenumber).abs().max()) < 1e-9
+    assert float((down.pressure - up.pressure).abs().max()) < 1e-9
+    assert float((down.axial + up.axial).abs().max()) < 1e-9
+
+
+# --- sheared flow -------------------------------------------------------------------------------
+
+SHEARED = {
+    "tanh": TANH,
+    "thick": TanhProfile(0.3, HEIGHT, 0.5, SPEED),
+    "parabola": ParabolicProfile(0.3, HEIGHT, SPEED),
+    "wall law": LawOfTheWallProfile(0.3, HEIGHT, SPEED),
+}
+
+
+@pytest.mark.parametrize("direction", BOTH)
+@pytest.mark.parametrize("name", SHEARED)
+def test_shooting_returns_the_impedance(name, direction):
+    """DOP853 at 1e-12 from the rigid wall, through v and M': Z to 1e-7, p at the wall to 1e-8."""
+    profile = SHEARED[name]
+    modes = duct_modes(profile, 1500.0, B2A, count=3, direction=direction)
+    for n in range(3 if name != "wall law" else 2):
+        p, v = shoot(profile, complex(modes.wavenumber[0, n]), k_of(1500.0))
+        assert abs(p / -v / B2A - 1) < 1e-7
+        assert abs(complex(modes.pressure[0, n, -1]) / p - 1) < 1e-8
+        assert abs(complex(modes.normal[0, n, -1]) / v - 1) < 1e-7
+
+
+@pytest.mark.parametrize("direction", BOTH)
+def test_fields_meet_the_euler_equations(direction):
+    """Continuity and both momenta by fifth-point differences of the interpolated shapes, 1e-6."""
+    modes = duct_modes(TANH, 1500.0, B2A, count=3, direction=direction)
+    y, step = np.linspace(0.05, 0.95, 23) * HEIGHT, 2e-5
+    parts = [modes.at(y + i * step) for i in (-2, -1, 0, 1, 2)]
+    weights = np.array([1, -8, 0, 8, -1]) / (12 * step)
+    p, u, v = (field[0].numpy() for field in parts[2])
+    p_slope, v_slope = (
+        sum(w * part[i][0].numpy() for w, part in zip(weights, parts, strict=True)) for i in (0, 2)
+    )
+    alpha, k = modes.wavenumber.numpy().T, k_of(1500.0)
+    local = k - alpha * TANH.mach(y)
+    scale = k * np.abs(p).max(-1, keepdims=True)
+    for left in (
+        local * p - alpha * u - 1j * v_slope,
+        local * u - alpha * p - 1j * TANH.mach_slope(y) * v,
+        local * v - 1j * p_slope,
+    ):
+        assert (np.abs(left) / scale).max() < 1e-6
+
+
+@pytest.mark.filterwarnings("ignore:profile shear:torchliner.DataWarning")
+@pytest.mark.parametrize("direction", BOTH)
+def test_thin_layers_tend_to_ingard_and_myers(direction):
+    """At the same centreline flow, the difference falls in proportion to the thickness.
+
+    Continuity of velocity is not the limit.
+    """
+    errors = {}
+    for condition in ("ingard-myers", "velocity"):
+        for shear in (0.04, 0.02, 0.01):
+            thin = TanhProfile(0.3, HEIGHT, shear, SPEED, allow_thin=True)
+            plug = UniformProfile(thin.centreline_mach, HEIGHT, SPEED)
+            about = {"count": 1, "direction": direction, "slip_condition": condition}
+            found, limit = (duct_modes(flow, 1500.0, B2A, **about) for flow in (thin, plug))
+            errors[condition, shear] = abs(complex(found.wavenumber - limit.wavenumber))
+    myers = [errors["ingard-myers", shear] for shear in (0.04, 0.02, 0.01)]
+    velocity = [errors["velocity", shear] for shear in (0.04, 0.02, 0.01)]
+    assert myers[1] / myers[0] == pytest.approx(0.5, abs=0.03)
+    assert myers[2] / myers[1] == pytest.approx(0.5, abs=0.03)
+    assert velocity[2] > 0.9 * velocity[0]
+
+
+def test_points_converge():
+    """Spectral: four points more in each panel are a factor of 100 at least; 1e-8 at 12."""
+    wanted = duct_modes(TANH, 1500.0, B2A, points=20).wavenumber
+    errors = [
+        float(((duct_modes(TANH, 1500.0, B2A, points=n).wavenumber - wanted) / wanted).abs().max())
+        for n in (4, 8, 12)
+    ]
+    assert errors[2] < 1e-8
+    assert errors[1] < errors[0] / 100
+    assert errors[2] < errors[1] / 100
+
+
+def test_table_of_a_profile_has_its_modes():
+    """81 heights of the tanh profile as a table: 1e-4 of alpha, the cubics' own error."""
+    y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 81))) / 2
+    table = TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)
+    for direction in BOTH:
+        found, wanted = (
+            duct_modes(flow, 1500.0, B2A, count=2, direction=direction).wavenumber
+            for flow in (table, TANH)
+        )
+        assert float(((found - wanted) / wanted).abs().max()) < 1e-4
+
+
+# --- walls at the ends of the range -------------------------------------------------------------
+
+
+def test_extreme_walls():
+    """Z = 0 has p = 0 on the wall; Z = inf, 1e9 and nothing are the rigid wall."""
+    soft = duct_modes(TANH, 1500.0, 0.0)
+    assert float(soft.pressure[..., -1].abs().max()) < 1e-9
+    rigid = duct_modes(TANH, 1500.0)
+    for hard in (math.inf, complex(0, math.inf), complex(-math.inf, 0), 1e9):
+        found = duct_modes(TANH, 1500.0, hard).wavenumber
+        assert float((found - rigid.wavenumber).abs().max()) < 1e-6
+    assert float(rigid.normal[..., -1].abs().max()) < 1e-10
+
+
+# --- batches, gradients, device -----------------------------------------------------------------
+
+
+def test_batch_is_the_loop():
+    """Over walls and frequencies; also when more modes are wanted than fit one chunk."""
+    frequency = [700.0, 1500.0, 2600.0]
+    walls = torch.tensor(WALLS, dtype=torch.complex128).reshape(5, 1).expand(5, 3)
+    walls = torch.stack([walls, walls + 0.3])  # (2, 5, 3): 540 modes
+    whole = duct_modes(TANH, frequency, walls)
+    for i, j, f in [(0, 0, 0), (1, 3, 2), (0, 4, 1)]:
+        one = duct_modes(TANH, frequency[f], walls[i, j, f])
+        assert torch.allclose(whole.wavenumber[i, j, f], one.wavenumber[0], rtol=1e-11, atol=1e-9)
+        assert torch.allclose(whole.axial[i, j, f], one.axial[0], rtol=1e-8, atol=1e-9)
+
+
+def test_gradients():
+    """Of wavenumbers and shapes by Z, against differences."""
+    walls = torch.tensor([[B2A], [0.5 - 1j]], dtype=torch.complex128, requires_grad=True)
+
+    def outputs(z):
+        modes = duct_modes(TANH, [1500.0], z, count=2, points=8)
+        return modes.wavenumber, modes.pressure[..., ::9], modes.axial[..., ::9]
+
+    assert torch.autograd.gradcheck(outputs, (walls,), eps=1e-5, atol=1e-5, rtol=1e-5)
+
+
+# --- cut-on -------------------------------------------------------------------------------------
+
+
+def test_cut_on():
+    """Uniform flow: n c sqrt(1 - M^2)/(2 H). Sheared: complex just below, real just above."""
+    for mode in (1, 2):
+        wanted = mode * SPEED * math.sqrt(1 - 0.09) / (2 * HEIGHT)
+        assert cut_on_frequency(UNIFORM, mode) == pytest.approx(wanted, rel=1e-7)
+    limit = cut_on_frequency(TANH)
+    assert 0.99 < limit / cut_on_frequency(UNIFORM) < 1
+    below, above = duct_modes(TANH, [0.9999 * limit, 1.0001 * limit], count=2).wavenumber[:, 1]
+    assert abs(below.imag) > 0.3
+    assert abs(above.imag) < 1e-6
+    with pytest.raises(ValueError, match="mode is 0; the plane wave"):
+        cut_on_frequency(TANH, 0)
+
+
+# --- bad input ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"frequency": 0.0}, "frequency .*is 0"),
+        ({"frequency": -5.0}, "frequency .*is -5"),
+        ({"frequency": []}, "no frequency is given"),
+        ({"impedance": math.nan}, "impedance is nan; a hard wall is inf"),
+        ({"impedance": -1.0}, "impedance is -1, a wall that sends waves unasked"),
+        ({"count": 0}, "count is 0; at least one mode"),
+        ({"direction": "up"}, "unknown direction 'up'; choose one of: downstream, upstream"),
+        ({"slip_condition": None}, r"slips along the lined wall at Mach 0\.3; say which condition"),
+        ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
+    ],
+)
+def test_refusals(change, match):
+    arguments = {"frequency": 1500.0, "impedance": B2A, "slip_condition": "velocity", **change}
+    with pytest.raises(ValueError, match=match):
+        duct_modes(UNIFORM, arguments.pop("frequency"), arguments.pop("impedance"), **arguments)
+
+
+def test_failures_that_computation_shows():
+    with pytest.raises(RuntimeError, match="fewer than 60 downstream modes are resolved"):
+        duct_modes(TANH, 1500.0, count=60)
+    at = cut_on_frequency(UNIFORM)
+    with pytest.raises(RuntimeError, match="does not settle"):
+        duct_modes(UNIFORM, at * (1 + 1e-13), count=2)
+    modes = duct_modes(TANH, 1500.0, count=1)
+    with pytest.raises(ValueError, match=r"run from 0 to 0\.05 m"):
+        modes.at([0.06])
+
+
+def test_negative_resistance_warns():
+    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.2, below 0"):
+        duct_modes(TANH, 1500.0, -0.2 + 1j, count=1)

@@ -1,0 +1,115 @@
+"""A straight duct with a liner on one wall: what is to be solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from torchliner.checks import require_choice, require_positive
+from torchliner.duct.wall_impedance import SLIP_CONDITIONS
+from torchliner.flow_profiles import MeanFlow
+
+SOURCES = ("upstream", "downstream")
+
+
+@dataclass(frozen=True, eq=False)
+class DuctCase:
+    """Rigid walls at y = 0 and y = H, the one at y = 0 lined in places; flow along +x.
+
+    Args:
+        profile: mean flow M(y), which also states H and c.
+        start, end: x of the duct's ends, m; both reflect nothing unless said otherwise.
+        liner: x of the two edges of a lined patch, m, or several such pairs, which may touch.
+        source: ``upstream`` (at ``start``, its wave runs along +x) or ``downstream``.
+        incident: amplitude (peak) of the incident plane-like mode on the rigid wall, Pa; complex.
+        incident_at: x where it has that amplitude and phase, m; default the lined edge that it
+            meets first, or the source's end where there is no liner.
+        end_reflection, source_reflection: ratio of the wall pressures of the plane-like mode that
+            comes back to the one that goes out, at the far end and at the source's; complex,
+            broadcast against (F,), leading axes free.
+        density: rho, kg/m3; velocities are p/(rho c).
+        slip_condition: ``ingard-myers`` or ``velocity``, needed for a liner along which the flow
+            slips. Ingard's and Myers' condition is integrated from the downstream edge of each
+            lined stretch, where the displacement starts from 0: integrated from the other edge, the
+            hydrodynamic wave of the vortex sheet grows beyond all bounds.
+    Raises:
+        ValueError: an end before the start, a patch outside the duct or of no length, patches that
+            overlap, a density not above 0, an unknown word.
+    """
+
+    profile: MeanFlow
+    start: float
+    end: float
+    liner: Sequence[Any] = ()
+    source: str = "upstream"
+    incident: complex = 1.0
+    incident_at: float | None = None
+    end_reflection: Any = 0.0
+    source_reflection: Any = 0.0
+    density: float = 1.204
+    slip_condition: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("start", "end"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"duct {name} is {getattr(self, name)} m; it must be finite")
+        require_positive("duct length, end - start (m)", self.end - self.start)
+        require_positive("density (kg/m3)", self.density)
+        require_choice("source", self.source, SOURCES)
+        if self.slip_condition is not None:
+            require_choice("slip condition", self.slip_condition, SLIP_CONDITIONS)
+        object.__setattr__(self, "liner", _patches(self.liner))
+        for patch in self.liner:
+            self._check_patch(*patch)
+        for (_, end), (start, _) in zip(self.liner, self.liner[1:], strict=False):
+            if start < end:
+                raise ValueError(
+                    f"lined patches overlap: one ends at x = {end:g} m, the next starts at "
+                    f"{start:g} m; give them in order along x"
+                )
+        if not math.isfinite(self.place_of_incidence(self.source)):
+            raise ValueError(f"incident_at is {self.incident_at} m; it must be finite")
+
+    def _check_patch(self, start: float, end: float) -> None:
+        if not end > start:
+            raise ValueError(
+                f"the lined patch from x = {start:g} to {end:g} m has the length "
+                f"{end - start:.3g} m; it must be above 0"
+            )
+        if start < self.start or end > self.end:
+            raise ValueError(
+                f"the lined patch from x = {start:g} to {end:g} m lies outside the duct, "
+                f"{self.start:g} to {self.end:g} m"
+            )
+
+    @property
+    def height(self) -> float:
+        """H, m."""
+        return self.profile.duct_height
+
+    def place_of_incidence(self, source: str) -> float:
+        """x where the wave of a source has the incident amplitude, m."""
+        if self.incident_at is not None:
+            return self.incident_at
+        upstream = source == "upstream"
+        if self.liner:
+            return float(self.liner[0][0] if upstream else self.liner[-1][1])
+        return self.start if upstream else self.end
+
+    def wavenumber(self, frequency: torch.Tensor) -> torch.Tensor:
+        """k = omega/c, 1/m."""
+        return 2 * math.pi / self.profile.sound_speed * frequency
+
+
+def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
+    try:
+        pairs = [liner] if liner and isinstance(liner[0], (int, float)) else liner
+        return tuple((float(start), float(end)) for start, end in pairs)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"liner is {liner!r}; it must be (start, end) in m, or a list of such pairs"
+        ) from None

@@ -1,0 +1,165 @@
+"""The same discrete equations as one sparse matrix: what the sweeps are held to, and slow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from torchliner.checks import frequency_tensor
+from torchliner.duct.case import DuctCase
+from torchliner.duct.lee_basis import Basis, Rows
+from torchliner.duct.lee_elements import element_operator, element_ports
+from torchliner.duct.lee_ends import EndModes, plane_modes
+from torchliner.duct.lee_walls import wall_of
+from torchliner.duct.mesh import DuctMesh
+
+Complex = NDArray[np.complex128]
+
+
+def solve_assembled(
+    case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh
+) -> tuple[Complex, float]:
+    """One frequency and one impedance by sparse LU of all unknowns at once.
+
+    Args:
+        case: the duct; end reflections are single numbers, and the flow does not slip along a liner
+            by Ingard's and Myers' condition.
+        frequency: Hz.
+        impedance: as for ``DuctSolver.solve``, of one item.
+        mesh: of the duct.
+    Returns:
+        p, u and v at the elements' nodes, Pa (velocities times rho c), (columns, E, 3, n, n) with y
+        before x; and the bytes of the factors.
+    """
+    matrix, right = assemble(case, frequency, impedance, mesh)
+    factors = splu(matrix, permc_spec="COLAMD")
+    n = mesh.degree + 1
+    found = factors.solve(right).reshape(len(mesh.x) - 1, len(mesh.y) - 1, 3, n, n)
+    return found, float(24 * (factors.L.nnz + factors.U.nnz))
+
+
+def node_places(mesh: DuctMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
+    nodes = Basis.of_degree(mesh.degree).nodes.numpy()
+    x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes
+    y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * nodes
+    shape = (*x.shape[:1], *y.shape, len(nodes))
+    return (
+        np.broadcast_to(x[:, None, None, :], shape),
+        np.broadcast_to(y[None, :, :, None], shape),
+    )
+
+
+def assemble(
+    case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh
+) -> tuple[sparse.csc_matrix, Complex]:
+    """Matrix and right-hand side; unknowns by column, element, field, y, x."""
+    hertz = frequency_tensor(frequency)
+    basis = Basis.of_degree(mesh.degree)
+    rows = Rows.of_flow(basis, mesh.y, case.profile)
+    flow = bool((rows.flow != 0).any())
+    k = float(case.wavenumber(hertz))
+    n, count = basis.count, len(mesh.y) - 1
+    size = 3 * n * n
+    y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * basis.nodes.numpy()
+    modes = plane_modes(case.profile, hertz, torch.as_tensor(y.ravel()), flow)
+    blocks = _Blocks(count, len(mesh.widths), size)
+    along = n * (2 if flow else 1)
+    ahead, back = slice(0, along), slice(along, along + n)
+    up, down = slice(along + n, along + 2 * n), slice(along + 2 * n, along + 3 * n)
+    if case.liner:
+        wall = wall_of(impedance, mesh, basis, torch.tensor([k]), hertz, 0.0).send.numpy()[0]
+    ports = []
+    for c, width in enumerate(mesh.widths.tolist()):
+        steady, mass = element_operator(width, basis, rows)
+        incoming, outgoing = (p.numpy() for p in element_ports(width, basis, rows, flow))
+        ports.append((incoming, outgoing))
+        own = (steady + 1j * k * mass).numpy()
+        for e in range(count):
+            blocks.add(c, e, c, e, own[e])
+            if e > 0:
+                blocks.add(c, e, c, e - 1, -incoming[e][:, up] @ outgoing[e - 1][up])
+                blocks.add(c, e - 1, c, e, -incoming[e - 1][:, down] @ outgoing[e][down])
+            if c > 0:
+                blocks.add(c, e, c - 1, e, -incoming[e][:, ahead] @ ports[c - 1][1][e][ahead])
+                blocks.add(c - 1, e, c, e, -ports[c - 1][0][e][:, back] @ outgoing[e][back])
+        top = count - 1
+        blocks.add(c, top, c, top, -incoming[top][:, down] @ outgoing[top][up])
+        lined = int(mesh.lined[: c + 1].sum()) - 1
+        returns = wall[lined] if mesh.lined[c] else np.eye(n)
+        blocks.add(c, 0, c, 0, -incoming[0][:, up] @ returns @ outgoing[0][down])
+    right = _close_ends(blocks, case, mesh, basis, modes, ports, along)
+    return blocks.matrix(), right
+
+
+def _close_ends(
+    blocks: _Blocks,
+    case: DuctCase,
+    mesh: DuctMesh,
+    basis: Basis,
+    modes: EndModes,
+    ports: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    along: int,
+) -> Complex:
+    """Both ends' rank-one closures into the matrix; the right-hand side of the incident mode."""
+    n, count = basis.count, len(mesh.y) - 1
+    means = (np.diff(mesh.y)[:, None] * basis.weights.numpy() / case.height).ravel()
+    right = np.zeros(blocks.shape, np.complex128)
+    upstream = case.source == "upstream"
+    returns = [complex(case.source_reflection), complex(case.end_reflection)]
+    returns = returns if upstream else returns[::-1]
+    alpha = float(modes.wavenumber[0, 0 if upstream else 1].real)
+    distance = case.place_of_incidence(case.source) - (case.start if upstream else case.end)
+    sent = case.incident * np.exp(1j * alpha * distance)
+    kinds = along // n
+    for left in (True, False):
+        c = 0 if left else len(ports) - 1
+        ins, outs = (slice(0, along), slice(along, along + n)) if left else (
+            slice(along, along + n), slice(0, n),
+        )  # fmt: skip
+        into = modes.along[0].numpy() if left else modes.against[0].numpy()
+        reading = modes.against[0].numpy() if left else modes.along[0, :, : count * n].numpy()
+        going, coming = (1, 0) if left else (0, 1)  # modes upstream and downstream
+        r, mean = returns[0 if left else 1], reading @ means
+        direction = (into[going] + r * into[coming]) / (mean[going] + r * mean[coming])
+        drive = (
+            sent * (into[coming] - direction * mean[coming]) if left == upstream else 0 * direction
+        )
+        incoming, outgoing = ports[c]
+        shape = (kinds if left else 1, count, n)
+        gain, drive = direction.reshape(shape), drive.reshape(shape)
+        for e in range(count):
+            column = incoming[e][:, ins] @ gain[:, e].ravel()
+            right[c, e] += incoming[e][:, ins] @ drive[:, e].ravel()
+            for other in range(count):
+                row = means.reshape(count, n)[other] @ outgoing[other][outs]
+                blocks.add(c, e, c, other, -np.outer(column, row))
+    return right.ravel()
+
+
+class _Blocks:
+    """Dense blocks of a sparse matrix, by element."""
+
+    def __init__(self, count: int, columns: int, size: int) -> None:
+        self.count, self.size = count, size
+        self.shape = (columns, count, size)
+        self.parts: list[tuple[NDArray[np.int64], NDArray[np.int64], Complex]] = []
+
+    def add(self, c: int, e: int, from_c: int, from_e: int, block: NDArray[Any]) -> None:
+        """What element (from_c, from_e) does to the equations of (c, e)."""
+        rows, columns = np.nonzero(block)
+        start, start_from = (
+            (a * self.count + b) * self.size for a, b in ((c, e), (from_c, from_e))
+        )
+        values = block[rows, columns].astype(np.complex128)
+        self.parts.append((rows + start, columns + start_from, values))
+
+    def matrix(self) -> sparse.csc_matrix:
+        rows, columns, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        total = int(np.prod(self.shape))
+        return sparse.coo_matrix((values, (rows, columns)), (total, total)).tocsc()

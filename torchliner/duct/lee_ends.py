@@ -1,0 +1,82 @@
+r"""The duct's ends: the plane-like mode of the rigid duct goes out, comes back and comes in.
+
+A bare characteristic end, nothing comes in, reflects 1e-3 of a plane-like mode in a sheared flow,
+since that mode is not made of outgoing characteristics alone. So at the right end, with a_m and b_m
+the outgoing and incoming parts of mode m and w the projection on the mean of p + u, the amplitude
+c = (w.a)/(w.a_m) of what goes out determines what comes in, b = c b_m: rank one, no reflection of
+mode m. With an end that reflects it, r times as much of the mode the other way comes in too. At the
+left end alike, with the mean of p - u.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.duct.cut_on import cut_on_frequency
+from torchliner.duct.lee_sweep import Ends
+from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.flow_profiles import MeanFlow
+
+RUNS = 1e-6  # |Im alpha| H below which a mode is cut on
+
+
+@dataclass(frozen=True, eq=False)
+class EndModes:
+    """The modes that the ends let out, p = 1 on the wall y = H; (F, ...) over N points.
+
+    Args:
+        wavenumber: alpha of the mode downstream and upstream, 1/m, (F, 2), complex.
+        along: (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N).
+        against: (p - u)/2 of both, (F, 2, N).
+    """
+
+    wavenumber: Tensor
+    along: Tensor
+    against: Tensor
+
+    @property
+    def ends(self) -> Ends:
+        """Unit waves in: at the left downstream then upstream mode, at the right the reverse."""
+        return Ends(self.along.mT, self.against.flip(1).mT)
+
+
+def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
+    """Plane-like modes at heights y (m, (N,)).
+
+    Warns:
+        DataWarning: a frequency at which mode 1 runs as well; the ends reflect it.
+    """
+    down, up = (
+        duct_modes(profile, frequency, count=2, direction=d) for d in ("downstream", "upstream")
+    )
+    _warn_cut_on(profile, down)
+    return end_modes(down, up, y, flow)
+
+
+def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes:
+    """Modes 0 of both directions at heights y (m, (N,))."""
+    along, against = [], []
+    for modes in (down, up):
+        p, u, v = (field[:, 0] for field in modes.at(y))
+        along.append(torch.cat([(p + u) / 2, v] if flow else [(p + u) / 2], -1))
+        against.append((p - u) / 2)
+    wavenumber = torch.stack([modes.wavenumber[:, 0] for modes in (down, up)], -1)
+    return EndModes(wavenumber, torch.stack(along, 1), torch.stack(against, 1))
+
+
+def _warn_cut_on(profile: MeanFlow, modes: DuctModes) -> None:
+    runs = modes.wavenumber[:, 1].imag.abs() * profile.duct_height < RUNS
+    if bool(runs.any()):
+        highest = float(modes.frequency[runs].max())
+        warnings.warn(
+            f"at {highest:g} Hz mode 1 runs too: its cut-on is {cut_on_frequency(profile):.5g} Hz. "
+            "Only the plane-like mode is sent in, and the ends let only that out: they reflect "
+            "some of mode 1",
+            DataWarning,
+            stacklevel=5,
+        )

@@ -1,0 +1,178 @@
+"""Rectangular elements of a duct: columns along x that meet the liner's edges, rows across it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchliner.checks import DataWarning
+from torchliner.duct.case import DuctCase
+
+SAME = 1e-9  # of the duct's length or height
+# Points per wavelength, by degree, that keep the error of a wave below 2e-3 of it per wavelength
+# (measured over 8 wavelengths, one row of elements); 7 from degree 6 on.
+FEWEST = {1: 30.0, 2: 16.0, 3: 11.0, 4: 9.0, 5: 8.0}
+SPARE = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class DuctMesh:
+    """Elements of polynomial degree p in both directions, 3 (p + 1)^2 unknowns each.
+
+    Args:
+        case: the duct.
+        x: column edges, m, increasing from ``start`` to ``end``; every liner edge is one of them.
+        y: row edges, m, increasing from 0 to H.
+        degree: p, at least 1.
+    Raises:
+        ValueError: edges that do not increase, do not span the duct or miss a liner edge.
+    """
+
+    case: DuctCase
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    degree: int = 4
+
+    def __post_init__(self) -> None:
+        if self.degree < 1:
+            raise ValueError(f"degree is {self.degree}; it must be at least 1")
+        spans = {"x": (self.case.start, self.case.end), "y": (0.0, self.case.height)}
+        for name, (low, high) in spans.items():
+            edges = np.array(getattr(self, name), np.float64)
+            tolerance = SAME * (high - low)
+            if edges.ndim != 1 or len(edges) < 2 or (np.diff(edges) <= tolerance).any():
+                raise ValueError(f"mesh {name} must be a list of increasing edges, in m")
+            if abs(edges[0] - low) > tolerance or abs(edges[-1] - high) > tolerance:
+                raise ValueError(
+                    f"mesh {name} runs from {edges[0]:g} to {edges[-1]:g} m, the duct from {low:g} "
+                    f"to {high:g} m"
+                )
+            object.__setattr__(self, name, edges)
+        for edge in (edge for patch in self.case.liner for edge in patch):
+            if np.abs(self.x - edge).min() > SAME * (self.case.end - self.case.start):
+                raise ValueError(
+                    f"the liner's edge at x = {edge:g} m lies inside a column; make it an edge"
+                )
+
+    @property
+    def unknowns(self) -> int:
+        """3 (p + 1)^2 for each element."""
+        return 3 * (self.degree + 1) ** 2 * (len(self.x) - 1) * (len(self.y) - 1)
+
+    @cached_property
+    def widths(self) -> NDArray[np.float64]:
+        """Of the columns, m; those equal but for rounding are made equal."""
+        widths = np.diff(self.x)
+        order = np.argsort(widths)
+        groups = np.cumsum(np.diff(widths[order], prepend=0) > SAME * widths[order])
+        found = np.empty_like(widths)
+        for group in np.unique(groups):
+            found[order[groups == group]] = widths[order[groups == group]].mean()
+        return found
+
+    @cached_property
+    def patch_numbers(self) -> NDArray[np.int64]:
+        """Which lined patch a column lies on, -1 for none; (C,)."""
+        middles = (self.x[1:] + self.x[:-1]) / 2
+        numbers = np.full(len(middles), -1)
+        for number, (start, end) in enumerate(self.case.liner):
+            numbers[(middles > start) & (middles < end)] = number
+        return numbers
+
+    @property
+    def lined(self) -> NDArray[np.bool_]:
+        """Whether a column's lower wall is lined, (C,)."""
+        return self.patch_numbers >= 0
+
+    @property
+    def lined_starts(self) -> NDArray[np.float64]:
+        """x of the left edges of the lined columns, m."""
+        return self.x[:-1][self.lined]
+
+    @property
+    def lined_widths(self) -> NDArray[np.float64]:
+        """Of the lined columns, m."""
+        return self.widths[self.lined]
+
+    def points_per_wavelength(self, frequency: float) -> float:
+        """Of the shortest acoustic wave, the one against the flow, (1 - M_b) c/f.
+
+        An element of degree p counts as p + 1 points, along its longer side.
+        """
+        profile = self.case.profile
+        wavelength = (1 - profile.bulk_mach) * profile.sound_speed / frequency
+        largest = max(self.widths.max(), np.diff(self.y).max())
+        return float(wavelength * (self.degree + 1) / largest)
+
+    def warn_if_coarse(self, frequency: float) -> None:
+        """Warn, with the number, of fewer points per wavelength than the degree needs."""
+        points, fewest = self.points_per_wavelength(frequency), FEWEST.get(self.degree, 7.0)
+        if points < fewest:
+            warnings.warn(
+                f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of "
+                f"the wave against the flow, below {fewest:g} for degree {self.degree}; take "
+                "smaller elements or a higher degree",
+                DataWarning,
+                stacklevel=4,
+            )
+
+
+def build_mesh(
+    case: DuctCase,
+    frequency: float,
+    *,
+    degree: int = 4,
+    column: float | None = None,
+    row: float | None = None,
+    wall_cell: float | None = None,
+    edge_cell: float | None = None,
+) -> DuctMesh:
+    """A mesh for one frequency and all below it.
+
+    Args:
+        case: the duct.
+        frequency: the highest, Hz.
+        degree: p.
+        column, row: largest elements along and across the duct, m; default: a fifth of the height
+            or 1.25 times the points per wavelength of ``FEWEST``, whichever is less.
+        wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the
+            height, whichever is less, in a sheared flow, ``row`` otherwise.
+        edge_cell: width of the columns at the edges of lined patches, m; default ``column``.
+    """
+    profile = case.profile
+    wavelength = (1 - profile.bulk_mach) * profile.sound_speed / frequency
+    needed = SPARE * FEWEST.get(degree, 7.0)
+    largest = min(case.height / 5, wavelength * (degree + 1) / needed)
+    row = row or largest
+    sheared = float(np.ptp(profile.mach([0.0, case.height / 2]))) > 0
+    wall = wall_cell or (min(0.5e-3, case.height / 100) if sheared else row)
+    half = _graded(case.height / 2, wall, row, both=False)
+    y = np.concatenate([half, case.height - half[-2::-1]])
+    breaks = sorted({case.start, case.end, *(edge for patch in case.liner for edge in patch)})
+    column = column or largest
+    parts = [
+        low + _graded(high - low, edge_cell or column, column, both=True)
+        for low, high in itertools.pairwise(breaks)
+    ]
+    x = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
+    return DuctMesh(case, x, y, degree)
+
+
+def _graded(length: float, first: float, largest: float, *, both: bool) -> NDArray[np.float64]:
+    """Edges over 0..length: sizes from ``first`` doubling to ``largest``, from one end or both."""
+    if first >= largest:
+        return np.linspace(0, length, max(1, math.ceil(length / largest - SAME)) + 1)
+    span = length / 2 if both else length
+    sizes = [first]
+    while sum(sizes) + min(2 * sizes[-1], largest) < span and 2 * sizes[-1] < largest:
+        sizes.append(2 * sizes[-1])
+    rest = span - sum(sizes)
+    more = max(1, math.ceil(rest / largest - SAME))
+    edges = np.concatenate([[0], np.cumsum([*sizes, *([rest / more] * more)])])
+    return np.concatenate([edges, length - edges[-2::-1]]) if both else edges

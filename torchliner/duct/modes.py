@@ -1,0 +1,164 @@
+"""Modes of a lined duct with a sheared flow: axial wavenumbers and shapes, over frequency and Z."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, require_choice
+from torchliner.duct.chebyshev import interpolation_matrix
+from torchliner.duct.homotopy import follow, polish
+from torchliner.duct.pridmore_brown import PridmoreBrown
+from torchliner.duct.rigid_spectrum import DIRECTIONS, rigid_wavenumbers
+from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
+from torchliner.flow_profiles import MeanFlow
+
+CHUNK = 256  # modes solved at once: some 40 MB of matrices
+
+
+@dataclass(frozen=True, eq=False)
+class DuctModes:
+    """Waves q(y) exp(j omega t - j alpha x); p in units of rho c^2, u and v of c.
+
+    Args:
+        frequency: Hz, (F,).
+        direction: ``downstream`` or ``upstream``, that of the group velocity.
+        wavenumber: alpha, 1/m, (..., F, N); mode n grew out of rigid mode n.
+        height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in
+            panels of ``points`` each, whose ends are there twice.
+        pressure: p, 1 on the rigid wall, (..., F, N, P).
+        axial, normal: u along the flow, v along +y, (..., F, N, P).
+        points: nodes in each panel.
+    """
+
+    frequency: Tensor
+    direction: str
+    wavenumber: Tensor
+    height: Tensor
+    pressure: Tensor
+    axial: Tensor
+    normal: Tensor
+    points: int
+
+    def at(self, y: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """p, u and v at heights y (m, (Q,)), each (..., F, N, Q).
+
+        Raises:
+            ValueError: a height outside the duct.
+        """
+        places = torch.as_tensor(y, dtype=torch.float64, device=self.height.device).reshape(-1)
+        panels = self.height.reshape(-1, self.points)
+        top = float(panels[0, 0])
+        if not bool(((places >= 0) & (places <= top)).all()):
+            raise ValueError(f"heights of modes run from 0 to {top:g} m")
+        panel = (places < panels[:-1, -1, None]).sum(0)
+        start, end = panels[panel, 0], panels[panel, -1]
+        matrix = interpolation_matrix(self.points, (start - places) / (start - end))
+        columns = panel[:, None] * self.points + torch.arange(self.points, device=places.device)
+        matrix = matrix.to(self.pressure.dtype)
+        fields = (self.pressure, self.axial, self.normal)
+        p, u, v = ((field[..., columns] * matrix).sum(-1) for field in fields)
+        return p, u, v
+
+
+def duct_modes(
+    profile: MeanFlow,
+    frequency: Any,
+    impedance: Any = torch.inf,
+    *,
+    count: int = 6,
+    direction: str = "downstream",
+    slip_condition: str | None = None,
+    points: int = 12,
+) -> DuctModes:
+    r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
+
+    The rigid duct's wavenumbers come from the eigenvalues of the linearised Euler equations at
+    Chebyshev points; each is then followed as the wall's reflection runs from 1 to R, Newton's
+    method on the Pridmore-Brown equation at every step, so that mode n is the one that grew out of
+    rigid mode n and the continuous spectrum Re alpha > k/M_max is never touched.
+
+    Args:
+        profile: mean flow M(y).
+        frequency: Hz, (F,).
+        impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes
+            free; infinite is rigid. First derivatives of every output by Z exist.
+        count: modes 0 to count - 1.
+        direction: ``downstream`` or ``upstream``.
+        slip_condition: ``ingard-myers`` or ``velocity``, continuity of displacement or of velocity;
+            needed for a lined wall along which the flow slips.
+        points: Chebyshev points in each panel of the height, see ``pridmore_brown``.
+    Returns:
+        Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``; complex64 if
+        ``impedance`` is, else complex128.
+    Raises:
+        ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
+            unknown; a count below 1.
+        RuntimeError: modes that the points do not resolve, or that meet on the way.
+    Warns:
+        DataWarning: negative resistance.
+    """
+    require_choice("direction", direction, DIRECTIONS)
+    if count < 1:
+        raise ValueError(f"count is {count}; at least one mode is needed")
+    wanted = frequency_tensor(frequency)
+    wall = wall_reflection(impedance, wanted.device)
+    wanted = wanted.to(wall.device)
+    lined = bool((wall != 1).any())
+    myers = lined and require_slip_condition(profile, slip_condition)
+    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
+    wall = torch.broadcast_to(wall, torch.broadcast_shapes(wall.shape, kappa.shape))
+    equation = PridmoreBrown(profile, points, myers, kappa.device)
+    with torch.no_grad():
+        rigid = _rigid(equation, profile, kappa, count, direction)
+    shape = (*wall.shape, count)
+    flat = [
+        item.reshape(-1)
+        for item in (
+            rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape),
+        )
+    ]  # fmt: skip
+    parts = [_solve(equation, *part) for part in zip(*(f.split(CHUNK) for f in flat), strict=True)]
+    a, pressure, u, v = (torch.cat(part) for part in zip(*parts, strict=True))
+    whole, height = (*shape, -1), profile.duct_height
+    a, pressure, u, v = (part.to(result_type(impedance)) for part in (a, pressure, u, v))
+    return DuctModes(
+        wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(),
+        pressure.reshape(whole), u.reshape(whole), v.reshape(whole), points,
+    )  # fmt: skip
+
+
+def _rigid(
+    equation: PridmoreBrown, profile: MeanFlow, kappa: Tensor, count: int, direction: str
+) -> Tensor:
+    """Rigid wavenumbers alpha H, (F, count), polished."""
+    rough = rigid_wavenumbers(profile, kappa, count, direction)
+    each = kappa[:, None].expand_as(rough).reshape(-1)
+    found = polish(equation, rough.reshape(-1), each, torch.ones_like(each, dtype=rough.dtype))
+    found = found.reshape(rough.shape)
+    twins = torch.triu((found[:, :, None] - found[:, None]).abs() < 1e-6, diagonal=1)
+    if bool(twins.any()):
+        which = [int(i) for i in torch.nonzero(twins)[0]]
+        raise RuntimeError(
+            f"rigid modes {which[1]} and {which[2]} at k H = {float(kappa[which[0]]):.4g} come out "
+            "the same: they are not resolved; take fewer modes"
+        )
+    return found
+
+
+def _solve(
+    equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    with torch.no_grad():
+        found = follow(equation, rigid, kappa, wall)
+        solution = equation.solve(found, kappa)
+    # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
+    change = -solution.residual(wall) / solution.residual_slope(wall).detach()
+    a = found + change
+    pressure = solution.pressure + solution.pressure_slope * change[:, None]
+    flux = solution.flux + solution.flux_slope * change[:, None]
+    return a, pressure, *equation.velocities(a, kappa, flux=flux, pressure=pressure)

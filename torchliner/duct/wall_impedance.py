@@ -1,0 +1,73 @@
+"""The impedance of a duct's wall as it enters the equations: as a reflection, with its doubts."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, require_choice
+from torchliner.conversions import reflection_from_impedance
+from torchliner.flow_profiles import MeanFlow
+
+SLIP_CONDITIONS = ("ingard-myers", "velocity")
+ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep
+
+
+def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tensor:
+    r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z with 0 and infinity among them.
+
+    Args:
+        impedance: Z, normalised, v into the wall: number, array or tensor; gradients are kept.
+        device: where to put numbers; tensors stay where they are.
+    Raises:
+        ValueError: Z is nan, or -1, where a wall gives out waves without being asked.
+    Warns:
+        DataWarning: negative resistance.
+    """
+    if isinstance(impedance, Tensor):
+        wall = impedance.to(torch.complex128)
+    else:
+        wall = torch.as_tensor(np.asarray(impedance, np.complex128), device=device)
+    rigid = torch.isinf(wall.real) | torch.isinf(wall.imag)
+    if bool((torch.isnan(wall) & ~rigid).any()):
+        raise ValueError("impedance is nan; a hard wall is inf")
+    finite = torch.where(rigid, torch.ones_like(wall), wall)
+    if bool(((finite + 1).abs() < ACTIVE).any()):
+        raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
+    lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
+    if lowest < 0:
+        warnings.warn(
+            f"impedance has a resistance of {lowest:.3g}, below 0: such a wall feeds the sound, "
+            "and fields may have no bound",
+            DataWarning,
+            stacklevel=3,
+        )
+    return torch.where(rigid, torch.ones_like(wall), reflection_from_impedance(finite))
+
+
+def result_type(impedance: Any) -> torch.dtype:
+    """complex64 for a tensor of single precision, else complex128; sums are done in complex128."""
+    single = (torch.complex64, torch.float32)
+    is_single = isinstance(impedance, Tensor) and impedance.dtype in single
+    return torch.complex64 if is_single else torch.complex128
+
+
+def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> bool:
+    """Whether the wall condition is Ingard-Myers'; either is the same where the flow does not slip.
+
+    Raises:
+        ValueError: the profile slips along the wall y = 0 and nobody said what holds there.
+    """
+    if slip_condition is not None:
+        require_choice("slip condition", slip_condition, SLIP_CONDITIONS)
+    slip = float(profile.mach(0.0))
+    if slip > 0 and slip_condition is None:
+        raise ValueError(
+            f"the flow slips along the lined wall at Mach {slip:.3g}; say which condition holds "
+            "there: slip_condition='ingard-myers' (continuity of displacement) or 'velocity'"
+        )
+    return slip > 0 and slip_condition == "ingard-myers"

@@ -1,0 +1,138 @@
+"""A measured or computed mean flow, as a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from torchliner.checks import require_positive
+from torchliner.flow_profiles.mean_flow import inside_duct
+
+WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedProfile:
+    """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
+
+    The cubics have one continuous derivative: dM/dy is exact for them, but bends at each height of
+    the table, so spectral methods converge on it no better than their mesh meets those heights.
+
+    Args:
+        y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric
+            about the centreline, (N,) with N at least 3.
+        velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
+        duct_height: H, m.
+        bulk_mach: scale the table to this mean of U/c over the height; default: as it stands, m/s.
+        sound_speed: c, m/s.
+    Raises:
+        ValueError: heights that do not increase or do not end at a wall or the centreline, a
+            negative or not finite velocity, unequal lengths, a Mach number not below 1, no flow
+            to scale.
+    Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
+    """
+
+    y: NDArray[np.float64]
+    velocity_table: NDArray[np.float64]
+    duct_height: float
+    bulk_mach: float = None  # type: ignore[assignment]  # filled in on creation
+    sound_speed: float = 343.2
+
+    def __post_init__(self) -> None:
+        for name in ("duct_height", "sound_speed"):
+            require_positive(f"profile {name}", getattr(self, name))
+        heights, speeds = np.array(self.y, np.float64), np.array(self.velocity_table, np.float64)
+        _require_table(heights, speeds, self.duct_height)
+        if abs(heights[-1] - self.duct_height) > WHOLE * self.duct_height:
+            heights, speeds = _mirrored(heights, speeds, self.duct_height)
+        heights[-1] = self.duct_height
+        mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
+        if self.bulk_mach is None:
+            object.__setattr__(self, "bulk_mach", mean / self.sound_speed)
+            machs = speeds / self.sound_speed
+        else:
+            require_positive("profile bulk_mach", self.bulk_mach)
+            if mean == 0:
+                raise ValueError(
+                    "the velocity table is 0 everywhere; it cannot be scaled to bulk_mach "
+                    f"{self.bulk_mach:g}"
+                )
+            machs = speeds * (self.bulk_mach / mean)
+        if machs.max() >= 1:
+            raise ValueError(
+                f"the table's largest Mach number is {machs.max():.4g} at y = "
+                f"{heights[machs.argmax()]:g} m; it must be below 1"
+            )
+        object.__setattr__(self, "y", heights)
+        object.__setattr__(self, "velocity_table", self.sound_speed * machs)
+
+    def velocity(self, y: ArrayLike) -> NDArray[np.float64]:
+        """U(y), m/s, at y (m, 0 to H, any shape)."""
+        return self.sound_speed * self.mach(y)
+
+    def mach(self, y: ArrayLike) -> NDArray[np.float64]:
+        """M(y) at y (m, 0 to H, any shape)."""
+        return self._cubics(inside_duct(y, self.duct_height))
+
+    def mach_slope(self, y: ArrayLike) -> NDArray[np.float64]:
+        """dM/dy of the cubics, 1/m, at y (m, 0 to H, any shape)."""
+        return self._slopes(inside_duct(y, self.duct_height))
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly.
+
+        Raises:
+            ValueError: no flow on the centreline.
+        Source: Roncen et al. (2026), eq. (2.8).
+        """
+        half = self.duct_height / 2
+        centre = float(self._cubics(half))
+        if centre == 0:
+            raise ValueError("the velocity on the centreline is 0; it gives no displacement")
+        return half - float(self._cubics.integrate(0, half)) / centre
+
+    @cached_property
+    def _cubics(self) -> PchipInterpolator:
+        return PchipInterpolator(self.y, self.velocity_table / self.sound_speed)
+
+    @cached_property
+    def _slopes(self) -> PchipInterpolator:
+        return self._cubics.derivative()
+
+
+def _require_table(
+    heights: NDArray[np.float64], speeds: NDArray[np.float64], duct_height: float
+) -> None:
+    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < 3:
+        raise ValueError(
+            f"y has shape {heights.shape} and velocity_table {speeds.shape}; two equal lists of at "
+            "least three points are needed"
+        )
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError("y and velocity_table must be finite")
+    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
+        raise ValueError("y must increase from the wall, 0 m, where U of a sheared flow is 0")
+    if (speeds < 0).any():
+        worst = int(speeds.argmin())
+        raise ValueError(
+            f"velocity_table is {speeds[worst]:g} at y = {heights[worst]:g} m; it must be at least "
+            "0 (the flow runs along +x, with no flow back)"
+        )
+    ends = np.array([duct_height, duct_height / 2])
+    if np.abs(heights[-1] - ends).min() > WHOLE * duct_height:
+        raise ValueError(
+            f"y ends at {heights[-1]:g} m; it must end at the other wall, {duct_height:g} m, or, "
+            f"for a symmetric flow, on the centreline, {duct_height / 2:g} m"
+        )
+
+
+def _mirrored(
+    heights: NDArray[np.float64], speeds: NDArray[np.float64], duct_height: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    upper = duct_height - heights[-2::-1]
+    return np.concatenate([heights, upper]), np.concatenate([speeds, speeds[-2::-1]])
