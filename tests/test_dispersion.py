@@ -1,0 +1,388 @@
+"""Wavenumbers of a lined duct in uniform flow: closed forms, an eigen-solver, counted roots."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import warnings
+
+import numpy as np
+import pytest
+import scipy.linalg
+import torch
+from conftest import relative_error
+
+import torchliner as tl
+from torchliner.duct.dispersion import (
+    CONDITIONS,
+    DIRECTIONS,
+    cut_on_frequency,
+    impedance_from_wavenumber,
+    wavenumber_from_impedance,
+)
+
+HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
+K = 2 * math.pi * FREQUENCY / SPEED
+DUCT = {"height": HEIGHT, "sound_speed": SPEED}
+CREMER = 2.1061961 + 1.1253643j  # gamma H of the double root: sin 2x + 2x = 0
+
+
+def exact(*values: complex) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.complex128)
+
+
+def passive(count: int, seed: int = 0) -> torch.Tensor:
+    """Random impedances of positive resistance."""
+    generator = torch.Generator().manual_seed(seed)
+    draws = torch.randn(2, count, generator=generator, dtype=torch.float64)
+    return torch.complex(0.05 + 1.5 * draws[0].abs(), 1.2 * draws[1])
+
+
+def entire(alpha, impedance: complex, mach: float, condition: str):
+    """The relation written out once more, over numpy, for contours."""
+    d = K - alpha * mach
+    gamma = np.sqrt(d**2 - alpha**2 + 0j)
+    factor = d**2 / K if condition == "ingard-myers" else d
+    return impedance * gamma * np.sin(gamma * HEIGHT) - 1j * factor * np.cos(gamma * HEIGHT)
+
+
+def roots_within(left, right, low, high, *about) -> float:
+    """Number of zeros in a rectangle: the winding of F along its edge, divided by 2 pi."""
+    corners = [complex(left, low), complex(right, low), complex(right, high), complex(left, high)]
+    steps = np.linspace(0, 1, 4001)
+    edge = np.concatenate(
+        [a + steps * (b - a) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+    )
+    return np.diff(np.unwrap(np.angle(entire(edge, *about)))).sum() / (2 * np.pi)
+
+
+def chebyshev_wavenumbers(impedance: complex, mach: float, condition: str, points: int = 40):
+    """p'' + (d^2 - alpha^2) p = 0, p'(0) = 0, Z p'(H) = -j (d^2/k or d) p(H), by collocation."""
+    nodes = np.cos(np.pi * np.arange(points + 1) / points)
+    weight = np.r_[2, np.ones(points - 1), 2] * (-1) ** np.arange(points + 1)
+    apart = nodes[:, None] - nodes + np.eye(points + 1)
+    slope = np.outer(weight, 1 / weight) / apart
+    slope -= np.diag(slope.sum(1))
+    slope *= 2 / HEIGHT  # node 0 is y = H, the last one y = 0
+    one = np.eye(points + 1)
+    parts = [slope @ slope + K**2 * one, -2 * K * mach * one, (mach**2 - 1) * one]
+    parts = [part.astype(complex) for part in parts]
+    wall = (1, -2 * mach / K, mach**2 / K**2) if condition == "ingard-myers" else (1, -mach / K, 0)
+    for part, factor in zip(parts, wall, strict=True):
+        part[0] = 1j * K * factor * one[0]
+        part[-1] = 0
+    parts[0][0] += impedance * slope[0]
+    parts[0][-1] = slope[-1]
+    big = np.eye(points + 1)
+    none = np.zeros_like(big)
+    found = scipy.linalg.eigvals(
+        np.block([[none, big], [-parts[0], -parts[1]]]), np.block([[big, none], [none, parts[2]]])
+    )
+    return found[np.isfinite(found)]
+
+
+# --- closed forms -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mach", [0.0, 0.3, -0.3, 0.9])
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_rigid_wall(mach, condition):
+    """k/(1+M) downstream, -k/(1-M) upstream; back to an infinite impedance."""
+    both = [
+        wavenumber_from_impedance(
+            exact(complex("inf")), FREQUENCY, mach=mach, condition=condition, direction=d, **DUCT
+        )
+        for d in DIRECTIONS
+    ]
+    assert complex(both[0]) == pytest.approx(K / (1 + mach), rel=1e-14)
+    assert complex(both[1]) == pytest.approx(-K / (1 - mach), rel=1e-14)
+    again = impedance_from_wavenumber(both[0], FREQUENCY, mach=mach, condition=condition, **DUCT)
+    assert float(again.abs()) > 1e12
+
+
+@pytest.mark.parametrize("mode", [1, 3])
+def test_rigid_modes(mode):
+    """(k - alpha M)^2 - alpha^2 = (m pi/H)^2; cut off they decay in their own direction."""
+    for frequency in (800.0, 20e3):
+        k = 2 * math.pi * frequency / SPEED
+        for direction, sign in (("downstream", 1), ("upstream", -1)):
+            found = complex(
+                wavenumber_from_impedance(
+                    exact(complex("inf")), frequency, mach=0.3, direction=direction, mode=mode,
+                    **DUCT,
+                )
+            )  # fmt: skip
+            square = (k - 0.3 * found) ** 2 - found**2
+            assert square == pytest.approx((mode * math.pi / HEIGHT) ** 2, rel=1e-10)
+            if frequency < cut_on_frequency(HEIGHT, 0.3, SPEED, mode):
+                assert sign * found.imag < 0
+            else:  # the group velocity has the mode's direction
+                assert sign * (found + 0.3 * (k - 0.3 * found)).real > 0
+    assert cut_on_frequency(HEIGHT, 0.6, 340.0) == pytest.approx(0.8 * 3400.0)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_without_flow(condition):
+    """alpha = +-sqrt(k^2 - gamma^2) where Z = jk/(gamma tan gamma H) is made from gamma."""
+    for turn in (0.3 - 0.2j, 0.9 + 0.4j, 1.2 + 0.1j):
+        gamma = turn / HEIGHT
+        impedance = 1j * K / (gamma * cmath.tan(turn))
+        wanted = cmath.sqrt(K**2 - gamma**2)
+        wanted *= -1 if wanted.imag > 0 else 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", tl.DataWarning)
+            found = [
+                complex(wavenumber_from_impedance(exact(impedance), FREQUENCY, direction=d,
+                                                  condition=condition, **DUCT))
+                for d in DIRECTIONS
+            ]  # fmt: skip
+        assert found[0] == pytest.approx(-found[1], rel=1e-13)
+        assert min(abs(found[0] - wanted), abs(found[0] + wanted)) < 1e-12 * K
+
+
+def test_a_soft_wall():
+    """Z = 0: cos gamma H = 0, or d = 0, where Ingard-Myers has a pair of hydrodynamic modes."""
+    soft = exact(0)
+    for direction, sign in (("downstream", -1), ("upstream", 1)):
+        found = complex(wavenumber_from_impedance(soft, FREQUENCY, direction=direction, **DUCT))
+        wanted = sign * 1j * math.sqrt((math.pi / 2 / HEIGHT) ** 2 - K**2)
+        assert found == pytest.approx(wanted, rel=1e-12)
+    double = complex(wavenumber_from_impedance(soft, FREQUENCY, mach=0.3, **DUCT))
+    assert abs(double / (K / 0.3) - 1) < 1e-6  # half the digits, as any double root
+
+
+def test_small_admittance():
+    """gamma^2 = jk Y/H to first order: alpha - k = -j Y/(2H) without flow."""
+    for direction, sign in (("downstream", 1), ("upstream", -1)):
+        found = wavenumber_from_impedance(exact(1e5), FREQUENCY, direction=direction, **DUCT)
+        shift = complex(found) - sign * K
+        assert shift == pytest.approx(sign * -0.5j * 1e-5 / HEIGHT, rel=1e-4)
+
+
+def test_published_number():
+    """Ingard-Myers, M 0.3, 1500 Hz, Z = 2.33-0.30j in 50 mm: alpha = 21.45776-2.51104j."""
+    found = complex(wavenumber_from_impedance(exact(2.33 - 0.30j), FREQUENCY, mach=0.3, **DUCT))
+    assert abs(found - (21.45776 - 2.51104j)) < 1e-5
+    back = complex(impedance_from_wavenumber(exact(21.45776 - 2.51104j), FREQUENCY, mach=0.3,
+                                             **DUCT))  # fmt: skip
+    assert abs(back - (2.33 - 0.30j)) < 1e-5
+
+
+def test_cremers_optimum_is_a_double_root():
+    """Modes 0 and 1 meet at Z = jkH/(x tan x) with sin 2x + 2x = 0; half the digits are left."""
+    assert abs(cmath.sin(2 * CREMER) + 2 * CREMER) < 1e-6
+    best = 1j * K * HEIGHT / (CREMER * cmath.tan(CREMER))
+    wanted = cmath.sqrt(K**2 - (CREMER / HEIGHT) ** 2)
+    for mode in (0, 1):
+        found = complex(wavenumber_from_impedance(exact(best), FREQUENCY, mode=mode, **DUCT))
+        assert abs(found - wanted) < 1e-4 * abs(wanted)  # sqrt of the digits of CREMER
+
+
+# --- round trip and independent solver ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_round_trip(condition, direction):
+    """Z to alpha to Z for 200 walls, three modes, several flows: 1e-12 relative."""
+    walls = passive(200)[:, None, None]
+    mach = torch.tensor([0.0, 0.1, 0.3, 0.5], dtype=torch.float64)[:, None]
+    about = {**DUCT, "mach": mach, "condition": condition}
+    alpha = wavenumber_from_impedance(
+        walls, FREQUENCY, direction=direction, mode=torch.arange(3), **about
+    )
+    assert alpha.shape == (200, 4, 3)
+    assert relative_error(impedance_from_wavenumber(alpha, FREQUENCY, **about), walls) < 1e-12
+
+
+def test_any_wavenumber_has_its_impedance():
+    """alpha to Z to F(alpha, Z) = 0, far from the axes as well, without overflow."""
+    for alpha in (30 - 5j, -40 + 20j, 3 - 900j, 2e5 + 1e4j):
+        found = complex(impedance_from_wavenumber(exact(alpha), FREQUENCY, mach=0.3, **DUCT))
+        assert cmath.isfinite(found)
+        if abs(alpha) < 1e3:
+            terms = abs(entire(alpha, 0, 0.3, CONDITIONS[0]))
+            assert abs(entire(alpha, found, 0.3, CONDITIONS[0])) < 1e-12 * terms
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("mach", [0.0, 0.3])
+@pytest.mark.parametrize("impedance", [2.33 - 0.3j, 0.5 + 1.0j, 0.3 - 0.4j])
+def test_eigen_solver_and_argument_principle(condition, mach, impedance):
+    """Four modes a side are the collocated eigenvalues, and the rectangle holds no others."""
+    found = [
+        complex(alpha)
+        for d in DIRECTIONS
+        for alpha in wavenumber_from_impedance(
+            exact(impedance), FREQUENCY, mach=mach, condition=condition, direction=d,
+            mode=torch.arange(4), **DUCT,
+        )
+    ]  # fmt: skip
+    solver = chebyshev_wavenumbers(impedance, mach, condition)
+    for alpha in found:
+        assert np.abs(solver - alpha).min() < 1e-6 * abs(alpha)
+    assert min(abs(a - b) for i, a in enumerate(found) for b in found[:i]) > 1.0
+    box = (-130.0, 130.0, -235.0, 235.0)
+    inside = [a for a in found if abs(a.real) < 130 and abs(a.imag) < 235]
+    count = roots_within(*box, impedance, mach, condition)
+    assert count == pytest.approx(round(count), abs=1e-6)
+    theirs = (np.abs(solver.real) < 130) & (np.abs(solver.imag) < 235)
+    assert round(count) == theirs.sum()
+    # Ingard-Myers in flow has up to two hydrodynamic modes that no rigid mode becomes.
+    spare = 2 if condition == "ingard-myers" and mach else 0
+    assert len(inside) <= round(count) <= len(inside) + spare
+
+
+# --- identity of the modes ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_no_jumps_along_the_ray(condition):
+    """Each mode is continuous from the rigid wall to Z, and the modes stay apart."""
+    rays = torch.polar(torch.ones(3).double(), torch.tensor([0.3, -0.5, 1.2]).double())
+    share = torch.linspace(0.01, 3, 1200, dtype=torch.float64)  # of the admittance
+    alpha = wavenumber_from_impedance(
+        rays[:, None, None] / share[:, None], FREQUENCY, mach=0.3, condition=condition,
+        mode=torch.arange(3), **DUCT,
+    )  # fmt: skip
+    steps = alpha.diff(dim=1).abs()
+    apart = torch.stack(
+        [(alpha[..., i] - alpha[..., j]).abs() for i, j in ((0, 1), (1, 2), (0, 2))]
+    )
+    assert float(steps.max()) < 0.25 * float(apart.min())
+    # Halving the steps halves the moves: a jump would not shrink.
+    assert float(alpha[:, ::2].diff(dim=1).abs().max()) > 1.8 * float(steps.max())
+
+
+def test_modes_trade_places_beyond_cremers_optimum_alone():
+    """Across the ray of the branch point labels stay before it and swap behind it."""
+    best = 1j * K * HEIGHT / (CREMER * cmath.tan(CREMER))
+    for factor, swapped in ((2.0, False), (0.5, True)):
+        sides = [
+            wavenumber_from_impedance(
+                exact(factor * best * cmath.exp(1e-7j * side)), FREQUENCY,
+                mode=torch.arange(2), **DUCT,
+            )
+            for side in (-1, 1)
+        ]  # fmt: skip
+        other = sides[1].flip(0) if swapped else sides[1]
+        assert float((sides[0] - other).abs().max()) < 1e-3
+        assert float((sides[0] - other.flip(0)).abs().min()) > 1.0
+
+
+def test_a_ray_through_a_meeting_of_modes_goes_round_it():
+    """A lossless wall cuts mode 0 off, where up- and downstream meet at alpha = 0: each decays in
+    its own direction then, as with the least resistance. Beyond Cremer's optimum itself the two
+    modes are still two."""
+    for direction, sign in (("downstream", -1), ("upstream", 1)):
+        found = [
+            complex(wavenumber_from_impedance(exact(z), FREQUENCY, direction=direction, **DUCT))
+            for z in (0.1j, 1e-9 + 0.1j)
+        ]
+        assert found[0] == pytest.approx(found[1], rel=1e-6)
+        assert abs(found[0].real) < 1e-9
+        assert sign * found[0].imag > 1.0
+    turn = CREMER
+    for _ in range(5):
+        turn -= (cmath.sin(2 * turn) + 2 * turn) / (2 * cmath.cos(2 * turn) + 2)
+    beyond = 0.5j * K * HEIGHT / (turn * cmath.tan(turn))
+    pair = wavenumber_from_impedance(exact(beyond), FREQUENCY, mode=torch.arange(2), **DUCT)
+    assert float(pair.diff().abs()) > 1.0
+    back = impedance_from_wavenumber(pair, FREQUENCY, **DUCT)
+    assert float((back - beyond).abs().max()) < 1e-12
+
+
+# --- batches, types, derivatives ----------------------------------------------------------------
+
+
+def test_batch_is_the_loop():
+    """A root does not know its neighbours; everything broadcasts."""
+    walls, frequency = passive(6, seed=3), torch.tensor([400.0, 1500.0, 2900.0]).double()
+    height = torch.tensor([0.03, 0.05]).double()[:, None, None]
+    together = wavenumber_from_impedance(walls[:, None], frequency, height=height, mach=0.2)
+    assert together.shape == (2, 6, 3)
+    for h in range(2):
+        for i in range(6):
+            for f in range(3):
+                one = wavenumber_from_impedance(
+                    walls[i], float(frequency[f]), height=float(height[h]), mach=0.2
+                )
+                assert abs(complex(one - together[h, i, f])) < 1e-13 * abs(complex(one))
+
+
+def test_precision_follows_the_input():
+    """complex64 in, complex64 out, computed in double."""
+    walls = passive(5)
+    single = wavenumber_from_impedance(walls.to(torch.complex64), FREQUENCY, mach=0.3, **DUCT)
+    assert single.dtype == torch.complex64
+    double = wavenumber_from_impedance(walls, FREQUENCY, mach=0.3, **DUCT)
+    assert relative_error(single.to(torch.complex128), double) < 1e-6
+    back = impedance_from_wavenumber(single, FREQUENCY, mach=0.3, **DUCT)
+    assert back.dtype == torch.complex64
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_derivatives(condition):
+    """In Z, k, H and M, first and second, at |Z| above and below 1."""
+    walls = exact(2.33 - 0.3j, 0.4 + 0.5j).requires_grad_()
+    reals = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (1500.0, 0.05, 0.3)]
+
+    def forward(z, f, h, m):
+        return wavenumber_from_impedance(
+            z, f / SPEED, height=h, mach=m, sound_speed=1.0, condition=condition
+        )
+
+    def backward(z, f, h, m):
+        alpha = exact(9.0 - 1.5j, -35 + 8j) * z
+        return impedance_from_wavenumber(alpha, f, height=h, mach=m, condition=condition)
+
+    for function in (forward, backward):
+        torch.autograd.gradcheck(function, (walls, *reals), eps=1e-7, atol=1e-4, rtol=1e-5)
+    torch.autograd.gradgradcheck(lambda z: forward(z, *(r.detach() for r in reals)), (walls,),
+                                 eps=1e-6, atol=1e-3, rtol=1e-4)  # fmt: skip
+
+
+# --- bad input ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("about", "match"),
+    [
+        ({"mach": 1.0}, r"mach is 1; its size must be below 1 \(a Mach number, not m/s\)"),
+        ({"mach": -102.0}, "mach is -102"),
+        ({"frequency": 0.0}, r"frequency \(Hz\) is 0; it must be finite and above 0"),
+        ({"frequency": [500.0, float("nan")]}, r"frequency \(Hz\) is nan"),
+        ({"height": -0.05}, r"height \(m\) is -0\.05"),
+        ({"sound_speed": math.inf}, r"sound_speed \(m/s\) is inf"),
+        ({"condition": "ingard"}, "unknown condition 'ingard' .did you mean 'ingard-myers'"),
+    ],
+)
+def test_both_ways_refuse(about, match):
+    given = {"height": HEIGHT, **about}
+    frequency = given.pop("frequency", FREQUENCY)
+    with pytest.raises(ValueError, match=match):
+        impedance_from_wavenumber(exact(20 - 1j), frequency, **given)
+    with pytest.raises(ValueError, match=match):
+        wavenumber_from_impedance(exact(2.0), frequency, **given)
+
+
+def test_other_refusals():
+    real = torch.tensor([1.0])
+    for function in (impedance_from_wavenumber, wavenumber_from_impedance):
+        with pytest.raises(TypeError, match=r"is torch\.float32; a complex tensor is needed"):
+            function(real, FREQUENCY, **DUCT)
+    with pytest.raises(ValueError, match="unknown direction 'down'"):
+        wavenumber_from_impedance(exact(2.0), FREQUENCY, direction="down", **DUCT)
+    with pytest.raises(ValueError, match="impedance holds nan"):
+        wavenumber_from_impedance(exact(complex("nan")), FREQUENCY, **DUCT)
+    for mode in (-1, 0.5):
+        with pytest.raises(ValueError, match=f"mode is {mode}; modes are numbered 0, 1, 2"):
+            wavenumber_from_impedance(exact(2.0), FREQUENCY, mode=mode, **DUCT)
+    at_cut_on = cut_on_frequency(HEIGHT, 0.3, SPEED)
+    with pytest.raises(ValueError, match=r"mode 1 is exactly at its cut-on .*H = 50 mm"):
+        wavenumber_from_impedance(exact(2.0), at_cut_on, mach=0.3, mode=1, **DUCT)
+
+
+def test_an_active_wall_is_warned_of():
+    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.2 at least, in 1 of 2"):
+        wavenumber_from_impedance(exact(1.0, -0.2 + 1j), FREQUENCY, **DUCT)

@@ -1,0 +1,329 @@
+r"""Axial wavenumbers of a plane duct in uniform flow, rigid at one wall, lined at the other.
+
+Waves :math:`e^{j\omega t - j\alpha x}`, x along the flow, height H, and with
+:math:`d = k - \alpha M`, :math:`\gamma^2 = d^2 - \alpha^2` the pressure is :math:`\cos\gamma y`
+from the rigid wall, so that at the liner
+
+.. math:: Z = \frac{jd}{\gamma\tan\gamma H}\times\begin{cases} d/k & \text{Ingard-Myers: continuous
+    displacement}\\ 1 & \text{continuous velocity.}\end{cases}
+
+Multiplied out, :math:`F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0` with
+:math:`a : b = Z : 1` and s = d/k or 1 is entire in alpha (even in gamma, so without its root's
+branches) and has no poles; it covers Z = 0 and the rigid wall, b = 0, alike.
+
+A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed along :math:`Y = \tau/Z`,
+:math:`\tau` = 0..1. On a ray that runs through an impedance where two modes meet the order beyond
+is a matter of choice: it is that of rays turned towards a pure resistance.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, real_tensor, require_choice, require_complex
+from torchliner.duct.continuation import Values, follow_roots
+
+CONDITIONS = ("ingard-myers", "continuous-velocity")
+DIRECTIONS = ("downstream", "upstream")
+STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
+DETOUR = 0.5  # rad, of the phase of Z
+AT_CUT_ON = 1e-9  # of k^2
+
+
+@dataclass(frozen=True)
+class Duct:
+    """What the relation needs besides alpha and Z, as real tensors of one shape.
+
+    Args:
+        wavenumber: k = omega/c, 1/m.
+        height: H, m.
+        mach: M.
+        displaced: Ingard-Myers, else continuous velocity.
+    """
+
+    wavenumber: Tensor
+    height: Tensor
+    mach: Tensor
+    displaced: bool
+
+    def at(self, index: Tensor) -> Duct:
+        """Some items of the batch."""
+        return Duct(self.wavenumber[index], self.height[index], self.mach[index], self.displaced)
+
+    def flattened(self) -> Duct:
+        """All items in one row."""
+        return Duct(
+            self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1),
+            self.displaced,
+        )  # fmt: skip
+
+
+class Relation(NamedTuple):
+    """gamma sin gamma H and j s d cos gamma H, each with its first two derivatives in alpha."""
+
+    rigid: tuple[Tensor, Tensor, Tensor]
+    soft: tuple[Tensor, Tensor, Tensor]
+
+
+def impedance_from_wavenumber(
+    alpha: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
+    condition: str = "ingard-myers",
+) -> Tensor:
+    r"""Impedance of the lined wall at which a wavenumber is one of the duct's.
+
+    Args:
+        alpha: axial wavenumber, 1/m, complex, of :math:`e^{-j\alpha x}`, x along the flow: a wave
+            that decays downstream has Im alpha < 0, one that decays upstream Im alpha > 0.
+        frequency: Hz.  height: H, m, from the liner to the rigid wall.
+        mach: M of the uniform flow along +x, \|M\| < 1.  sound_speed: c, m/s.
+        condition: at the liner, one of ``CONDITIONS``.
+    Returns:
+        Z, normalised by rho c, velocity into the wall; the shape of all arguments together, which
+        broadcast; inf at the wavenumbers of a rigid duct. Differentiable.
+    Raises:
+        TypeError: alpha is not complex.
+        ValueError: a frequency, height or sound speed not above 0, \|M\| >= 1.
+    Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2, give no formula; these are
+        Ingard (1959), Myers (1980) and, for continuous velocity, the plain momentum equation.
+    """
+    require_complex("alpha", alpha)
+    duct, wave = _duct_of(alpha, frequency, height, mach, sound_speed, condition)
+    d = duct.wavenumber - wave * duct.mach
+    square = d * d - wave * wave
+    flat = square == 0
+    gamma = torch.sqrt(torch.where(flat, torch.ones_like(square), square))
+    turn = gamma * duct.height
+    turn = torch.complex(turn.real, turn.imag.clamp(-STEEP, STEEP))
+    factor = d * d / duct.wavenumber if duct.displaced else d
+    sine = gamma * torch.sin(turn)
+    rigid = flat | (sine == 0)
+    found = 1j * factor * torch.cos(turn) / torch.where(rigid, torch.ones_like(sine), sine)
+    return torch.where(rigid, torch.full_like(found, torch.inf), found).to(alpha.dtype)
+
+
+def wavenumber_from_impedance(
+    impedance: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
+    condition: str = "ingard-myers",
+    direction: str = "downstream",
+    mode: Any = 0,
+) -> Tensor:
+    r"""Axial wavenumber of one mode, followed from the rigid wall.
+
+    Args:
+        impedance: Z, normalised, complex; 0 and inf are allowed.
+        frequency, height, mach, sound_speed, condition: as for ``impedance_from_wavenumber``.
+        direction: ``downstream``, towards +x, or ``upstream``: that of the rigid mode.
+        mode: m of the rigid mode :math:`\gamma H = m\pi`, 0 the plane wave; an integer or tensor.
+    Returns:
+        alpha, 1/m, of the shape of all arguments together; rigid: k/(1+M) and -k/(1-M) for m = 0.
+        Differentiable in Z and in every real argument, to any order up to the third.
+    Raises:
+        TypeError, ValueError: as ``impedance_from_wavenumber``; Z is nan; a mode is exactly at its
+            cut-on in the rigid duct.
+        RuntimeError: Newton's method failed (the modes meet all along the way).
+    Warns:
+        DataWarning: Z has a negative resistance, so that the wall feeds the wave.
+    """
+    require_complex("impedance", impedance)
+    require_choice("direction", direction, DIRECTIONS)
+    if bool(torch.isnan(impedance.detach()).any()):
+        raise ValueError("impedance holds nan; leave those values out")
+    _warn_of_sources(impedance.detach())
+    count = torch.as_tensor(mode, device=impedance.device)
+    whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
+    duct, z = _duct_of(whole, frequency, height, mach, sound_speed, condition)
+    shape, count = z.shape, count.expand(z.shape).reshape(-1)
+    flat = duct.flattened()
+    z = z.reshape(-1)
+    with torch.no_grad():
+        start = _rigid_wavenumber(flat, count, 1 if direction == "downstream" else -1)
+        root = _follow(flat, start, z)
+    root = _attach_derivatives(root, flat, z)
+    return root.reshape(shape).to(impedance.dtype)
+
+
+def cut_on_frequency(
+    height: float, mach: float = 0.0, sound_speed: float = 343.2, mode: int = 1
+) -> float:
+    """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H)."""
+    return mode * sound_speed * math.sqrt(1 - mach**2) / (2 * height)
+
+
+def _duct_of(
+    first: Tensor, frequency: Any, height: Any, mach: Any, sound_speed: Any, condition: str
+) -> tuple[Duct, Tensor]:
+    """The duct and the first argument in float64, broadcast against each other, checked."""
+    require_choice("condition", condition, CONDITIONS)
+    given = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed}
+    reals = {name: real_tensor(value).to(first.device) for name, value in given.items()}
+    for name, value in reals.items():
+        bad = ~((value.detach() > 0) & torch.isfinite(value.detach()))
+        if bool(bad.any()):
+            worst = float(value.detach()[bad].reshape(-1)[0])
+            raise ValueError(f"{name} is {worst:g}; it must be finite and above 0")
+    flow = real_tensor(mach).to(first.device)
+    fast = ~(flow.detach().abs() < 1)
+    if bool(fast.any()):
+        worst = float(flow.detach()[fast].reshape(-1)[0])
+        raise ValueError(f"mach is {worst:g}; its size must be below 1 (a Mach number, not m/s)")
+    k = 2 * torch.pi * reals["frequency (Hz)"] / reals["sound_speed (m/s)"]
+    wave, k, tall, flow = torch.broadcast_tensors(
+        first.to(torch.complex128), k, reals["height (m)"], flow
+    )
+    return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
+
+
+def _warn_of_sources(impedance: Tensor) -> None:
+    active = impedance.real < 0
+    if bool(active.any()):
+        lowest = float(impedance.real[active].min())
+        warnings.warn(
+            f"impedance has a negative resistance, {lowest:.3g} at least, in {int(active.sum())} "
+            f"of {active.numel()} values: such a wall feeds the sound",
+            DataWarning,
+            stacklevel=3,
+        )
+
+
+def _rigid_wavenumber(duct: Duct, mode: Tensor, sign: int) -> Tensor:
+    r"""Roots of :math:`(1-M^2)\alpha^2 + 2kM\alpha - k^2 + (m\pi/H)^2 = 0`, sign +1 towards +x.
+
+    Cut off, the mode decays in its direction: Im alpha < 0 towards +x.
+    """
+    if bool((mode < 0).any()) or mode.is_floating_point() or mode.is_complex():
+        raise ValueError(f"mode is {mode.reshape(-1)[0].item()}; modes are numbered 0, 1, 2, ...")
+    k, beta = duct.wavenumber, 1 - duct.mach**2
+    square = k**2 - beta * (mode.to(k.dtype) * torch.pi / duct.height) ** 2
+    close = square.abs() < AT_CUT_ON * k**2
+    if bool(close.any()):
+        i = int(close.nonzero()[0])
+        raise ValueError(
+            f"mode {int(mode[i])} is exactly at its cut-on (k = {float(k[i]):.6g} 1/m, H = "
+            f"{1e3 * float(duct.height[i]):g} mm), where both directions meet; shift the frequency"
+        )
+    size = square.abs().sqrt()
+    root = torch.where(square > 0, size + 0j, -1j * size)
+    return (-k * duct.mach + sign * root) / beta
+
+
+def _homogeneous(impedance: Tensor) -> tuple[Tensor, Tensor]:
+    """(a, b) with a : b = Z : 1, a real and |a|^2 + |b|^2 = 1: a straight line from (1, 0) to it
+    keeps the phase of Z. Z = 0 counts as a pure resistance."""
+    size = impedance.abs()
+    odd = (size == 0) | torch.isinf(size)
+    angle = torch.where(odd, torch.zeros_like(size), impedance.angle())
+    tilt = torch.atan2(torch.ones_like(size), size)
+    return torch.cos(tilt) + 0j, torch.polar(torch.sin(tilt), -angle)
+
+
+def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
+    """Roots at Z from those at the rigid wall; by a turned ray where the straight one stalls."""
+    rigid = (torch.ones_like(start), torch.zeros_like(start))
+    root, arrived = _straight(duct, start, rigid, _homogeneous(impedance))
+    lost = (~arrived).nonzero()[:, 0]
+    if len(lost):
+        angle = impedance[lost].angle()
+        aside = -DETOUR * torch.sign(angle + (angle == 0))
+        between = _homogeneous(impedance[lost] * torch.polar(torch.ones_like(angle), aside))
+        part, begin = duct.at(lost), (rigid[0][lost], rigid[1][lost])
+        via, _ = _straight(part, start[lost], begin, between)
+        root[lost], arrived[lost] = _straight(part, via, between, _homogeneous(impedance[lost]))
+    if not bool(arrived.all()):
+        i = int((~arrived).nonzero()[0])
+        raise RuntimeError(
+            f"no wavenumber was found for Z = {complex(impedance[i]):.4g} at k = "
+            f"{float(duct.wavenumber[i]):.4g} 1/m ({int((~arrived).sum())} of {len(arrived)}): "
+            "two modes meet on the way from the rigid wall; change Z slightly"
+        )
+    return root
+
+
+Pair = tuple[Tensor, Tensor]
+
+
+def _straight(duct: Duct, start: Tensor, begin: Pair, end: Pair) -> tuple[Tensor, Tensor]:
+    """Follow roots while (a, b) runs straight from ``begin`` to ``end``."""
+    a0, b0, a1, b1 = (*begin, *end)
+
+    def values(alpha: Tensor, t: Tensor, index: Tensor) -> Values:
+        rigid, soft = _relation(alpha, duct.at(index))
+        da, db = (a1 - a0)[index], (b1 - b0)[index]
+        a, b = a0[index] + t * da, b0[index] + t * db
+        both = [a * r - b * s for r, s in zip(rigid, soft, strict=True)]
+        return Values(both[0], both[1], both[2], da * rigid[0] - db * soft[0])
+
+    return follow_roots(values, start)
+
+
+def _relation(alpha: Tensor, duct: Duct) -> Relation:
+    r"""Both entire parts and two derivatives in alpha.
+
+    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w =
+    -H^2 sinc x/2, (sinc x)_w = (cos x - sinc x)/(2 w); w' = -2 (M d + alpha), w'' = -2 (1 - M^2).
+    """
+    h, m = duct.height, duct.mach
+    d = duct.wavenumber - alpha * m
+    w = d * d - alpha * alpha
+    cos, sinc = _even(w, h)
+    w1, w2 = -2 * (m * d + alpha), -2 * (1 - m * m)
+    small = (w * h * h).abs() < 1e-4
+    sinc_w = torch.where(
+        small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, torch.ones_like(w), 2 * w)
+    )
+    rigid_w, cos_w = h * (sinc + cos) / 2, -h * h * sinc / 2
+    rigid_ww, cos_ww = h * (sinc_w + cos_w) / 2, -h * h * sinc_w / 2
+    rigid = (w * h * sinc, rigid_w * w1, rigid_ww * w1 * w1 + rigid_w * w2)
+    c1, c2 = cos_w * w1, cos_ww * w1 * w1 + cos_w * w2
+    if duct.displaced:
+        f, f1, f2 = (
+            d * d / duct.wavenumber,
+            -2 * m * d / duct.wavenumber,
+            2 * m * m / duct.wavenumber,
+        )
+    else:
+        f, f1, f2 = d, -m + 0 * d, 0 * m
+    soft = (1j * f * cos, 1j * (f1 * cos + f * c1), 1j * (f2 * cos + 2 * f1 * c1 + f * c2))
+    return Relation(rigid, soft)
+
+
+def _even(square: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
+    """cos(gamma H) and sin(gamma H)/(gamma H) of gamma^2."""
+    zero = square == 0
+    x = torch.sqrt(torch.where(zero, torch.ones_like(square), square)) * height
+    return torch.where(zero, torch.ones_like(x), torch.cos(x)), torch.where(
+        zero, torch.ones_like(x), torch.sin(x) / x
+    )
+
+
+def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
+    """The root as a function of all arguments: two Newton steps from it, the implicit function
+    theorem to third order; their values are rounding."""
+    size = impedance.detach().abs()
+    large = size > 1
+    infinite = torch.isinf(size)
+    safe = torch.where(infinite | ~large, torch.ones_like(impedance), impedance)
+    b = torch.where(large, torch.where(infinite, torch.zeros_like(safe), 1 / safe), 1 + 0j)
+    a = torch.where(large, torch.ones_like(impedance), impedance)
+    inputs = (impedance, duct.wavenumber, duct.height, duct.mach)
+    if not any(part.requires_grad for part in inputs):
+        return root
+    for _ in range(2):
+        rigid, soft = _relation(root, duct)
+        root = root - (a * rigid[0] - b * soft[0]) / (a * rigid[1] - b * soft[1])
+    return root
