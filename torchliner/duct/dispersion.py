@@ -7,10 +7,7 @@ from the rigid wall, so that at the liner
 .. math:: Z = \frac{jd}{\gamma\tan\gamma H}\times\begin{cases} d/k & \text{Ingard-Myers: continuous
     displacement}\\ 1 & \text{continuous velocity.}\end{cases}
 
-Multiplied out, :math:`F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0` with
-:math:`a : b = Z : 1` and s = d/k or 1 is entire in alpha (even in gamma, so without its root's
-branches) and has no poles; it covers Z = 0 and the rigid wall, b = 0, alike.
-
+Roots are sought of its entire form (``duct/relation.py``), which covers Z = 0 and the rigid wall.
 A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed along :math:`Y = \tau/Z`,
 :math:`\tau` = 0..1. On a ray that runs through an impedance where two modes meet the order beyond
 is a matter of choice: it is that of rays turned towards a pure resistance.
@@ -20,55 +17,27 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, real_tensor, require_choice, require_complex
+from torchliner.checks import DataWarning, require_choice, require_complex
 from torchliner.duct.continuation import Values, follow_roots
+from torchliner.duct.relation import CONDITIONS, Duct, duct_of, relation
 
-CONDITIONS = ("ingard-myers", "continuous-velocity")
+__all__ = [
+    "CONDITIONS",
+    "DIRECTIONS",
+    "cut_on_frequency",
+    "impedance_from_wavenumber",
+    "wavenumber_from_impedance",
+]
+
 DIRECTIONS = ("downstream", "upstream")
 STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
 DETOUR = 0.5  # rad, of the phase of Z
 AT_CUT_ON = 1e-9  # of k^2
-
-
-@dataclass(frozen=True)
-class Duct:
-    """What the relation needs besides alpha and Z, as real tensors of one shape.
-
-    Args:
-        wavenumber: k = omega/c, 1/m.
-        height: H, m.
-        mach: M.
-        displaced: Ingard-Myers, else continuous velocity.
-    """
-
-    wavenumber: Tensor
-    height: Tensor
-    mach: Tensor
-    displaced: bool
-
-    def at(self, index: Tensor) -> Duct:
-        """Some items of the batch."""
-        return Duct(self.wavenumber[index], self.height[index], self.mach[index], self.displaced)
-
-    def flattened(self) -> Duct:
-        """All items in one row."""
-        return Duct(
-            self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1),
-            self.displaced,
-        )  # fmt: skip
-
-
-class Relation(NamedTuple):
-    """gamma sin gamma H and j s d cos gamma H, each with its first two derivatives in alpha."""
-
-    rigid: tuple[Tensor, Tensor, Tensor]
-    soft: tuple[Tensor, Tensor, Tensor]
 
 
 def impedance_from_wavenumber(
@@ -98,7 +67,7 @@ def impedance_from_wavenumber(
         Ingard (1959), Myers (1980) and, for continuous velocity, the plain momentum equation.
     """
     require_complex("alpha", alpha)
-    duct, wave = _duct_of(alpha, frequency, height, mach, sound_speed, condition)
+    duct, wave = duct_of(alpha, frequency, height, mach, sound_speed, condition)
     d = duct.wavenumber - wave * duct.mach
     square = d * d - wave * wave
     flat = square == 0
@@ -147,7 +116,7 @@ def wavenumber_from_impedance(
     _warn_of_sources(impedance.detach())
     count = torch.as_tensor(mode, device=impedance.device)
     whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
-    duct, z = _duct_of(whole, frequency, height, mach, sound_speed, condition)
+    duct, z = duct_of(whole, frequency, height, mach, sound_speed, condition)
     shape, count = z.shape, count.expand(z.shape).reshape(-1)
     flat = duct.flattened()
     z = z.reshape(-1)
@@ -163,30 +132,6 @@ def cut_on_frequency(
 ) -> float:
     """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H)."""
     return mode * sound_speed * math.sqrt(1 - mach**2) / (2 * height)
-
-
-def _duct_of(
-    first: Tensor, frequency: Any, height: Any, mach: Any, sound_speed: Any, condition: str
-) -> tuple[Duct, Tensor]:
-    """The duct and the first argument in float64, broadcast against each other, checked."""
-    require_choice("condition", condition, CONDITIONS)
-    given = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed}
-    reals = {name: real_tensor(value).to(first.device) for name, value in given.items()}
-    for name, value in reals.items():
-        bad = ~((value.detach() > 0) & torch.isfinite(value.detach()))
-        if bool(bad.any()):
-            worst = float(value.detach()[bad].reshape(-1)[0])
-            raise ValueError(f"{name} is {worst:g}; it must be finite and above 0")
-    flow = real_tensor(mach).to(first.device)
-    fast = ~(flow.detach().abs() < 1)
-    if bool(fast.any()):
-        worst = float(flow.detach()[fast].reshape(-1)[0])
-        raise ValueError(f"mach is {worst:g}; its size must be below 1 (a Mach number, not m/s)")
-    k = 2 * torch.pi * reals["frequency (Hz)"] / reals["sound_speed (m/s)"]
-    wave, k, tall, flow = torch.broadcast_tensors(
-        first.to(torch.complex128), k, reals["height (m)"], flow
-    )
-    return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
 
 
 def _warn_of_sources(impedance: Tensor) -> None:
@@ -262,53 +207,13 @@ def _straight(duct: Duct, start: Tensor, begin: Pair, end: Pair) -> tuple[Tensor
     a0, b0, a1, b1 = (*begin, *end)
 
     def values(alpha: Tensor, t: Tensor, index: Tensor) -> Values:
-        rigid, soft = _relation(alpha, duct.at(index))
+        rigid, soft = relation(alpha, duct.at(index))
         da, db = (a1 - a0)[index], (b1 - b0)[index]
         a, b = a0[index] + t * da, b0[index] + t * db
         both = [a * r - b * s for r, s in zip(rigid, soft, strict=True)]
         return Values(both[0], both[1], both[2], da * rigid[0] - db * soft[0])
 
     return follow_roots(values, start)
-
-
-def _relation(alpha: Tensor, duct: Duct) -> Relation:
-    r"""Both entire parts and two derivatives in alpha.
-
-    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w =
-    -H^2 sinc x/2, (sinc x)_w = (cos x - sinc x)/(2 w); w' = -2 (M d + alpha), w'' = -2 (1 - M^2).
-    """
-    h, m = duct.height, duct.mach
-    d = duct.wavenumber - alpha * m
-    w = d * d - alpha * alpha
-    cos, sinc = _even(w, h)
-    w1, w2 = -2 * (m * d + alpha), -2 * (1 - m * m)
-    small = (w * h * h).abs() < 1e-4
-    sinc_w = torch.where(
-        small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, torch.ones_like(w), 2 * w)
-    )
-    rigid_w, cos_w = h * (sinc + cos) / 2, -h * h * sinc / 2
-    rigid_ww, cos_ww = h * (sinc_w + cos_w) / 2, -h * h * sinc_w / 2
-    rigid = (w * h * sinc, rigid_w * w1, rigid_ww * w1 * w1 + rigid_w * w2)
-    c1, c2 = cos_w * w1, cos_ww * w1 * w1 + cos_w * w2
-    if duct.displaced:
-        f, f1, f2 = (
-            d * d / duct.wavenumber,
-            -2 * m * d / duct.wavenumber,
-            2 * m * m / duct.wavenumber,
-        )
-    else:
-        f, f1, f2 = d, -m + 0 * d, 0 * m
-    soft = (1j * f * cos, 1j * (f1 * cos + f * c1), 1j * (f2 * cos + 2 * f1 * c1 + f * c2))
-    return Relation(rigid, soft)
-
-
-def _even(square: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
-    """cos(gamma H) and sin(gamma H)/(gamma H) of gamma^2."""
-    zero = square == 0
-    x = torch.sqrt(torch.where(zero, torch.ones_like(square), square)) * height
-    return torch.where(zero, torch.ones_like(x), torch.cos(x)), torch.where(
-        zero, torch.ones_like(x), torch.sin(x) / x
-    )
 
 
 def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
@@ -324,6 +229,6 @@ def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
     if not any(part.requires_grad for part in inputs):
         return root
     for _ in range(2):
-        rigid, soft = _relation(root, duct)
+        rigid, soft = relation(root, duct)
         root = root - (a * rigid[0] - b * soft[0]) / (a * rigid[1] - b * soft[1])
     return root

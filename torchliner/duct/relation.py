@@ -1,0 +1,121 @@
+r"""The dispersion relation of a lined duct in uniform flow as an entire function of alpha.
+
+With :math:`d = k - \alpha M`, :math:`\gamma^2 = d^2 - \alpha^2` and s = d/k (Ingard-Myers) or 1
+(continuous velocity) the relation of ``duct/dispersion.py``, multiplied out, is
+
+.. math:: F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0, \qquad a : b = Z : 1.
+
+It is even in gamma, so it knows no branches of the root, has no poles, and covers Z = 0 (a = 0) and
+the rigid wall (b = 0) like any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import real_tensor, require_choice
+
+CONDITIONS = ("ingard-myers", "continuous-velocity")
+
+
+@dataclass(frozen=True)
+class Duct:
+    """What the relation needs besides alpha and Z, as real tensors of one shape.
+
+    Args:
+        wavenumber: k = omega/c, 1/m.
+        height: H, m.
+        mach: M.
+        displaced: Ingard-Myers, else continuous velocity.
+    """
+
+    wavenumber: Tensor
+    height: Tensor
+    mach: Tensor
+    displaced: bool
+
+    def at(self, index: Tensor) -> Duct:
+        """Some items of the batch."""
+        return Duct(self.wavenumber[index], self.height[index], self.mach[index], self.displaced)
+
+    def flattened(self) -> Duct:
+        """All items in one row."""
+        return Duct(
+            self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1),
+            self.displaced,
+        )  # fmt: skip
+
+
+class Relation(NamedTuple):
+    """gamma sin gamma H and j s d cos gamma H, each with its first two derivatives in alpha."""
+
+    rigid: tuple[Tensor, Tensor, Tensor]
+    soft: tuple[Tensor, Tensor, Tensor]
+
+
+def duct_of(
+    first: Tensor, frequency: Any, height: Any, mach: Any, sound_speed: Any, condition: str
+) -> tuple[Duct, Tensor]:
+    """The duct and the first argument in float64, broadcast against each other, checked."""
+    require_choice("condition", condition, CONDITIONS)
+    given = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed}
+    reals = {name: real_tensor(value).to(first.device) for name, value in given.items()}
+    for name, value in reals.items():
+        bad = ~((value.detach() > 0) & torch.isfinite(value.detach()))
+        if bool(bad.any()):
+            worst = float(value.detach()[bad].reshape(-1)[0])
+            raise ValueError(f"{name} is {worst:g}; it must be finite and above 0")
+    flow = real_tensor(mach).to(first.device)
+    fast = ~(flow.detach().abs() < 1)
+    if bool(fast.any()):
+        worst = float(flow.detach()[fast].reshape(-1)[0])
+        raise ValueError(f"mach is {worst:g}; its size must be below 1 (a Mach number, not m/s)")
+    k = 2 * torch.pi * reals["frequency (Hz)"] / reals["sound_speed (m/s)"]
+    wave, k, tall, flow = torch.broadcast_tensors(
+        first.to(torch.complex128), k, reals["height (m)"], flow
+    )
+    return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
+
+
+def relation(alpha: Tensor, duct: Duct) -> Relation:
+    r"""Both entire parts and two derivatives in alpha.
+
+    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w =
+    -H^2 sinc x/2, (sinc x)_w = (cos x - sinc x)/(2 w); w' = -2 (M d + alpha), w'' = -2 (1 - M^2).
+    """
+    h, m = duct.height, duct.mach
+    d = duct.wavenumber - alpha * m
+    w = d * d - alpha * alpha
+    cos, sinc = _even(w, h)
+    w1, w2 = -2 * (m * d + alpha), -2 * (1 - m * m)
+    small = (w * h * h).abs() < 1e-4
+    sinc_w = torch.where(
+        small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, torch.ones_like(w), 2 * w)
+    )
+    rigid_w, cos_w = h * (sinc + cos) / 2, -h * h * sinc / 2
+    rigid_ww, cos_ww = h * (sinc_w + cos_w) / 2, -h * h * sinc_w / 2
+    rigid = (w * h * sinc, rigid_w * w1, rigid_ww * w1 * w1 + rigid_w * w2)
+    c1, c2 = cos_w * w1, cos_ww * w1 * w1 + cos_w * w2
+    if duct.displaced:
+        f, f1, f2 = (
+            d * d / duct.wavenumber,
+            -2 * m * d / duct.wavenumber,
+            2 * m * m / duct.wavenumber,
+        )
+    else:
+        f, f1, f2 = d, -m + 0 * d, 0 * m
+    soft = (1j * f * cos, 1j * (f1 * cos + f * c1), 1j * (f2 * cos + 2 * f1 * c1 + f * c2))
+    return Relation(rigid, soft)
+
+
+def _even(square: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
+    """cos(gamma H) and sin(gamma H)/(gamma H) of gamma^2."""
+    zero = square == 0
+    x = torch.sqrt(torch.where(zero, torch.ones_like(square), square)) * height
+    return torch.where(zero, torch.ones_like(x), torch.cos(x)), torch.where(
+        zero, torch.ones_like(x), torch.sin(x) / x
+    )
