@@ -3,6 +3,7 @@
 from torchliner.records.audit import Audit, AuditRow
 from torchliner.records.burst_record import BurstRecord
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.uncertainty import Interval, Uncertainty
@@ -15,6 +16,7 @@ __all__ = [
     "BurstRecord",
     "ImpedanceMap",
     "Interval",
+    "MicrophoneLine",
     "PointImpedances",
     "PressureRecord",
     "StoredVelocity",
