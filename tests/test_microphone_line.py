@@ -299,8 +299,7 @@ def test_flow_noise_is_rejected_and_its_error_predicted():
     errors = torch.stack([one.amplitude / line.pressure - 1 for one in found])
     coherence = torch.stack([one.coherence for one in found])
     assert 0.85 < float(coherence.mean()) < 0.95
-    # 360 values: their standard deviation is known to 4 %; the formula leaves out terms of order
-    # (1 - coherence)/n, 2 %.
+    # 360 values: their standard deviation is known to 4 %.
     predicted = torch.stack([one.relative_error for one in found]).square().mean().sqrt()
     for part in (errors.real, errors.imag):
         assert float(part.std() / predicted) == pytest.approx(1.0, abs=0.1)

@@ -3,10 +3,12 @@ r"""Tones of microphones under flow, by a reference channel that hears no flow.
 With x the reference, as a loudspeaker's voltage, and y a microphone, :math:`H_1 = \sum X^* Y/\sum
 |X|^2` over segments holds only what is coherent with x: the amplitude :math:`H_1 |X|_{rms}` is that
 of the sound, and the turbulence, of power (1 - coherence) of the whole, is rejected. What is left
-of it in H1 has the relative standard deviation :math:`\sqrt{(1-\gamma^2)/(2 n\gamma^2)}` in
-amplitude and, in radians, in phase (Bendat & Piersol, Random Data, section 9.2). Segments that
-overlap by half count as :math:`n = S/(1 + 2\rho^2 (S-1)/S)` independent ones, :math:`\rho = \sum
-w(t) w(t + T/2)/\sum w^2` (Welch 1967): 14 of 15 for a Hann window.
+of it in H1 has the relative standard deviation :math:`\sqrt{(1-\gamma^2)/(2(n-1)\gamma^2)}` in
+amplitude and, in radians, in phase (Bendat & Piersol, Random Data, section 9.2; n - 1 since the
+coherence is estimated from the same segments). S segments that overlap by half count as
+:math:`n = S/(1 + 2\rho(S-1)/S)`, :math:`\rho = \sum w(t)w(t+T/2)/\sum w^2`: 11.4 of 15 for a Hann
+window. Welch's :math:`\rho^2` would be for a random reference; that of a tone is the same in every
+segment.
 """
 
 from __future__ import annotations
@@ -104,7 +106,7 @@ def reject_flow_noise(
     found = transfer_from_amplitudes(driver, response)
     independent = _independent(len(driver), make_window(window, round(length * sampling_rate)))
     coherence = found.coherence.clamp(max=1)
-    error = ((1 - coherence) / (2 * independent * coherence)).sqrt()
+    error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
     notes = _doubts(coherence, frequency, independent, name)
     for note in notes:
         warnings.warn(note, DataWarning, stacklevel=2)
@@ -122,7 +124,7 @@ def _independent(segments: int, window: Window) -> float:
     weights = window.weights
     half = len(weights) // 2
     rho = float((weights[:-half] * weights[half:]).sum() / weights.square().sum())
-    return segments / (1 + 2 * rho**2 * (segments - 1) / segments)
+    return segments / (1 + 2 * rho * (segments - 1) / segments)
 
 
 def _doubts(coherence: Tensor, frequency: Tensor, independent: float, name: str) -> tuple[str, ...]:
