@@ -63,19 +63,14 @@ def test_spacing_is_asked_for():
     assert line_of(places).equally_spaced
 
 
-def test_selection_and_mirror():
-    """Microphones over the liner; twice mirrored is the line itself."""
+def test_selection():
+    """Microphones over the liner, away from its ends; each keeps its coherence."""
     line = line_of(liner_start=0.01, liner_end=0.1, coherence=torch.rand(12, 2).double())
     assert line.over_liner().x.tolist() == pytest.approx(PLACES[1:9])
+    assert torch.equal(line.over_liner().coherence, line.coherence[1:9])
+    assert torch.equal(line.over_liner().pressure, line.pressure[1:9])
     assert line.over_liner(0.03).x.tolist() == pytest.approx(PLACES[4:6])
     assert line_of().over_liner().microphones == 12
-    seen = line.mirrored()
-    assert (seen.mach, seen.source_side, seen.liner_start) == (-0.3, "downstream", -0.1)
-    assert torch.equal(seen.pressure[0], line.pressure[-1])
-    back = seen.mirrored()
-    assert torch.equal(back.x, line.x)
-    assert torch.equal(back.pressure, line.pressure)
-    assert torch.equal(back.coherence, line.coherence)
     with pytest.raises(ValueError, match=r"has microphones 0 to 11; \[3, 12\] asked"):
         line.select([3, 12])
     with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
@@ -96,8 +91,8 @@ def test_selection_and_mirror():
         ({"frequency": 0.0}, r"frequency \(Hz\) is 0"),
         ({"duct_height": 0.0}, r"duct_height \(m\) is 0"),
         ({"duct_width": -1.0}, r"duct_width \(m\) is -1"),
-        ({"mach": 1.0}, r"mach is 1; its size must be below 1 \(a Mach number, not m/s\)"),
-        ({"mach": -102.0}, "mach is -102"),
+        ({"mach": 1.0}, r"mach is 1; it must be at least 0 .* and below 1 \(a Mach number"),
+        ({"mach": -0.3}, r"mach is -0\.3; it must be at least 0 \(count x along the flow\)"),
         ({"source_side": "up"}, "unknown microphones: source_side 'up'; choose one of: upstream"),
         ({"liner_start": 0.1}, "liner_start and liner_end go together"),
         ({"liner_start": 0.1, "liner_end": 0.0}, "the liner runs from 100 to 0 mm"),
@@ -223,7 +218,7 @@ def test_a_table_by_hand(tmp_path):
         ("129;1,5", "129;1,2", "1.5 kHz|1500 Hz has 2 microphones, 1200 Hz 1, or they stand elsew"),
         ("290 K", "17 K", "temperature is 17 K; Sutherland's law"),
         ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
-        ("0.3", "1.3", "mach is 1.3; its size must be below 1"),
+        ("0.3", "1.3", "mach is 1.3; it must be"),
     ],
 )  # fmt: skip
 def test_tables_with_faults(tmp_path, old, new, match):

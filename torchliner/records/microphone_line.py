@@ -24,7 +24,6 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.fluid import Fluid
 from torchliner.records.velocity_plane import SOURCE_SIDES
 
-OTHER_SIDE = {"upstream": "downstream", "downstream": "upstream"}
 EQUAL_SPACING = 5e-3  # of the mean spacing
 LOUDEST = 194.0  # dB: a peak of one atmosphere
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
@@ -41,9 +40,9 @@ class MicrophoneLine:
             (..., N) for a single frequency. Leading axes are cases of one line, as draws.
         frequency: Hz, (F,).
         duct_height: H, m, from the liner to the opposite wall.
-        mach: bulk Mach number of the flow along +x, size below 1.
-        source_side: where the sound comes from, ``upstream`` (of smaller x for mach >= 0) or
-            ``downstream``; ``unknown`` until it is needed.
+        mach: bulk Mach number of the flow along +x, 0 to 1.
+        source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
+            ``unknown`` until it is needed.
         duct_width: m, across; only for the cut-on of spanwise modes.
         liner_start, liner_end: x of the liner's ends, m.
         coherence: squared, with the reference channel, 0 to 1, (N, F), if one was recorded.
@@ -54,7 +53,7 @@ class MicrophoneLine:
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
         ValueError: fewer than two microphones, places that do not increase, shapes that disagree,
-            a pressure that is zero or not finite, \|mach\| >= 1, a length out of range.
+            a pressure that is zero or not finite, mach outside 0 to 1, a length out of range.
     """
 
     x: Any
@@ -83,10 +82,10 @@ class MicrophoneLine:
         require_positive(f"{self.name}: duct_height (m)", self.duct_height)
         if self.duct_width is not None:
             require_positive(f"{self.name}: duct_width (m)", self.duct_width)
-        if not abs(plain_number(self.mach)) < 1:
+        if not 0 <= plain_number(self.mach) < 1:
             raise ValueError(
-                f"{self.name}: mach is {plain_number(self.mach):g}; its size must be below 1 (a "
-                "Mach number, not m/s)"
+                f"{self.name}: mach is {plain_number(self.mach):g}; it must be at least 0 (count x "
+                "along the flow) and below 1 (a Mach number, not m/s)"
             )
         require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
         start, end = self.liner_start, self.liner_end
@@ -265,20 +264,6 @@ class MicrophoneLine:
                 f"{1e3 * margin:g} mm; at least two are needed"
             )
         return self.select(inside.nonzero()[:, 0])
-
-    def mirrored(self) -> MicrophoneLine:
-        """The same duct seen from the other side: x, flow and source side change sign."""
-        start, end = self.liner_start, self.liner_end
-        return replace(
-            self,
-            x=-self.x.flip(0),
-            pressure=self.pressure.flip(-2),
-            coherence=None if self.coherence is None else self.coherence.flip(0),
-            mach=-self.mach,
-            source_side=OTHER_SIDE.get(self.source_side, self.source_side),
-            liner_start=None if end is None else -end,
-            liner_end=None if start is None else -start,
-        )
 
     def write(self, path: str | Path) -> None:
         """Write netCDF-4, or CSV if the name ends in .csv; see docs/wall_pressure.md."""
