@@ -8,6 +8,7 @@ from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.uncertainty import Interval, Uncertainty
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
+from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "SOURCE_SIDES",
@@ -22,4 +23,5 @@ __all__ = [
     "StoredVelocity",
     "Uncertainty",
     "VelocityPlane",
+    "WallEduction",
 ]
