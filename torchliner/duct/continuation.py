@@ -19,8 +19,8 @@ from torch import Tensor
 
 REACH, KANTOROVICH = 0.3, 0.05
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.05, 0.25, 1e-9
-CORRECTIONS = 4  # from 0.05 quadratic convergence reaches rounding
-POLISHING = 4
+CORRECTIONS = 2  # from 0.05 to 1e-5 of the distance at which another root could be
+POLISHING = 6
 DOUBLE_CORRECTIONS = 12
 NEARBY = 1e-3  # a root that stalls short of a double one is within the root of the shortest step
 DOUBLE = 1e-12  # of |z|^2: F/F'' at a double root, where z itself has half the digits
