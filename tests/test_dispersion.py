@@ -16,10 +16,12 @@ import torchliner as tl
 from torchliner.duct.dispersion import (
     CONDITIONS,
     DIRECTIONS,
+    carry_wavenumber,
     cut_on_frequency,
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
+from torchliner.duct.relation import duct_of
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
 K = 2 * math.pi * FREQUENCY / SPEED
@@ -290,6 +292,25 @@ def test_a_ray_through_a_meeting_of_modes_goes_round_it():
     assert float(pair.diff().abs()) > 1.0
     back = impedance_from_wavenumber(pair, FREQUENCY, **DUCT)
     assert float((back - beyond).abs().max()) < 1e-12
+
+
+@pytest.mark.parametrize("first_step", [0.05, 1.0])
+def test_a_wall_may_be_changed_along_the_way(first_step):
+    """Carried from wall to wall a root ends where the ray from the rigid wall leads; the pairs
+    that name the walls may have any length."""
+    walls = passive(50, seed=8)
+    nearby = walls * torch.exp(0.1 * passive(50, seed=9))
+    about = {**DUCT, "mach": 0.3, "direction": "upstream"}
+    start, wanted = (wavenumber_from_impedance(z, FREQUENCY, **about) for z in (walls, nearby))
+    duct = duct_of(walls, FREQUENCY, HEIGHT, 0.3, SPEED, "ingard-myers")[0]
+    one = torch.ones_like(walls)
+    found, arrived = carry_wavenumber(
+        duct, start, (walls, one), (2j * nearby, 2j * one), first_step
+    )
+    assert bool(arrived.all())
+    same = (found - wanted).abs() < 1e-10 * wanted.abs()
+    # A ray and the straight way may pass a meeting of modes on either side, seldom.
+    assert int(same.sum()) >= 48
 
 
 # --- batches, types, derivatives ----------------------------------------------------------------

@@ -71,3 +71,8 @@ def absorption_from_reflection(reflection: Tensor) -> Tensor:
 def spl_from_pressure_amplitude(amplitude: Tensor) -> Tensor:
     """Sound pressure level in dB re 20 uPa rms of a tone of peak ``amplitude`` (Pa)."""
     return 20 * torch.log10(amplitude.abs() / (2**0.5 * REFERENCE_PRESSURE))
+
+
+def pressure_amplitude_from_spl(level: Tensor) -> Tensor:
+    """Peak amplitude (Pa) of a tone of a given sound pressure level, dB re 20 uPa rms."""
+    return 2**0.5 * REFERENCE_PRESSURE * 10 ** (level / 20)

@@ -19,8 +19,8 @@ from torch import Tensor
 
 REACH, KANTOROVICH = 0.3, 0.05
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.05, 0.25, 1e-9
-CORRECTIONS = 4  # from 0.05 quadratic convergence reaches rounding
-POLISHING = 4
+CORRECTIONS = 2  # from 0.05 to 1e-5 of the distance at which another root could be
+POLISHING = 6
 DOUBLE_CORRECTIONS = 12
 NEARBY = 1e-3  # a root that stalls short of a double one is within the root of the shortest step
 DOUBLE = 1e-12  # of |z|^2: F/F'' at a double root, where z itself has half the digits
@@ -39,19 +39,23 @@ class Values(NamedTuple):
 Function = Callable[[Tensor, Tensor, Tensor], Values]
 
 
-def follow_roots(function: Function, start: Tensor) -> tuple[Tensor, Tensor]:
+def follow_roots(
+    function: Function, start: Tensor, first_step: float = FIRST_STEP
+) -> tuple[Tensor, Tensor]:
     """Carry roots from t = 0 to t = 1.
 
     Args:
         function: ``function(z, t, index)`` gives the values at the items ``index`` of the batch;
             z, t and index have one length.
         start: roots at t = 0, complex128, (N,).
+        first_step: of t, that is tried.
     Returns:
         Roots at t = 1, (N,), and whether each arrived, (N,); one that stalled stays where it did.
     """
     root = start.clone()
+    longest = max(first_step, LONGEST_STEP)
     place = torch.zeros_like(start.real)
-    step = torch.full_like(place, FIRST_STEP)
+    step = torch.full_like(place, first_step)
     todo = torch.arange(len(start), device=start.device)
     for _ in range(MOST_STEPS):
         if not len(todo):
@@ -67,7 +71,7 @@ def follow_roots(function: Function, start: Tensor) -> tuple[Tensor, Tensor]:
         kept = todo[good]
         root[kept] = _newton(function, guess[good], ahead[good], kept, CORRECTIONS)
         place[kept] = ahead[good]
-        step[todo] = torch.where(good, (1.6 * step[todo]).clamp(max=LONGEST_STEP), step[todo] / 3)
+        step[todo] = torch.where(good, (1.6 * step[todo]).clamp(max=longest), step[todo] / 3)
         todo = todo[(place[todo] < 1) & (step[todo] > SHORTEST_STEP)]
     arrived = place == 1
     last = arrived.nonzero()[:, 0]

@@ -29,6 +29,7 @@ from torchliner.duct.relation import CONDITIONS, Duct, duct_of, relation
 __all__ = [
     "CONDITIONS",
     "DIRECTIONS",
+    "carry_wavenumber",
     "cut_on_frequency",
     "impedance_from_wavenumber",
     "wavenumber_from_impedance",
@@ -180,15 +181,17 @@ def _homogeneous(impedance: Tensor) -> tuple[Tensor, Tensor]:
 def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
     """Roots at Z from those at the rigid wall; by a turned ray where the straight one stalls."""
     rigid = (torch.ones_like(start), torch.zeros_like(start))
-    root, arrived = _straight(duct, start, rigid, _homogeneous(impedance))
+    root, arrived = carry_wavenumber(duct, start, rigid, _homogeneous(impedance))
     lost = (~arrived).nonzero()[:, 0]
     if len(lost):
         angle = impedance[lost].angle()
         aside = -DETOUR * torch.sign(angle + (angle == 0))
         between = _homogeneous(impedance[lost] * torch.polar(torch.ones_like(angle), aside))
         part, begin = duct.at(lost), (rigid[0][lost], rigid[1][lost])
-        via, _ = _straight(part, start[lost], begin, between)
-        root[lost], arrived[lost] = _straight(part, via, between, _homogeneous(impedance[lost]))
+        via, _ = carry_wavenumber(part, start[lost], begin, between)
+        root[lost], arrived[lost] = carry_wavenumber(
+            part, via, between, _homogeneous(impedance[lost])
+        )
     if not bool(arrived.all()):
         i = int((~arrived).nonzero()[0])
         raise RuntimeError(
@@ -202,8 +205,19 @@ def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
 Pair = tuple[Tensor, Tensor]
 
 
-def _straight(duct: Duct, start: Tensor, begin: Pair, end: Pair) -> tuple[Tensor, Tensor]:
-    """Follow roots while (a, b) runs straight from ``begin`` to ``end``."""
+def carry_wavenumber(
+    duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = 0.05
+) -> tuple[Tensor, Tensor]:
+    """Follow roots while the wall changes straight from one to another.
+
+    Args:
+        duct: (N,).
+        start: roots at ``begin``, (N,).
+        begin, end: walls (a, b) with a : b = Z : 1, (N,) each; neither is (0, 0).
+        first_step: share of the way that is tried first.
+    Returns:
+        Roots at ``end`` and whether each arrived there, (N,).
+    """
     a0, b0, a1, b1 = (*begin, *end)
 
     def values(alpha: Tensor, t: Tensor, index: Tensor) -> Values:
@@ -213,7 +227,7 @@ def _straight(duct: Duct, start: Tensor, begin: Pair, end: Pair) -> tuple[Tensor
         both = [a * r - b * s for r, s in zip(rigid, soft, strict=True)]
         return Values(both[0], both[1], both[2], da * rigid[0] - db * soft[0])
 
-    return follow_roots(values, start)
+    return follow_roots(values, start, first_step)
 
 
 def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:

@@ -4,11 +4,13 @@ from torchliner.records.audit import Audit, AuditRow
 from torchliner.records.burst_record import BurstRecord
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.reference_channel import ReferenceChannel
 from torchliner.records.uncertainty import Interval, Uncertainty
 from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
+from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "SOURCE_SIDES",
@@ -19,10 +21,12 @@ __all__ = [
     "ImpedanceMap",
     "Interval",
     "LineAverage",
+    "MicrophoneLine",
     "PointImpedances",
     "PressureRecord",
     "ReferenceChannel",
     "StoredVelocity",
     "Uncertainty",
     "VelocityPlane",
+    "WallEduction",
 ]

@@ -1,0 +1,94 @@
+"""The study of the measured duct, on a file made from one known wall."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+from conftest import load_script
+
+import torchliner as tl
+
+SPACING, HEIGHT, MACH, KELVIN = 0.055, 0.02, 0.25, 295.15
+SPEED = tl.Fluid.from_temperature(KELVIN).sound_speed
+FREQUENCY = np.arange(300.0, 1500.0, 100.0)
+NAMES = [
+    *("Mach-Number upstream", "Mach-Number downstream"),
+    *("temperature upstream", "temperature downstream", "f"),
+    *(f"Mic{i} US" for i in (1, 2, 3)),
+    *(f"Mic{i} Liner" for i in range(1, 11)),
+    *(f"Mic{i} DS" for i in (1, 2, 3)),
+    "case",
+]
+
+
+def wall(frequency):
+    """An ordinary resonator: 3 + j(0.9 k - cot 0.012 k)."""
+    k = 2 * np.pi * frequency / SPEED
+    return torch.from_numpy(3 + 1j * (0.9 * k - 1 / np.tan(0.012 * k)))
+
+
+def write_duct(path, cases=(0, 2, 3), names=NAMES):
+    """Waves with the source and a fifth of each back, over the wall and in the rigid ducts."""
+    about = {"height": HEIGHT, "mach": MACH, "sound_speed": SPEED}
+    down, up = (
+        tl.wavenumber_from_impedance(wall(FREQUENCY), FREQUENCY, direction=d, **about).numpy()
+        for d in ("downstream", "upstream")
+    )
+    k = 2 * np.pi * FREQUENCY / SPEED
+    rows = []
+    for case in cases:
+        mix = (1.0, 0.2) if case == 0 else (0.2, 1.0)
+        parts = []
+        for x, plus, minus in (
+            (np.array([-0.249, -0.059, 0.0]), k / (1 + MACH), -k / (1 - MACH)),
+            (SPACING * np.arange(10), down, up),
+            (np.array([0.0, 0.055, 0.248]), k / (1 + MACH), -k / (1 - MACH)),
+        ):
+            ahead = np.exp(-1j * plus[:, None] * (x - x[0]))
+            behind = np.exp(-1j * minus[:, None] * (x - x[-1]))
+            parts.append(mix[0] * ahead + mix[1] * behind)
+        for i, hertz in enumerate(FREQUENCY):
+            pressure = np.concatenate([part[i] for part in parts])
+            rows.append([MACH, MACH, KELVIN, KELVIN, hertz, *pressure, case])
+    np.savetxt(path, np.array(rows, dtype=complex), delimiter=",", header=",".join(names))
+
+
+def test_one_wall_has_no_mismatch(tmp_path, capsys):
+    """Both waves of both records give the wall; figure, numbers and apparent Mach number."""
+    write_duct(tmp_path / "duct.txt")
+    script = load_script("measured_mismatch")
+    script.main([str(tmp_path / "duct.txt"), "-o", str(tmp_path), "--draws", "4",
+                 "--heights", "20"])  # fmt: skip
+    said = capsys.readouterr().out
+    assert "plane waves before the liner: M = 0.250 leaves least, 0.0 %" in said
+    assert "|d alpha|/k 0.0000 in the median" in said
+    with (tmp_path / "measured_mismatch.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    methods = {(row["method"], row["reflected"]) for row in rows}
+    assert methods == {("Kumaresan-Tufts", "0"), ("two waves", "0"), ("two free waves", "0"),
+                       ("two free waves", "1")}  # fmt: skip
+    for row in rows:
+        found = float(row["z_real"]) + 1j * float(row["z_imag"])
+        wanted = complex(wall(np.array([float(row["frequency_hz"])]))[0])
+        assert abs(found - wanted) < 2e-3 * abs(wanted)  # four digits are written
+        positive = float(row["alpha_real_per_m"]) > 0
+        assert (row["direction"] == "downstream") == positive
+    assert (tmp_path / "measured_mismatch.png").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"names": [*NAMES[:-1], "run"]}, r"without \['case'\]; 22 columns"),
+        ({"cases": (0, 3)}, "the file holds no rows of case 2"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, change, match):
+    """A header that names other columns, a case that is missing."""
+    write_duct(tmp_path / "duct.txt", **change)
+    with pytest.raises(ValueError, match=match):
+        load_script("measured_mismatch").main([str(tmp_path / "duct.txt"), "-o", str(tmp_path),
+                                               "--draws", "2"])  # fmt: skip

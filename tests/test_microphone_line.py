@@ -1,0 +1,346 @@
+"""Lines of microphones: the record, its files, and signals beside a reference channel."""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import json
+import math
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from conftest import turbulence
+
+import torchliner as tl
+from torchliner.io.microphone_file import read_microphones, write_signals
+from torchliner.records import MicrophoneLine
+from torchliner.signals.reference_channel import reject_flow_noise
+
+RATE = 20e3
+PLACES = [0.012 * n for n in range(12)]
+
+
+def line_of(places=PLACES, frequency=(1000.0, 1500.0), batch=(), **about) -> MicrophoneLine:
+    """A decaying wave of 2 Pa, a little different in each case of a batch."""
+    about = {"duct_height": 0.05, "mach": 0.3, "source_side": "upstream", **about}
+    x = torch.tensor(places, dtype=torch.float64)[:, None]
+    f = torch.tensor(frequency, dtype=torch.float64)
+    alpha = 2 * math.pi * f / 343.2 / 1.3 * (1 - 0.1j)
+    pressure = 2 * torch.exp(-1j * alpha * x)
+    scale = 1 + torch.arange(math.prod(batch), dtype=torch.float64).reshape(*batch, 1, 1)
+    return MicrophoneLine(places, scale * pressure if batch else pressure, frequency, **about)
+
+
+# --- the record ---------------------------------------------------------------------------------
+
+
+def test_levels_by_hand():
+    """2 Pa peak is 96.99 dB; 1 Pa rms is 93.98 dB; j is +90 degrees."""
+    line = MicrophoneLine([0.0, 1.0], np.array([2.0, 2**0.5 * 1j]), 500.0, duct_height=0.05)
+    assert line.pressure.shape == (2, 1)
+    assert line.level[:, 0].tolist() == pytest.approx([96.9897, 93.9794], abs=1e-4)
+    assert line.phase[:, 0].tolist() == pytest.approx([0.0, 90.0])
+    again = MicrophoneLine.from_levels(
+        line.x, line.level, line.phase, 500.0, duct_height=0.05
+    )  # fmt: skip
+    assert float((again.pressure - line.pressure).abs().max()) < 1e-14
+
+
+def test_spacing_is_asked_for():
+    """An even grid within 0.5 %; the one microphone that is off is named."""
+    assert line_of().equally_spaced
+    assert line_of().require_equal_spacing("KT") == pytest.approx(0.012)
+    places = list(PLACES)
+    places[4] += 0.0005
+    line = line_of(places)
+    assert not line.equally_spaced
+    with pytest.raises(ValueError, match=r"KT needs equal spacing, but microphone 4 at x = 48\.5 mm"
+                       r" is \+0\.45 mm off an even grid of 12 mm"):  # fmt: skip
+        line.require_equal_spacing("KT")
+    places[4] = PLACES[4] + 0.00005
+    assert line_of(places).equally_spaced
+
+
+def test_selection():
+    """Microphones over the liner, away from its ends; each keeps its coherence."""
+    line = line_of(liner_start=0.01, liner_end=0.1, coherence=torch.rand(12, 2).double())
+    assert line.over_liner().x.tolist() == pytest.approx(PLACES[1:9])
+    assert torch.equal(line.over_liner().coherence, line.coherence[1:9])
+    assert torch.equal(line.over_liner().pressure, line.pressure[1:9])
+    assert line.over_liner(0.03).x.tolist() == pytest.approx(PLACES[4:6])
+    assert line_of().over_liner().microphones == 12
+    with pytest.raises(ValueError, match=r"has microphones 0 to 11; \[3, 12\] asked"):
+        line.select([3, 12])
+    with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
+        line_of(liner_start=0.02, liner_end=0.03).over_liner()
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"x": [0.0]}, "1 microphone is given; at least two make a line"),
+        ({"x": [0.0, 0.02, 0.01]}, "x goes from 20 mm at microphone 1 to 10 mm at 2; sort"),
+        ({"x": [0.0, 0.0, 0.01]}, "x goes from 0 mm at microphone 0 to 0 mm at 1"),
+        ({"x": [0.0, math.nan, 0.01]}, "x holds values that are not finite"),
+        ({"pressure": np.ones((2, 1)) + 0j}, r"shape \(2, 1\); 3 microphones and 1 frequencies"),
+        ({"pressure": np.array([1, 0, 1j])}, r"microphone 1 \(x = 10 mm\) is zero, which has no "
+         "level at 900 Hz"),
+        ({"pressure": np.array([1, math.inf, 1j])}, r"microphone 1 \(x = 10 mm\) is not finite"),
+        ({"frequency": 0.0}, r"frequency \(Hz\) is 0"),
+        ({"duct_height": 0.0}, r"duct_height \(m\) is 0"),
+        ({"duct_width": -1.0}, r"duct_width \(m\) is -1"),
+        ({"mach": 1.0}, r"mach is 1; it must be at least 0 .* and below 1 \(a Mach number"),
+        ({"mach": -0.3}, r"mach is -0\.3; it must be at least 0 \(count x along the flow\)"),
+        ({"source_side": "up"}, "unknown microphones: source_side 'up'; choose one of: upstream"),
+        ({"liner_start": 0.1}, "liner_start and liner_end go together"),
+        ({"liner_start": 0.1, "liner_end": 0.0}, "the liner runs from 100 to 0 mm"),
+        ({"coherence": np.ones((2, 1))}, r"coherence has shape \(2, 1\); \(3, 1\) is needed"),
+    ],
+)  # fmt: skip
+def test_records_are_checked(change, match):
+    good = {"x": [0.0, 0.01, 0.02], "pressure": np.array([1, 1j, -1]), "frequency": 900.0,
+            "duct_height": 0.05}  # fmt: skip
+    MicrophoneLine(**good)
+    with pytest.raises(ValueError, match=match):
+        MicrophoneLine(**{**good, **change})
+
+
+def test_levels_are_no_pressures():
+    """Real numbers are refused with the way out; pascals and radians are suspected aloud."""
+    with pytest.raises(TypeError, match=r"complex amplitudes in Pa are needed\. For SPL in dB and"):
+        MicrophoneLine([0.0, 0.1], np.array([130.0, 125.0]), 1000.0, duct_height=0.05)
+    line = line_of()
+    about = {"duct_height": 0.05, "name": "b2a.csv"}
+    with pytest.warns(tl.DataWarning, match=r"b2a.csv: the highest level is 2 dB; are these pasc"):
+        found = MicrophoneLine.from_levels(
+            line.x, line.pressure.abs(), line.phase, line.frequency, **about
+        )
+    assert "are these pascals" in found.notes[0]
+    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, while a plane wave turns "
+                      r"by 208 degrees along the line; are these radians"):  # fmt: skip
+        MicrophoneLine.from_levels(
+            line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about
+        )
+    with pytest.raises(ValueError, match="a level is 100000 dB, above 194 dB"):
+        MicrophoneLine.from_levels([0, 1], [1e5, 1.0], [0.0, 0.0], 900.0, **about)
+    with pytest.raises(ValueError, match=r"level has shape \(2,\), phase \(1,\)"):
+        MicrophoneLine.from_levels([0, 1], [90.0, 80.0], [0.0], 900.0, **about)
+
+
+# --- files --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", ["h5", "nc", "csv"])
+def test_files_give_the_line_back(tmp_path, ending):
+    """Everything through HDF5; through CSV all that its lines can say."""
+    line = line_of(
+        liner_start=0.0, liner_end=0.132, duct_width=0.05, liner="onera", title="a line",
+        fluid=tl.Fluid.from_temperature(290.0),
+    )  # fmt: skip
+    if ending != "csv":
+        line = dataclasses.replace(
+            line, notes=("doubt",), provenance={"a": 1}, reference={"true": 2 - 1j},
+            coherence=torch.rand(12, 2).double(),
+        )  # fmt: skip
+    path = tmp_path / f"line.{ending}"
+    line.write(path)
+    again = read_microphones(path)
+    assert float((again.pressure - line.pressure).abs().max()) < 1e-13
+    for label in ("x", "frequency", "coherence"):
+        mine, theirs = getattr(line, label), getattr(again, label)
+        assert (mine is None and theirs is None) or float((mine - theirs).abs().max()) < 1e-15
+    for label in ("duct_height", "duct_width", "mach", "source_side", "liner_start", "liner_end",
+                  "fluid", "liner", "title", "reference", "notes"):  # fmt: skip
+        assert getattr(again, label) == getattr(line, label), label
+    assert read_microphones(path, source_side="downstream").source_side == "downstream"
+
+
+def test_draws_are_kept_and_the_file_is_netcdf(tmp_path):
+    """Leading axes are dimensions; any netCDF reader understands the file."""
+    line = line_of(batch=(3, 2))
+    line.write(tmp_path / "draws.nc")
+    again = read_microphones(tmp_path / "draws.nc")
+    assert again.pressure.shape == (3, 2, 12, 2)
+    assert torch.equal(again.pressure, line.pressure)
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(tmp_path / "draws.nc", engine="h5netcdf") as data:
+        assert data.pressure_real.dims == ("draw", "draw_1", "microphone", "frequency")
+        assert data.pressure_real.attrs["units"] == "Pa"
+    with pytest.raises(ValueError, match=r"a .csv holds one line, not \(3, 2\); write .h5"):
+        line.write(tmp_path / "draws.csv")
+
+
+CSV = """# duct_height = 50 mm
+# mach = 0.3 1
+# temperature = 290 K
+# source_side = upstream
+# measured on a Tuesday
+x [mm];phase [deg];SPL [dB];frequency [kHz]
+12;-40,5;129,5;1,5
+0;10;130;1,5
+24;-91;129;1,5
+"""
+
+
+def test_a_table_by_hand(tmp_path):
+    """Columns and rows in any order, decimal commas, kHz; the gas from its temperature."""
+    path = tmp_path / "b2a.csv"
+    path.write_text(CSV)
+    line = read_microphones(path)
+    assert line.x.tolist() == [0.0, 0.012, 0.024]
+    assert line.frequency.tolist() == [1500.0]
+    assert line.level[:, 0].tolist() == pytest.approx([130.0, 129.5, 129.0])
+    assert line.phase[:, 0].tolist() == pytest.approx([10.0, -40.5, -91.0])
+    assert line.fluid == tl.Fluid.from_temperature(290.0)
+    text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
+    path.write_text("# frequency = 1.5 kHz\n" + text)
+    assert torch.equal(read_microphones(path).pressure, line.pressure)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("# duct_height = 50 mm\n", "", "the duct height is missing; add '# duct_height = 50 mm'"),
+        ("50 mm", "fifty mm", "line 1, duct_height is 'fifty mm'; it cannot be read"),
+        ("50 mm", "50 mn", r"line 1, duct_height has units 'mn' .did you mean 'm'"),
+        ("duct_height", "duct_hight", "line 1 states 'duct_hight' .did you mean 'duct_height'"),
+        ("x [mm]", "x", "column 'x' has no unit"),
+        ("SPL [dB]", "SPL [Pa]", "column 'spl' has units 'Pa'.*a level is needed in one of dB"),
+        ("SPL [dB]", "level [dB]", r"unknown column 'level \[dB\]'"),
+        ("SPL [dB]", "phase [deg]", "column 'phase' is named twice"),
+        ("x [mm];", "", "column 'x' is missing"),
+        ("frequency [kHz]", "frequency [MHz]", "column 'frequency' has units 'MHz'"),
+        (";frequency [kHz]", "", "no column 'frequency .Hz.' and no line"),
+        ("129,5", "loud", "line 7, column 'spl' is 'loud'; a number is needed"),
+        (";1,5\n0;", "\n0;", "line 7, column 'frequency' is ''; a number is needed"),
+        ("129;1,5", "129;1,2", "1.5 kHz|1500 Hz has 2 microphones, 1200 Hz 1, or they stand elsew"),
+        ("290 K", "17 K", "temperature is 17 K; Sutherland's law"),
+        ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
+        ("0.3", "1.3", "mach is 1.3; it must be"),
+    ],
+)  # fmt: skip
+def test_tables_with_faults(tmp_path, old, new, match):
+    path = tmp_path / "b2a.csv"
+    assert old in CSV
+    path.write_text(CSV.replace(old, new))
+    with pytest.raises(ValueError, match=match):
+        read_microphones(path)
+
+
+def test_other_files_are_refused(tmp_path):
+    header = [line for line in CSV.splitlines() if line.startswith(("#", "x"))]
+    for text, match in (
+        ("# mach = 0.3 1\n", "has no header line"),
+        ("\n".join(header), "holds no values: the file ends at line 6"),
+        ("", "is empty"),
+    ):
+        (tmp_path / "a.csv").write_text(text)
+        with pytest.raises(ValueError, match=match):
+            read_microphones(tmp_path / "a.csv")
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        read_microphones(tmp_path / "b.h5")
+    path = tmp_path / "c.h5"
+    for change, match in (
+        (
+            lambda f: f.attrs.__setitem__("schema", "other"),
+            "its schema is 'other', not 'torchliner",
+        ),
+        (lambda f: f.__delitem__("duct_height"), ":/duct_height is missing"),
+        (lambda f: f.__delitem__("x"), ":/x is missing"),
+        (lambda f: f.__delitem__("pressure_imag"), ":/pressure_imag is missing"),
+        (lambda f: f.__delitem__("pressure_real"), ":/pressure is missing"),
+        (lambda f: f["pressure_real"].attrs.__setitem__("units", "dB"), "units 'dB'"),
+        (lambda f: f.attrs.__setitem__("notes", "{"), "attribute 'notes' is not JSON"),
+    ):
+        line_of().write(path)
+        with h5py.File(path, "a") as file:
+            change(file)
+        with pytest.raises(ValueError, match=match):
+            read_microphones(path)
+
+
+# --- signals and flow noise ---------------------------------------------------------------------
+
+
+def signals_of(line: MicrophoneLine, samples: int, noise: float, seed: int = 0):
+    """Tones in turbulence of an rms (Pa), and the loudspeaker's voltage, 3 V peak at 40 degrees."""
+    time = torch.arange(samples, dtype=torch.float64) / RATE
+    turns = torch.exp(2j * math.pi * line.frequency[:, None] * time)
+    drive = 3 * cmath.exp(40j * math.pi / 180)
+    clean = (line.pressure @ (turns * drive / 3)).real
+    flow = turbulence((line.microphones, samples), seed, rms=noise) if noise else 0.0
+    return clean + flow, (drive * turns).real.sum(0)
+
+
+def test_tones_come_back_with_the_phase_of_the_reference():
+    """Without noise: amplitude to rounding, phase relative to the loudspeaker, coherence 1."""
+    line = line_of()
+    pressure, reference = signals_of(line, 16000, 0.0)
+    found = reject_flow_noise(pressure, reference, line.frequency, RATE)
+    assert float((found.amplitude - line.pressure).abs().max()) < 1e-9
+    assert float((found.coherence - 1).abs().max()) < 1e-9
+    assert found.segments == 15
+
+
+def test_flow_noise_is_rejected_and_its_error_predicted():
+    """At coherences near 0.9 the scatter over 60 records is the predicted one, without bias."""
+    line = line_of(places=PLACES[:6], frequency=(1500.0,))
+    found = []
+    for seed in range(60):
+        pressure, reference = signals_of(line, 8000, noise=4.0, seed=seed)
+        found.append(reject_flow_noise(pressure, reference, line.frequency, RATE))
+    errors = torch.stack([one.amplitude / line.pressure - 1 for one in found])
+    coherence = torch.stack([one.coherence for one in found])
+    assert 0.85 < float(coherence.mean()) < 0.95
+    # 360 values: their standard deviation is known to 4 %.
+    predicted = torch.stack([one.relative_error for one in found]).square().mean().sqrt()
+    for part in (errors.real, errors.imag):
+        assert float(part.std() / predicted) == pytest.approx(1.0, abs=0.1)
+        assert abs(float(part.mean())) < 4 * float(part.std()) / 360**0.5
+    # The raw level of a segment holds the noise too; that much is rejected.
+    assert float(found[0].rejected_level.max()) > 0.5
+
+
+def test_signal_files(tmp_path):
+    """Signals and reference through a file; what was rejected is in the provenance."""
+    line = line_of()
+    pressure, reference = signals_of(line, 16000, noise=0.5)
+    path = tmp_path / "signals.h5"
+    write_signals(line, pressure, reference, RATE, path)
+    found = read_microphones(path)
+    assert float((found.pressure / line.pressure - 1).abs().max()) < 0.02
+    report = found.provenance["flow_noise"]
+    assert report["segments"] == 15
+    assert 0 < report["largest_rejected_level_db"] < 0.1
+    assert json.loads(json.dumps(report)) == report
+    one = read_microphones(path, 1500.0, segment=0.02)
+    assert one.frequency.tolist() == [1500.0]
+    with pytest.raises(ValueError, match=r"reference \(10,\); \(12, T\) and \(T,\) are needed"):
+        write_signals(line, pressure, reference[:10], RATE, path)
+    with h5py.File(path, "a") as file:
+        del file["reference"]
+    with pytest.raises(ValueError, match=":/reference is missing"):
+        read_microphones(path)
+
+
+def test_signals_that_tell_nothing(tmp_path):
+    line = line_of(frequency=(1500.0,))
+    pressure, reference = signals_of(line, 16000, noise=0.0)
+    with pytest.warns(tl.DataWarning, match="flow noise alone reaches that once in a hundred"):
+        found = reject_flow_noise(
+            turbulence((2, 16000), seed=4), reference, line.frequency, RATE, name="kulites"
+        )
+    assert found.notes[0].startswith("kulites: the coherence with the reference is 0.")
+    with pytest.raises(ValueError, match="the reference has no tone at 1500 Hz"):
+        reject_flow_noise(pressure, 0 * reference, line.frequency, RATE)
+    with pytest.raises(ValueError, match=r"3 segments of 0\.4 s fit; at least 8"):
+        reject_flow_noise(pressure, reference, line.frequency, RATE, segment=0.4)
+    with pytest.raises(ValueError, match="the reference has 100 samples, the microphones 16000"):
+        reject_flow_noise(pressure, reference[:100], line.frequency, RATE)
+    write_signals(line, pressure, reference, RATE, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        del file["frequency"]
+    with pytest.raises(ValueError, match="states no frequency"):
+        read_microphones(tmp_path / "a.h5")

@@ -1,0 +1,343 @@
+"""Kumaresan and Tufts on synthetic lines: exact without noise, errors as they are drawn."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+from conftest import relative_error
+
+import torchliner as tl
+from torchliner.duct.dispersion import CONDITIONS, cut_on_frequency, wavenumber_from_impedance
+from torchliner.eduction.exponentials import find_exponentials
+from torchliner.eduction.microphone_errors import draw_pressures
+from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.records import MicrophoneLine, WallEduction
+
+HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
+FREQUENCY = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)
+WALLS = torch.tensor([0.8 - 1.2j, 1.5 + 0.3j, 2.33 - 0.3j], dtype=torch.complex128)
+X = torch.arange(COUNT, dtype=torch.float64) * SPACING
+OTHER = {"upstream": "downstream", "downstream": "upstream"}
+
+
+def wave(side: str, x=X, *, mach=0.3, walls=WALLS, condition="ingard-myers", mode=0, back=False):
+    """e^{-j alpha x} of the mode that runs away from a source on one side, 1 at its end of x;
+    ``back`` is the one that runs towards it, 1 at the other end."""
+    direction = side if back else OTHER[side]
+    alpha = wavenumber_from_impedance(
+        walls, FREQUENCY, height=HEIGHT, mach=mach, condition=condition, direction=direction,
+        mode=mode,
+    )  # fmt: skip
+    origin = x[0] if (side == "upstream") != back else x[-1]
+    return torch.exp(-1j * alpha * (x[:, None] - origin)), alpha
+
+
+def line_of(pressure, side="upstream", x=X, **about) -> MicrophoneLine:
+    about = {"duct_height": HEIGHT, "mach": 0.3, "source_side": side, **about}
+    return MicrophoneLine(x, pressure, about.pop("frequency", FREQUENCY), **about)
+
+
+# --- without noise ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", OTHER)
+@pytest.mark.parametrize(("rank", "order"), [(1, 1), (1, 6), (2, 2), (2, 4), (3, 6), (6, 6)])
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_one_wave_is_exact(side, rank, order, condition):
+    """Z in is Z out to 1e-10 at any order, and a rank above the one wave that is there."""
+    pressure, alpha = wave(side, condition=condition)
+    found = kumaresan_tufts(line_of(100 * pressure, side), rank=rank, order=order,
+                            condition=condition)  # fmt: skip
+    assert relative_error(found.impedance, WALLS) < 1e-10
+    assert relative_error(found.wavenumber, alpha) < 1e-11
+    assert float(found.residual.max()) < 1e-12
+    assert found.singular_values.shape == (order, 3)
+    if order > 1:  # one wave, one singular value
+        assert float((found.singular_values[1:] / found.singular_values[0]).max()) < 1e-13
+    assert relative_error(found.pressure_at(X), 100 * pressure) < 1e-10
+    assert float((found.level_at(X) - line_of(100 * pressure).level).abs().max()) < 1e-9
+
+
+@pytest.mark.parametrize("side", OTHER)
+@pytest.mark.parametrize(("rank", "order"), [(2, 2), (2, 3), (2, 6), (3, 6)])
+def test_incident_and_reflected(side, rank, order):
+    """Both waves come out with their amplitudes; the impedance is that of the one from the source,
+    even where it has less energy over the array."""
+    there, alpha = wave(side)
+    back, beta = wave(side, back=True)
+    amplitude = 600 * np.exp(0.7j)
+    found = kumaresan_tufts(line_of(100 * there + amplitude * back, side), rank=rank, order=order)
+    # Both waves are of one wall: the impedance alone could not tell which was taken.
+    assert relative_error(found.wavenumber, alpha) < 1e-9
+    assert relative_error(found.impedance, WALLS) < 1e-9
+    strongest = found.amplitudes.abs().argsort(0, descending=True)[:2]
+    modes = found.modes.gather(0, strongest)
+    for f in range(len(FREQUENCY)):
+        wanted = {complex(alpha[f]), complex(beta[f])}
+        for mode in modes[:, f].tolist():
+            assert min(abs(mode - each) for each in wanted) < 1e-9
+    assert relative_error(found.pressure_at(X), 100 * there + amplitude * back) < 1e-9
+
+
+def test_of_two_modes_the_stronger_one():
+    """Mode 1 beside mode 0: their energies over the array decide, not their order."""
+    plane, first = wave("upstream")[0], wave("upstream", mode=1)[0]
+    for weights, mode in (((100, 30), 0), ((0.3, 100), 1)):
+        pressure = weights[0] * plane + weights[1] * first
+        found = kumaresan_tufts(line_of(pressure), rank=2, order=4)
+        wanted = wave("upstream", mode=mode)[1]
+        assert relative_error(found.wavenumber, wanted) < 1e-8
+        assert relative_error(found.impedance, WALLS) < 1e-7
+
+
+def test_sides_mirror_each_other_without_flow():
+    """Read backwards the same duct has the same impedance and minus the wavenumber; with flow
+    a source on the other side is another wave."""
+    pressure = wave("upstream", mach=0.0)[0]
+    one = kumaresan_tufts(line_of(pressure, mach=0.0))
+    other = kumaresan_tufts(line_of(pressure.flip(0), "downstream", mach=0.0))
+    assert torch.equal(one.wavenumber, -other.wavenumber)
+    assert torch.equal(one.impedance, other.impedance)
+    assert (one.origin, other.origin) == (float(X[0]), float(X[-1]))
+    alpha = [wave(side)[1] for side in OTHER]
+    assert float((alpha[0] + alpha[1]).abs().min()) > 5.0
+
+
+def test_amplitude_and_place_do_not_matter():
+    """Z is that of the wavenumber: neither gain, phase nor origin of x enters."""
+    pressure = wave("upstream")[0] + 0.2 * wave("upstream", back=True)[0]
+    one = kumaresan_tufts(line_of(pressure))
+    two = kumaresan_tufts(line_of((3 - 40j) * pressure, x=X + 0.437))
+    assert relative_error(two.impedance, one.impedance) < 1e-9
+
+
+def test_microphones_over_the_liner_alone_are_used():
+    """Those before and behind it see other waves; ``margin`` keeps off its ends."""
+    pressure = wave("upstream")[0].clone()
+    pressure[:2] = 50.0
+    pressure[-1] = 9j
+    line = line_of(pressure, liner_start=float(X[2]) - 1e-3, liner_end=float(X[-2]) + 1e-3)
+    found = kumaresan_tufts(line)
+    assert found.x.tolist() == X[2:-1].tolist()
+    assert found.order == 4
+    assert relative_error(found.impedance, WALLS) < 1e-10
+    assert len(kumaresan_tufts(line, margin=2e-3).x) == 7
+
+
+def test_exponentials_by_hand():
+    """1, 1/2, 1/4, 1/8: lambda = 1/2, a = 1, energy all of it."""
+    signal = torch.tensor([1, 0.5, 0.25, 0.125], dtype=torch.complex128)
+    found = find_exponentials(signal, 1, 1)
+    assert complex(found.ratio[0]) == pytest.approx(0.5)
+    assert complex(found.amplitude[0]) == pytest.approx(1.0)
+    assert float(found.energy[0]) == pytest.approx(1.0)
+    growing = find_exponentials(signal.flip(0), 1, 2)
+    assert complex(growing.ratio[0]) == pytest.approx(2.0)
+    assert complex(growing.amplitude[0]) == pytest.approx(0.125)
+
+
+# --- errors of the microphones ------------------------------------------------------------------
+
+
+def noisy(pressure, count: int, seed: int):
+    """Independent realisations, through levels and phases, 0.1 dB and 0.1 degrees."""
+    random = np.random.default_rng(seed)
+    line = line_of(pressure)
+    level = line.level.numpy() + 0.1 * random.standard_normal((count, *line.pressure.shape))
+    phase = line.phase.numpy() + 0.1 * random.standard_normal((count, *line.pressure.shape))
+    return MicrophoneLine.from_levels(X, level, phase, FREQUENCY, duct_height=HEIGHT, mach=0.3,
+                                      source_side="upstream")  # fmt: skip
+
+
+def test_drawn_deviation_is_the_scatter_of_realisations():
+    """One measurement with its draws against 500 measurements: 3 % a standard deviation from 500
+    values, twice, and the measurement's own slope differs from the mean one by a few %."""
+    pressure = 100 * wave("upstream")[0] + 30 * wave("upstream", back=True)[0]
+    scatter = kumaresan_tufts(noisy(pressure, 500, seed=1)).impedance
+    one = noisy(pressure, 1, seed=2)
+    found = kumaresan_tufts(
+        dataclasses.replace(one, pressure=one.pressure[0]), draws=500,
+        generator=torch.Generator().manual_seed(3),
+    )  # fmt: skip
+    assert found.draws.impedance.shape == (500, 3)
+    # 600 Hz is too nonlinear in 0.1 dB for one number: its scatter is a fifth of Z.
+    for part in ("real", "imag"):
+        drawn = getattr(found.standard_deviation, part)[1:]
+        seen = getattr(scatter, part).std(0)[1:]
+        assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
+    assert float((found.mean - WALLS).abs()[2]) < 4 * float(found.standard_deviation[2].abs())
+
+
+def test_deviation_grows_with_the_errors():
+    """Linear where small: ten times the errors, ten times the deviation; none, none."""
+    line = line_of(100 * wave("upstream")[0])
+    deviations = [
+        kumaresan_tufts(line, rank=1, draws=200, level_error=e, phase_error=e).standard_deviation
+        for e in (0.0, 1e-3, 1e-2)
+    ]
+    assert float(deviations[0].abs().max()) < 1e-11
+    # Second order is 1e-2 of the first at 0.01 dB.
+    assert float((deviations[2] / deviations[1]).real.sub(10).abs().max()) < 0.1
+
+
+def test_draws_are_reproducible_and_summed_up():
+    """Seed 0 unless a generator is given; quantiles and means are those of the draws."""
+    line = line_of(100 * wave("upstream")[0])
+    one, two = (kumaresan_tufts(line, draws=50) for _ in range(2))
+    assert torch.equal(one.draws.impedance, two.draws.impedance)
+    other = kumaresan_tufts(line, draws=50, generator=torch.Generator().manual_seed(9))
+    assert not torch.equal(one.draws.impedance, other.draws.impedance)
+    drawn = one.draws.impedance.numpy()
+    low, high = one.interval(0.9)
+    assert low.real.tolist() == pytest.approx(np.quantile(drawn.real, 0.05, axis=0).tolist())
+    assert high.imag.tolist() == pytest.approx(np.quantile(drawn.imag, 0.95, axis=0).tolist())
+    assert one.mean.tolist() == pytest.approx(drawn.mean(0).tolist())
+    assert one.standard_deviation.imag.tolist() == pytest.approx(drawn.imag.std(0, ddof=1).tolist())
+    alpha = one.draws.wavenumber.numpy()
+    assert one.wavenumber_deviation.real.tolist() == pytest.approx(
+        alpha.real.std(0, ddof=1).tolist()
+    )
+    assert one.failed.tolist() == [0, 0, 0]
+    assert one.choices["draws"] == 50
+
+
+def test_drawn_errors_are_what_they_say():
+    """0.1 dB and 0.1 degrees, independent of each other and of place."""
+    pressure = torch.full((2, 3), 5j, dtype=torch.complex128)
+    drawn = draw_pressures(pressure, 20000, torch.Generator().manual_seed(0),
+                           level_error=0.1, phase_error=0.2)  # fmt: skip
+    assert drawn.shape == (20000, 2, 3)
+    level = 20 * torch.log10(drawn.abs() / 5)
+    phase = torch.rad2deg((drawn / pressure).angle())
+    # 1/sqrt(40000) = 0.5 % on each deviation; six places.
+    assert float((level.std(0) / 0.1 - 1).abs().max()) < 0.02
+    assert float((phase.std(0) / 0.2 - 1).abs().max()) < 0.02
+    both = torch.cat([level.reshape(20000, 6), phase.reshape(20000, 6)], 1)
+    correlation = torch.corrcoef(both.T) - torch.eye(12, dtype=torch.float64)
+    assert float(correlation.abs().max()) < 0.03
+
+
+# --- batches ------------------------------------------------------------------------------------
+
+
+def test_batch_is_the_loop():
+    """Cases and frequencies do not know each other."""
+    line = noisy(100 * wave("upstream")[0] + 20 * wave("upstream", back=True)[0], 6, seed=5)
+    shaped = dataclasses.replace(line, pressure=line.pressure.reshape(2, 3, COUNT, 3))
+    together = kumaresan_tufts(shaped)
+    assert together.impedance.shape == (2, 3, 3)
+    assert together.modes.shape == (2, 3, 2, 3)
+    for i in range(2):
+        for j in range(3):
+            for f in range(3):
+                alone = kumaresan_tufts(
+                    dataclasses.replace(
+                        shaped, pressure=shaped.pressure[i, j, :, f : f + 1],
+                        frequency=FREQUENCY[f : f + 1],
+                    )
+                )  # fmt: skip
+                error = abs(complex(alone.impedance[0] - together.impedance[i, j, f]))
+                assert error < 1e-12 * abs(complex(alone.impedance[0]))
+
+
+def test_single_precision_data():
+    """complex64 in, computed in double: what is lost is what the data lost."""
+    pressure = 100 * wave("upstream")[0] + 20 * wave("upstream", back=True)[0]
+    found = kumaresan_tufts(line_of(pressure.to(torch.complex64)))
+    assert found.impedance.dtype == torch.complex128
+    assert relative_error(found.impedance, WALLS) < 1e-3
+
+
+# --- doubts and bad input -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"order": 7}, "12 microphones are fewer than twice the order, 7; lower the order to 6"),
+        ({"order": 0}, "fewer than twice the order, 0"),
+        ({"rank": 7}, "rank is 7; it must be 1 to the order, 6"),
+        ({"rank": 0}, "rank is 0"),
+        ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
+        ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
+        ({"draws": -1}, "draws is -1; at least 1"),
+        ({"draws": 5, "level_error": -0.1}, r"level_error \(dB\) is -0\.1; it must be finite"),
+        ({"draws": 5, "phase_error": math.nan}, r"phase_error \(degrees\) is nan"),
+        ({"margin": 0.2}, "0 microphones lie over the liner"),
+    ],
+)
+def test_refusals(options, match):
+    line = line_of(wave("upstream")[0], liner_start=-0.01, liner_end=0.15)
+    with pytest.raises(ValueError, match=match):
+        kumaresan_tufts(line, **options)
+
+
+def test_unequal_spacing_names_the_microphone():
+    x = X.clone()
+    x[7] += 1e-3
+    with pytest.raises(ValueError, match=r"method needs equal spacing, but microphone 7 at x = "
+                       r"85 mm is \+0\.9\d* mm off an even grid of 12 mm"):  # fmt: skip
+        kumaresan_tufts(line_of(wave("upstream", x)[0], x=x))
+
+
+def test_unknown_side_is_asked_for():
+    with pytest.raises(ValueError, match="source_side is 'unknown'"):
+        kumaresan_tufts(line_of(wave("upstream")[0], side="unknown"))
+
+
+def test_a_source_on_the_wrong_side():
+    """Nothing runs away from it; the message says what to look at."""
+    line = line_of(wave("upstream")[0], side="downstream")
+    with pytest.raises(RuntimeError, match="none of the waves found runs away from a source downs"):
+        kumaresan_tufts(line, rank=1)
+    conjugated = line_of(wave("upstream")[0].conj())
+    with pytest.raises(RuntimeError, match=r"the phases of the other sign \(exp\(\+j omega t\)"):
+        kumaresan_tufts(conjugated, rank=1)
+
+
+def test_doubts_are_warned_of_and_kept():
+    """Higher modes, half a wavelength, a wave that gains, frequencies without a wave."""
+    limit = cut_on_frequency(HEIGHT, 0.3, tl.Fluid().sound_speed)
+    frequency = torch.tensor([1000.0, 1500.0, limit + 1]).double()
+    line = line_of(wave("upstream")[0], frequency=frequency)
+    with pytest.warns(tl.DataWarning, match=rf"from {limit:.4g} Hz on the duct's height, 50 mm, car"
+                      r"ries a higher mode .* 1 of 3 frequencies"):  # fmt: skip
+        found = kumaresan_tufts(line)
+    assert len(found.notes) == 1
+    with pytest.warns(tl.DataWarning, match="the duct's width, 150 mm"):
+        kumaresan_tufts(line_of(wave("upstream")[0], duct_width=0.15))
+    x = torch.arange(12).double() * 0.2
+    with pytest.warns(
+        tl.DataWarning, match=r"above 1115 Hz the spacing, 200 mm, is more than half"
+    ):
+        kumaresan_tufts(line_of(torch.exp(-1j * (5 - 0.5j) * x[:, None]).expand(-1, 3), x=x))
+    gain = torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)
+    with pytest.warns(tl.DataWarning, match="the resistance is negative at 3 of 3 values"):
+        kumaresan_tufts(line_of(gain))
+    mixed = wave("upstream")[0].clone()
+    mixed[:, 1] = mixed[:, 1].conj()
+    with pytest.warns(tl.DataWarning, match="at 1 of 3 values no wave .* first at 1000 Hz"):
+        found = kumaresan_tufts(line_of(mixed), rank=1, draws=10)
+    assert torch.isnan(found.impedance[1].real)
+    assert found.failed.tolist() == [0, 10, 0]
+    assert "10 of 30 draws have no impedance" in found.notes[-1]
+    assert torch.isfinite(found.mean[[0, 2]]).all()
+
+
+def test_results_are_checked():
+    found = kumaresan_tufts(line_of(wave("upstream")[0]))
+    with pytest.raises(ValueError, match="no draws were made; educe with draws=500"):
+        _ = found.mean
+    with pytest.raises(ValueError, match="level is 95; it must be between 0 and 1"):
+        found.interval(95)
+    with pytest.raises(ValueError, match=r"residual has shape \(2,\); \(3,\) is needed"):
+        dataclasses.replace(found, residual=found.residual[:2])
+    with pytest.raises(ValueError, match=r"wavenumber has shape \(3,\) for 1 frequencies"):
+        dataclasses.replace(found, frequency=FREQUENCY[:1])
+    with pytest.raises(TypeError, match=r"impedance is torch\.float64"):
+        dataclasses.replace(found, impedance=found.residual)
+    assert isinstance(found, WallEduction)

@@ -1,0 +1,292 @@
+"""Pressure in: complex amplitudes at microphones along a duct."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import (
+    DataWarning,
+    frequency_tensor,
+    plain_number,
+    real_tensor,
+    require_choice,
+    require_positive,
+)
+from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
+from torchliner.fluid import Fluid
+from torchliner.records.velocity_plane import SOURCE_SIDES
+
+EQUAL_SPACING = 5e-3  # of the mean spacing
+LOUDEST = 194.0  # dB: a peak of one atmosphere
+LIKE_PASCALS = 20.0  # dB, below any duct's sound
+TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
+
+
+@dataclass(frozen=True, eq=False)
+class MicrophoneLine:
+    r"""Complex pressure amplitudes of tones along a straight duct with a lined wall.
+
+    Args:
+        x: places along the flow, m, increasing, (N,).
+        pressure: complex PEAK amplitude p in Pa of :math:`Re(p e^{j\omega t})`, (..., N, F);
+            (..., N) for a single frequency. Leading axes are cases of one line, as draws.
+        frequency: Hz, (F,).
+        duct_height: H, m, from the liner to the opposite wall.
+        mach: bulk Mach number of the flow along +x, 0 to 1.
+        source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
+            ``unknown`` until it is needed.
+        duct_width: m, across; only for the cut-on of spanwise modes.
+        liner_start, liner_end: x of the liner's ends, m.
+        coherence: squared, with the reference channel, 0 to 1, (N, F), if one was recorded.
+        fluid: gas of the data.  liner: name of the liner.
+        reference: independent impedances of the same case, normalised, by name.
+        title, provenance: where the data come from.  notes: doubts, with numbers.
+        name: how messages call it (a file's name).
+    Raises:
+        TypeError: the pressure is not complex, as levels in dB are not.
+        ValueError: fewer than two microphones, places that do not increase, shapes that disagree,
+            a pressure that is zero or not finite, mach outside 0 to 1, a length out of range.
+    """
+
+    x: Any
+    pressure: Any
+    frequency: Any
+    duct_height: float = field(kw_only=True)
+    mach: float = field(default=0.0, kw_only=True)
+    source_side: str = field(default="unknown", kw_only=True)
+    duct_width: float | None = field(default=None, kw_only=True)
+    liner_start: float | None = field(default=None, kw_only=True)
+    liner_end: float | None = field(default=None, kw_only=True)
+    coherence: Any = field(default=None, kw_only=True)
+    fluid: Fluid = field(default_factory=Fluid, kw_only=True)
+    liner: str = field(default="", kw_only=True)
+    reference: Mapping[str, complex] = field(default_factory=dict, kw_only=True)
+    title: str = field(default="", kw_only=True)
+    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
+    name: str = field(default="microphones", kw_only=True)
+
+    def __post_init__(self) -> None:
+        frequency = frequency_tensor(self.frequency)
+        object.__setattr__(self, "frequency", frequency)
+        self._check_places()
+        self._check_pressure(len(frequency))
+        require_positive(f"{self.name}: duct_height (m)", self.duct_height)
+        if self.duct_width is not None:
+            require_positive(f"{self.name}: duct_width (m)", self.duct_width)
+        if not 0 <= plain_number(self.mach) < 1:
+            raise ValueError(
+                f"{self.name}: mach is {plain_number(self.mach):g}; it must be at least 0 (count x "
+                "along the flow) and below 1 (a Mach number, not m/s)"
+            )
+        require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
+        start, end = self.liner_start, self.liner_end
+        if (start is None) != (end is None):
+            raise ValueError(f"{self.name}: liner_start and liner_end go together; give both")
+        if start is not None and end is not None and not start < end:
+            raise ValueError(
+                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; its start "
+                "must be below its end"
+            )
+
+    @classmethod
+    def from_levels(
+        cls, x: Any, level: Any, phase: Any, frequency: Any, **about: Any
+    ) -> MicrophoneLine:
+        """A line from levels and phases, as measurements are tabulated.
+
+        Args:
+            x: m, (N,).
+            level: SPL, dB re 20 uPa rms, (..., N, F) or (..., N).
+            phase: of the pressure in exp(+j omega t), DEGREES, of the same shape.
+            frequency: Hz.
+            about: further fields of the record.
+        Raises:
+            ValueError: shapes differ, a level is above that of one atmosphere.
+        Warns:
+            DataWarning: levels that look like pascals, phases that look like radians.
+        """
+        levels, phases = real_tensor(level), real_tensor(phase)
+        name = about.get("name", "microphones")
+        if levels.shape != phases.shape:
+            raise ValueError(
+                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; one "
+                "of each belongs to every microphone and frequency"
+            )
+        if levels.numel() and float(levels.max()) > LOUDEST:
+            raise ValueError(
+                f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
+                "amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
+            )
+        size = pressure_amplitude_from_spl(levels)
+        line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
+        notes = _doubts(line, levels, phases)
+        for note in notes:
+            warnings.warn(note, DataWarning, stacklevel=2)
+        return replace(line, notes=line.notes + notes)
+
+    def _check_places(self) -> None:
+        x = torch.as_tensor(np.asarray(self.x, dtype=np.float64)).reshape(-1)
+        if len(x) < 2:
+            raise ValueError(f"{self.name}: {len(x)} microphone is given; at least two make a line")
+        if not bool(torch.isfinite(x).all()):
+            raise ValueError(f"{self.name}: x holds values that are not finite")
+        back = (x.diff() <= 0).nonzero()
+        if len(back):
+            i = int(back[0])
+            raise ValueError(
+                f"{self.name}: x goes from {1e3 * float(x[i]):g} mm at microphone {i} to "
+                f"{1e3 * float(x[i + 1]):g} mm at {i + 1}; sort the microphones by x, each once"
+            )
+        object.__setattr__(self, "x", x)
+
+    def _check_pressure(self, frequencies: int) -> None:
+        pressure = self.pressure
+        pressure = (
+            pressure if isinstance(pressure, Tensor) else torch.as_tensor(np.asarray(pressure))
+        )
+        if not pressure.is_complex():
+            raise TypeError(
+                f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
+                "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
+            )
+        count = len(self.x)
+        if frequencies == 1 and pressure.shape[-1:] == (count,):
+            pressure = pressure[..., None]
+        if pressure.ndim < 2 or pressure.shape[-2:] != (count, frequencies):
+            raise ValueError(
+                f"{self.name}: pressure has shape {tuple(pressure.shape)}; {count} microphones and "
+                f"{frequencies} frequencies need (..., {count}, {frequencies})"
+            )
+        for what, bad in (
+            ("is not finite", ~torch.isfinite(pressure)),
+            ("is zero, which has no level", pressure == 0),
+        ):
+            if bool(bad.any()):
+                place = bad.nonzero()[0].tolist()
+                raise ValueError(
+                    f"{self.name}: the pressure of microphone {place[-2]} (x = "
+                    f"{1e3 * float(self.x[place[-2]]):g} mm) {what} at "
+                    f"{float(self.frequency[place[-1]]):g} Hz; leave that microphone out"
+                )
+        object.__setattr__(self, "pressure", pressure)
+        if self.coherence is not None:
+            coherence = real_tensor(self.coherence)
+            if coherence.shape != (count, frequencies):
+                raise ValueError(
+                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; "
+                    f"({count}, {frequencies}) is needed"
+                )
+            object.__setattr__(self, "coherence", coherence)
+
+    @property
+    def microphones(self) -> int:
+        """N."""
+        return len(self.x)
+
+    @property
+    def level(self) -> Tensor:
+        """SPL, dB re 20 uPa rms, (..., N, F)."""
+        return spl_from_pressure_amplitude(self.pressure)
+
+    @property
+    def phase(self) -> Tensor:
+        """Degrees, -180 to 180, (..., N, F)."""
+        return torch.rad2deg(self.pressure.angle())
+
+    @property
+    def spacing(self) -> float:
+        """Mean distance of neighbours, m."""
+        return float(self.x[-1] - self.x[0]) / (self.microphones - 1)
+
+    @property
+    def equally_spaced(self) -> bool:
+        """Whether every microphone is within 0.5 % of the spacing of its place on an even grid."""
+        return float(self._offsets().abs().max()) <= EQUAL_SPACING * self.spacing
+
+    def require_equal_spacing(self, method: str) -> float:
+        """The spacing, m, for a method that needs equal ones.
+
+        Raises:
+            ValueError: a microphone is off the even grid; the worst one is named.
+        """
+        if not self.equally_spaced:
+            off = self._offsets()
+            worst = int(off.abs().argmax())
+            raise ValueError(
+                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
+                f"{1e3 * float(self.x[worst]):.6g} mm is {1e3 * float(off[worst]):+.3g} mm off an "
+                f"even grid of {1e3 * self.spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of "
+                "it); leave microphones out until the rest is even, or use the two-wave fit"
+            )
+        return self.spacing
+
+    def _offsets(self) -> Tensor:
+        """Of each microphone from the even grid that fits them best, m."""
+        number = torch.arange(self.microphones) - (self.microphones - 1) / 2
+        off = self.x - self.x.mean()
+        return off - number * (number * off).sum() / number.square().sum()
+
+    def select(self, microphones: Sequence[int] | Tensor) -> MicrophoneLine:
+        """The line with some of its microphones, by index."""
+        index = torch.as_tensor(microphones, dtype=torch.int64).reshape(-1)
+        if len(index) and not bool(((index >= 0) & (index < self.microphones)).all()):
+            raise ValueError(
+                f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked"
+            )
+        return replace(
+            self,
+            x=self.x[index],
+            pressure=self.pressure[..., index, :],
+            coherence=None if self.coherence is None else self.coherence[index],
+        )
+
+    def over_liner(self, margin: float = 0.0) -> MicrophoneLine:
+        """The microphones over the liner, at least ``margin`` (m) from its ends.
+
+        A line that does not say where its liner is, is taken to lie over it.
+        """
+        if self.liner_start is None or self.liner_end is None:
+            return self
+        inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)
+        if int(inside.sum()) < 2:
+            raise ValueError(
+                f"{self.name}: {int(inside.sum())} microphones lie over the liner, "
+                f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of "
+                f"{1e3 * margin:g} mm; at least two are needed"
+            )
+        return self.select(inside.nonzero()[:, 0])
+
+    def write(self, path: str | Path) -> None:
+        """Write netCDF-4, or CSV if the name ends in .csv; see docs/wall_pressure.md."""
+        from torchliner.io.microphone_file import write_microphones
+
+        write_microphones(self, path)
+
+
+def _doubts(line: MicrophoneLine, levels: Tensor, phases: Tensor) -> tuple[str, ...]:
+    """Of units that only a person can know for sure."""
+    found = []
+    if float(levels.max()) < LIKE_PASCALS:
+        found.append(
+            f"{line.name}: the highest level is {float(levels.max()):.3g} dB; are these pascals? "
+            "SPL in dB re 20 uPa rms is needed"
+        )
+    turn = 2 * torch.pi * float(line.frequency.max()) / line.fluid.sound_speed
+    turn *= float(line.x[-1] - line.x[0])
+    largest = float(phases.abs().max())
+    if largest <= 2 * torch.pi and turn > TURN:
+        found.append(
+            f"{line.name}: no phase is beyond {largest:.3g}, while a plane wave turns by "
+            f"{float(np.degrees(turn)):.0f} degrees along the line; are these radians? Degrees are "
+            "needed"
+        )
+    return tuple(found)

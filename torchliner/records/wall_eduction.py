@@ -1,0 +1,143 @@
+"""Impedance out: from pressures along a wall, with the wavenumbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_complex
+from torchliner.conversions import spl_from_pressure_amplitude
+
+
+@dataclass(frozen=True, eq=False)
+class WallEduction:
+    r"""Wavenumbers above a liner and the impedance that each stands for.
+
+    Args:
+        method: for tables and legends.
+        frequency: Hz, (F,).
+        x: microphones that were used, m, (N,).
+        wavenumber: alpha of the wave that runs with the source, of :math:`e^{-j\alpha x}`, 1/m,
+            (..., F); nan where none was found.
+        impedance: Z by the dispersion relation, normalised, (..., F).
+        modes: alpha of all waves, (..., K, F).
+        amplitudes: theirs at ``origin``, peak, Pa, complex, (..., K, F).
+        origin: x of the microphone nearest the source, m.
+        residual: rms of what the waves leave over that of the pressures, (..., F).
+        source_side: ``upstream`` or ``downstream``.
+        singular_values: of the prediction matrix, Pa, (..., L, F); None for fits.
+        rank, order: K and L; None for fits.
+        draws: the same eduction over draws of the measurement error, (D, ..., F) and so on.
+        choices: every option.  notes: doubts, with numbers.
+    Raises:
+        TypeError: wavenumber or impedance is not complex.
+        ValueError: shapes disagree.
+    """
+
+    method: str
+    frequency: Tensor
+    x: Tensor
+    wavenumber: Tensor
+    impedance: Tensor
+    modes: Tensor
+    amplitudes: Tensor
+    origin: float
+    residual: Tensor
+    source_side: str
+    singular_values: Tensor | None = None
+    rank: int | None = None
+    order: int | None = None
+    draws: WallEduction | None = None
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape = self.wavenumber.shape
+        for label in ("wavenumber", "impedance", "modes", "amplitudes"):
+            require_complex(f"{self.method}: {label}", getattr(self, label))
+        if shape[-1:] != self.frequency.shape:
+            raise ValueError(
+                f"{self.method}: wavenumber has shape {tuple(shape)} for "
+                f"{len(self.frequency)} frequencies"
+            )
+        for label, wanted in (("impedance", shape), ("residual", shape),
+                              ("amplitudes", self.modes.shape)):  # fmt: skip
+            if getattr(self, label).shape != wanted:
+                raise ValueError(
+                    f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; "
+                    f"{tuple(wanted)} is needed"
+                )
+
+    def pressure_at(self, x: Tensor) -> Tensor:
+        """Sum of all waves, peak, Pa, (..., X, F), at places x, m, (X,)."""
+        distance = (x - self.origin)[:, None]
+        turns = torch.exp(-1j * self.modes[..., None, :] * distance)
+        return (self.amplitudes[..., None, :] * turns).sum(-3)
+
+    def level_at(self, x: Tensor) -> Tensor:
+        """SPL of all waves, dB, (..., X, F)."""
+        return spl_from_pressure_amplitude(self.pressure_at(x))
+
+    @property
+    def mean(self) -> Tensor:
+        """Mean impedance of the draws that have one, (..., F)."""
+        return _mean(self._drawn())
+
+    @property
+    def standard_deviation(self) -> Tensor:
+        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
+        return deviation(self._drawn())
+
+    @property
+    def wavenumber_deviation(self) -> Tensor:
+        """Standard deviation of Re alpha (real part) and Im alpha (imaginary part), (..., F)."""
+        self._drawn()
+        assert self.draws is not None
+        return deviation(self.draws.wavenumber)
+
+    @property
+    def failed(self) -> Tensor:
+        """How many draws have no impedance, (..., F)."""
+        return (~torch.isfinite(self._drawn())).sum(0)
+
+    def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
+        """Bounds of the middle ``level`` of the draws: real parts bound R, imaginary parts X."""
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        drawn = self._drawn()
+        return tuple(
+            torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))
+            for share in ((1 - level) / 2, (1 + level) / 2)
+        )  # type: ignore[return-value]
+
+    def _drawn(self) -> Tensor:
+        if self.draws is None:
+            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
+        return self.draws.impedance
+
+    def with_notes(self, *notes: str) -> WallEduction:
+        """The same with further notes."""
+        return replace(self, notes=(*self.notes, *notes))
+
+
+def _mean(values: Tensor) -> Tensor:
+    good = torch.isfinite(values)
+    return torch.where(good, values, 0).sum(0) / good.sum(0)
+
+
+def _quantile(values: Tensor, share: float) -> Tensor:
+    finite = torch.where(torch.isfinite(values), values, torch.nan)
+    return torch.nanquantile(finite, share, dim=0)
+
+
+def deviation(values: Tensor) -> Tensor:
+    """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
+    finite is left out."""
+    good = torch.isfinite(values)
+    off = torch.where(good, values - _mean(values), 0)
+    count = good.sum(0) - 1
+    return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))

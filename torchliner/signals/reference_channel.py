@@ -1,0 +1,142 @@
+r"""Tones of microphones under flow, by a reference channel that hears no flow.
+
+With x the reference, as a loudspeaker's voltage, and y a microphone, :math:`H_1 = \sum X^* Y/\sum
+|X|^2` over segments holds only what is coherent with x: the amplitude :math:`H_1 |X|_{rms}` is that
+of the sound, and the turbulence, of power (1 - coherence) of the whole, is rejected. What is left
+of it in H1 has the relative standard deviation :math:`\sqrt{(1-\gamma^2)/(2(n-1)\gamma^2)}` in
+amplitude and, in radians, in phase (Bendat & Piersol, Random Data, section 9.2; n - 1 since the
+coherence is estimated from the same segments). S segments that overlap by half count as
+:math:`n = S/(1 + 2\rho(S-1)/S)`, :math:`\rho = \sum w(t)w(t+T/2)/\sum w^2`: 11.4 of 15 for a Hann
+window. Welch's :math:`\rho^2` would be for a random reference; that of a tone is the same in every
+segment.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+from torchliner.signals.windows import Window, make_window
+
+FEWEST_SEGMENTS = 8
+CHANCE = 0.01  # of so high a coherence without any sound
+
+
+@dataclass(frozen=True)
+class RejectedFlow:
+    """Amplitudes of the sound alone, and what was taken away for them.
+
+    Args:
+        amplitude: complex peak amplitude, phase relative to the reference, (..., F).
+        coherence: squared, (..., F).
+        relative_error: standard deviation of the amplitude over itself, and of its phase in
+            radians, (..., F).
+        segments: how many, overlapping by half.
+        notes: doubts, with numbers.
+    """
+
+    amplitude: Tensor
+    coherence: Tensor
+    relative_error: Tensor
+    segments: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rejected_level(self) -> Tensor:
+        """dB by which the level at the tone is lowered, (..., F)."""
+        return -10 * torch.log10(self.coherence)
+
+
+def reject_flow_noise(
+    pressure: Tensor,
+    reference: Tensor,
+    frequency: Tensor,
+    sampling_rate: float,
+    *,
+    segment: float | None = None,
+    window: Any = "hann",
+    start: float = 0.0,
+    name: str = "microphones",
+) -> RejectedFlow:
+    """Tones that are coherent with a reference channel.
+
+    Args:
+        pressure: Pa, real, (..., T).
+        reference: of any unit, real, (T,), on the same times.
+        frequency: Hz, (F,).
+        sampling_rate: Hz.
+        segment: s, overlapping by half; default an eighth of the record, 15 segments.
+        window: any window of scipy.  start: s that are left out.  name: for messages.
+    Raises:
+        ValueError: lengths differ, the reference has no tone, fewer than eight segments.
+    Warns:
+        DataWarning: a coherence that noise alone reaches once in a hundred times.
+    """
+    if pressure.shape[-1] != reference.shape[-1]:
+        raise ValueError(
+            f"{name}: the reference has {reference.shape[-1]} samples, the microphones "
+            f"{pressure.shape[-1]}; they share one time base"
+        )
+    length = (pressure.shape[-1] / sampling_rate - start) / 8 if segment is None else segment
+    driver, response = (
+        segment_amplitudes(
+            signal, frequency, sampling_rate, window=window, segment=length, start=start
+        )
+        for signal in (reference, pressure)
+    )
+    if len(driver) < FEWEST_SEGMENTS:
+        raise ValueError(
+            f"{name}: {len(driver)} segments of {length:g} s fit; at least {FEWEST_SEGMENTS} are "
+            "needed to tell sound from flow noise: shorten the segment"
+        )
+    power = driver.abs().square().mean(0)
+    silent = power <= 1e-24 * reference.to(torch.float64).square().max()
+    if bool(silent.any()):
+        raise ValueError(
+            f"{name}: the reference has no tone at {float(frequency[silent][0]):g} Hz; name the "
+            "frequencies that were played"
+        )
+    driver = driver.reshape(len(driver), *([1] * (response.ndim - 2)), -1)
+    found = transfer_from_amplitudes(driver, response)
+    independent = _independent(len(driver), make_window(window, round(length * sampling_rate)))
+    coherence = found.coherence.clamp(max=1)
+    error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
+    notes = _doubts(coherence, frequency, independent, name)
+    for note in notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    return RejectedFlow(
+        amplitude=2 * found.response * power.sqrt(),
+        coherence=coherence,
+        relative_error=error,
+        segments=len(driver),
+        notes=notes,
+    )
+
+
+def _independent(segments: int, window: Window) -> float:
+    """How many independent segments weigh as much as those that overlap by half."""
+    weights = window.weights
+    half = len(weights) // 2
+    rho = float((weights[:-half] * weights[half:]).sum() / weights.square().sum())
+    return segments / (1 + 2 * rho * (segments - 1) / segments)
+
+
+def _doubts(coherence: Tensor, frequency: Tensor, independent: float, name: str) -> tuple[str, ...]:
+    """Noise alone exceeds a coherence g with probability (1 - g)^(n - 1)."""
+    limit = 1 - CHANCE ** (1 / (independent - 1))
+    low = coherence < limit
+    if not bool(low.any()):
+        return ()
+    place = low.nonzero()[int(coherence[low].argmin())].tolist()
+    return (
+        f"{name}: the coherence with the reference is {float(coherence[low].min()):.2g} at "
+        f"{float(frequency[place[-1]]):g} Hz, below {limit:.2g} in {int(low.sum())} of "
+        f"{low.numel()} values: flow noise alone reaches that once in a hundred times; record "
+        "longer or leave those out",
+    )
