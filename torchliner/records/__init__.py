@@ -2,6 +2,7 @@
 
 from torchliner.records.audit import Audit, AuditRow
 from torchliner.records.burst_record import BurstRecord
+from torchliner.records.field_fit import FieldFit
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.microphone_line import MicrophoneLine
@@ -17,6 +18,7 @@ __all__ = [
     "Audit",
     "AuditRow",
     "BurstRecord",
+    "FieldFit",
     "ImpedanceLine",
     "ImpedanceMap",
     "Interval",

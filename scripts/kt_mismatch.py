@@ -1,0 +1,304 @@
+"""How much of the upstream-downstream mismatch Kumaresan and Tufts' method makes by itself.
+
+    python scripts/kt_mismatch.py [-o FOLDER] [--draws 500]
+
+Wall pressures of a duct whose liner has ONE impedance, 2.33-0.30j, are computed by the linearised
+Euler equations with the source upstream and downstream, and educed with uniform flow (Ingard-Myers)
+as the paper does. What differs between the two sides is the method's own: figures 14 and 19 with a
+known truth, then over flow, liner length, rank, order, noise, end reflection and Z varying along x.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import torchliner as tl
+from torchliner.duct.catalogue import DuctSetup, impedance_along, load_duct
+from torchliner.duct.lee import DuctSolver
+from torchliner.eduction.field_fit import fit_field
+from torchliner.eduction.two_wave_fit import two_wave_fit
+from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import write_rows
+from torchliner.report.style import COLOURS, MARKERS
+
+TRUE = 2.33 - 0.30j
+PAPER = {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}
+SIDES = ("upstream", "downstream")
+FLOWS: dict[str, dict[str, Any]] = {
+    "M = 0": {"bulk_mach": 0.0, "profile": "uniform", "shear": None},
+    "uniform, Myers": {"profile": "uniform", "shear": None},
+    "sheared": {},
+}
+LENGTHS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)  # m
+STEP, BEYOND = 0.012, 0.3  # m: between microphones; of rigid duct at either end
+METHODS = ("KT", "two waves", "LEE fit")
+DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
+
+
+def setup_of(side: str, length: float = 0.15, **changes: Any) -> DuctSetup:
+    """The B2A preset with another liner; microphones over the liner alone."""
+    return load_duct(
+        "b2a", source_side=side, liner=[(0.0, length)], start=-BEYOND, end=length + BEYOND,
+        first=STEP / 2, last=length - STEP / 2, **changes,
+    )  # fmt: skip
+
+
+def measured(setup: DuctSetup, solver: DuctSolver, impedance: Any) -> tl.MicrophoneLine:
+    """Pressures of the solved duct as a line of microphones."""
+    pressure = solver.solve(impedance).wall_pressure(setup.microphones.numpy())
+    return tl.MicrophoneLine(
+        setup.microphones, pressure.movedim(-1, -2), setup.frequency,
+        duct_height=setup.case.height, mach=setup.case.profile.bulk_mach,
+        source_side=setup.case.source, liner_start=setup.case.liner[0][0],
+        liner_end=setup.case.liner[-1][1],
+    )  # fmt: skip
+
+
+def row(study: str, value: Any, side: str, method: str, z: complex, **more: Any) -> dict[str, Any]:
+    """One educed impedance."""
+    return {"study": study, "value": value, "source": side, "method": method,
+            "resistance": z.real, "reactance": z.imag, **more}  # fmt: skip
+
+
+def all_methods(
+    study: str, value: Any, side: str, line: tl.MicrophoneLine, solver: DuctSolver | None
+) -> list[dict[str, Any]]:
+    """KT of rank 2, the two-wave fit and, with a solver, the fit of the field."""
+    rows = [
+        row(study, value, side, "KT", complex(kumaresan_tufts(line).impedance[0])),
+        row(study, value, side, "two waves", complex(two_wave_fit(line).impedance[0])),
+    ]
+    if solver is not None:
+        rows.append(
+            row(study, value, side, "LEE fit", complex(fit_field(line, solver).impedance[0]))
+        )
+    return rows
+
+
+def flows_and_lengths() -> list[dict[str, Any]]:
+    """Three flows over the liner's length."""
+    rows = []
+    for flow, changes in FLOWS.items():
+        for length in LENGTHS:
+            for side in SIDES:
+                setup = setup_of(side, length, **changes)
+                solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+                line = measured(setup, solver, setup.impedance)
+                rows += all_methods(f"length, {flow}", length, side, line, solver)
+        print(f"{flow}: done", flush=True)
+    return rows
+
+
+def ranks_and_orders(lines: dict[str, tl.MicrophoneLine]) -> list[dict[str, Any]]:
+    """KT's two arguments, without noise."""
+    rows = []
+    for side, line in lines.items():
+        most = line.microphones // 2
+        for rank in (1, 2, 3, 4):
+            for order in range(max(rank, 2), most + 1):
+                found = kumaresan_tufts(line, rank=rank, order=order)
+                rows.append(row(f"rank {rank}", order, side, "KT", complex(found.impedance[0])))
+    return rows
+
+
+def noise(
+    lines: dict[str, tl.MicrophoneLine], solvers: dict[str, DuctSolver], draws: int
+) -> list[dict[str, Any]]:
+    """Mean and standard deviation over draws of the microphones' errors."""
+    rows = []
+    for side, line in lines.items():
+        for error in (0.02, 0.05, 0.1, 0.2, 0.5):
+            errors = {"draws": draws, "level_error": error, "phase_error": error}
+            found = {
+                "KT": kumaresan_tufts(line, **errors),
+                "two waves": two_wave_fit(line, **errors),
+            }
+            if error == 0.1:
+                found["LEE fit"] = fit_field(line, solvers[side], **errors)
+            for method, result in found.items():
+                assert result.draws is not None
+                drawn = result.draws.impedance[:, 0]
+                spread = {"std resistance": float(drawn.real.std()),
+                          "std reactance": float(drawn.imag.std())}  # fmt: skip
+                rows.append(
+                    row("noise", error, side, method, complex(drawn.mean()), draws=draws, **spread)
+                )
+    return rows
+
+
+def ends_and_gradients() -> list[dict[str, Any]]:
+    """Reflections of the far end, as they are and unknown to the fit; Z varying along x."""
+    rows = []
+    for side in SIDES:
+        anechoic = setup_of(side)
+        blind = DuctSolver(anechoic.case, anechoic.frequency, keep="walls")
+        for size in (0.0, 0.05, 0.1, 0.2, 0.3):
+            setup = setup_of(side, end_reflection=(size, 0.0))
+            line = measured(setup, DuctSolver(setup.case, setup.frequency, keep="walls"),
+                            setup.impedance)  # fmt: skip
+            rows += all_methods("end reflection", size, side, line, blind)
+        for rise in (-0.5, -0.25, 0.0, 0.25, 0.5):
+            along = impedance_along([0.0, 0.15], TRUE + np.array([-0.5, 0.5]) * rise * TRUE.real)
+            line = measured(anechoic, blind, along)
+            rows += all_methods("relative rise of R along x", rise, side, line, blind)
+    return rows
+
+
+def of(rows: Sequence[dict[str, Any]], study: str, side: str, method: str) -> tuple[Any, Any]:
+    """Values and Z of one curve."""
+    mine = [r for r in rows if (r["study"], r["source"], r["method"]) == (study, side, method)]
+    z = np.array([complex(r["resistance"], r["reactance"]) for r in mine])
+    return np.array([r["value"] for r in mine]), z
+
+
+@styled
+def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
+    """Figure 14a with a known truth: what each method makes of one impedance, by flow."""
+    figure, axes = subplots(1, 2, 3.4)
+    for axis, method in zip(axes[0], ("KT", "two waves"), strict=True):
+        for i, flow in enumerate(FLOWS):
+            points = [
+                of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES
+            ]
+            axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
+            for side, z in zip(SIDES, points, strict=True):
+                axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3,
+                          label=f"{flow}, {side}")  # fmt: skip
+        for side, z in PAPER.items():
+            axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
+        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit",
+                  zorder=4)  # fmt: skip
+        axis.set_xlabel(PARTS[0][1])
+        axis.set_ylabel(PARTS[1][1])
+        axis.set_title(
+            {"KT": "(a) KT, rank 2", "two waves": "(b) two-wave fit"}[method], loc="left"
+        )
+        axis.set_xlim(0.8, 3.4)
+        axis.set_ylim(-0.8, 0.4)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.suptitle("one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", fontsize=9)
+    return finish(figure, path)
+
+
+@styled
+def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
+    """Mismatch of resistance and reactance over the liner's length."""
+    figure, axes = subplots(1, 2, 3.2)
+    for axis, (part, label) in zip(axes[0], (("real", "R"), ("imag", "X")), strict=True):
+        for i, flow in enumerate(FLOWS):
+            for method, style in (("KT", "-"), ("two waves", "--"), ("LEE fit", ":")):
+                if method == "LEE fit" and flow != "sheared":
+                    continue
+                x, up = of(rows, f"length, {flow}", "upstream", method)
+                _, down = of(rows, f"length, {flow}", "downstream", method)
+                axis.plot(1e3 * x, getattr(down - up, part), style, color=COLOURS[i],
+                          marker=MARKERS[i], markersize=3, label=f"{flow}; {method}")  # fmt: skip
+        axis.axhline(getattr(PAPER["downstream"] - PAPER["upstream"], part), color="k",
+                     linewidth=0.8, linestyle="-.", label="paper, 150 mm")  # fmt: skip
+        axis.set_xlabel("liner length (mm)")
+        axis.set_ylabel(f"${label}$ downstream less upstream")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return finish(figure, path)
+
+
+@styled
+def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
+    """KT's rank and order, and the noise."""
+    figure, axes = subplots(2, 2, 5.0)
+    for side in SIDES:
+        for rank in (1, 2, 3, 4):
+            x, z = of(rows, f"rank {rank}", side, "KT")
+            for axis, part in zip(axes[0], ("real", "imag"), strict=True):
+                axis.plot(x, getattr(z, part), "-" if side == "upstream" else "--",
+                          color=COLOURS[rank], marker=MARKERS[rank], markersize=3,
+                          label=f"rank {rank}, {side}")  # fmt: skip
+    for i, method in enumerate(METHODS[:2]):
+        for side in SIDES:
+            mine = [r for r in rows if r["study"] == "noise" and r["method"] == method
+                    and r["source"] == side]  # fmt: skip
+            for axis, word in zip(axes[1], ("resistance", "reactance"), strict=True):
+                place = np.array([r["value"] for r in mine]) * (1 + 0.06 * i)
+                axis.errorbar(place, [r[word] for r in mine], [r[f"std {word}"] for r in mine],
+                              color=DARK[side], marker="os"[i], linestyle=":", capsize=2,
+                              label=f"{method}, {side}")  # fmt: skip
+    for column, (_, label) in enumerate(PARTS):
+        for line in range(2):
+            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
+            axes[line, column].set_ylabel(label)
+        axes[0, column].set_xlabel("order of the prediction")
+        axes[1, column].set_xlabel("error of the microphones (dB, degrees)")
+        axes[1, column].set_xscale("log")
+    axes[0, 0].set_ylim(0, 5)
+    axes[0, 1].set_ylim(-2.5, 1.5)
+    axes[0, 1].legend(fontsize=6, ncols=2)
+    axes[1, 1].legend(fontsize=6)
+    figure.suptitle("sheared flow, liner 150 mm; line: truth", fontsize=9)
+    return finish(figure, path)
+
+
+@styled
+def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
+    """End reflection and Z varying along x."""
+    figure, axes = subplots(2, 2, 4.8)
+    for line, study in enumerate(("end reflection", "relative rise of R along x")):
+        for i, method in enumerate(METHODS):
+            for side in SIDES:
+                x, z = of(rows, study, side, method)
+                for axis, part in zip(axes[line], ("real", "imag"), strict=True):
+                    axis.plot(
+                        x, getattr(z, part), ("-", "--", ":")[i], color=DARK[side],
+                        marker=MARKERS[i], markersize=3, label=f"{method}, {side}",
+                    )  # fmt: skip
+        for column, (_, label) in enumerate(PARTS):
+            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
+            axes[line, column].set_xlabel(study)
+            axes[line, column].set_ylabel(label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.suptitle("sheared flow, liner 150 mm; the LEE fit knows of neither; line: (mean) truth",
+                    fontsize=9)  # fmt: skip
+    return finish(figure, path)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser.add_argument("--draws", type=int, default=500)
+    options = parser.parse_args(arguments)
+    warnings.simplefilter("ignore", tl.DataWarning)
+    rows = flows_and_lengths()
+    solvers, lines = {}, {}
+    for side in SIDES:
+        setup = setup_of(side)
+        solvers[side] = DuctSolver(setup.case, setup.frequency, keep="walls")
+        lines[side] = measured(setup, solvers[side], setup.impedance)
+    rows += ranks_and_orders(lines)
+    rows += noise(lines, solvers, options.draws)
+    rows += ends_and_gradients()
+    keys = list(dict.fromkeys(key for each in rows for key in each))
+    write_rows([{key: each.get(key) for key in keys} for each in rows],
+               options.output / "kt_mismatch.csv")  # fmt: skip
+    draw_truth(rows, options.output / "kt_truth.png")
+    draw_length(rows, options.output / "kt_length.png")
+    draw_choices(rows, options.output / "kt_choices.png")
+    draw_ends(rows, options.output / "kt_ends.png")
+    for flow in FLOWS:
+        for method in METHODS:
+            ends = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)]
+                    for side in SIDES]  # fmt: skip
+            print(f"{flow:16s} {method:10s} upstream {ends[0]:.3f} downstream {ends[1]:.3f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

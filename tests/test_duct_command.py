@@ -1,0 +1,158 @@
+"""Ducts from TOML, and ``torchliner duct``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.duct.catalogue import duct_names, duct_text, impedance_along, load_duct
+
+SMALL = ["--profile", "uniform", "--frequency", "900"]
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
+
+def test_the_presets_are_the_two_facilities():
+    """Heights, liners and flow of table 1; 145 dB are 502 Pa peak; 18 microphones in 12 mm."""
+    assert duct_names() == ["b2a", "ufsc"]
+    b2a, ufsc = (load_duct(name) for name in duct_names())
+    assert (b2a.case.height, ufsc.case.height) == (0.05, 0.04)
+    assert b2a.case.liner == ((0.0, 0.15),)
+    assert ufsc.case.liner == ((0.0, 0.137),)
+    assert b2a.case.profile.displacement_thickness == pytest.approx(1.73e-3, abs=1e-5)
+    assert abs(b2a.case.incident) == pytest.approx(502.97, abs=0.01)
+    assert len(b2a.microphones) == 18
+    assert complex(b2a.impedance[0]) == 2.33 - 0.30j
+
+
+def write(tmp_path, change):
+    old, new = change
+    text = duct_text("b2a")
+    assert old in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("height = 0.050", "heigth = 0.05"), r"duct\.heigth: no such key.*height"),
+        (("bulk_mach = 0.3", "bulk_mach = 1.2"), r"flow\.bulk_mach = 1\.2: input should be less"),
+        (("[[0.0, 0.150]]", "[[0.0, 0.550]]"), "lies outside the duct, -0.3 to 0.45 m"),
+        (("[[0.0, 0.150]]", "[[0.15, 0.0]]"), "has the length -0.15 m"),
+        (("end = 0.450", "end = -0.450"), r"duct length, end - start \(m\) is -0\.15"),
+        (("[[2.33, -0.30]]", "[[2.3, -0.3], [1, 0]]"), "2 impedances for 1 lined patches"),
+        (("impedance = [[2.33, -0.30]]", ""), "sound needs either impedance or impedance_file"),
+        (("shear = 0.1 ", "shear = 0.02 "), "profile shear is 0.02, below 0.03"),
+        (("step = 0.012", "step = 1e-9"), "microphones from -0.027 to 0.177 m in steps of 1e-09 m"),
+        (("step = 0.012", ""), "microphones need first, last and step"),
+        (("[flow]", "[flow"), "is not valid TOML"),
+        (("frequency = [1500.0]", "frequency = []"), r"sound\.frequency"),
+    ],
+)
+def test_mistakes_of_a_file_are_named(tmp_path, change, message):
+    with pytest.raises(ValueError, match=message):
+        load_duct(write(tmp_path, change))
+
+
+def test_unknown_names_and_changes(tmp_path):
+    with pytest.raises(ValueError, match=r"unknown duct 'b2'.*b2a.*ends in \.toml"):
+        load_duct("b2")
+    with pytest.raises(ValueError, match="no key 'mach' to change"):
+        load_duct("b2a", mach=0.1)
+    with pytest.raises(FileNotFoundError):
+        load_duct(tmp_path / "none.toml")
+
+
+def test_an_impedance_profile_is_linear_in_the_admittance():
+    along = impedance_along([0.0, 0.1], [1.0 + 0j, 1.0 / (3 + 1j)])
+    found = along(torch.tensor([-1.0, 0.0, 0.05, 0.1, 0.2]), torch.tensor([500.0, 900.0]))
+    assert found.shape == (2, 5)
+    assert (1 / found[1]).tolist() == pytest.approx([1, 1, 2 + 0.5j, 3 + 1j, 3 + 1j])
+    with pytest.raises(ValueError, match="must increase along x"):
+        impedance_along([0.1, 0.1], [1.0, 2.0])
+
+
+def test_a_profile_from_a_file(tmp_path):
+    (tmp_path / "z.csv").write_text("x,R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    from torchliner.duct.lee import solve_duct
+
+    varying = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
+    plain = load_duct("b2a", profile="uniform", shear=None, frequency=[900.0],
+                      impedance=[(2.0, -0.3)])  # fmt: skip
+    x = np.linspace(-0.1, 0.3, 9)
+    one, other = (
+        solve_duct(setup.case, setup.frequency, setup.impedance, keep="walls").wall_pressure(x)
+        for setup in (varying, plain)
+    )
+    assert float((one - other).abs().max() / other.abs().max()) < 1e-10
+
+
+def test_solve_prints_what_it_writes(tmp_path, capsys):
+    """JSON, CSV, HDF5 and pictures; the HDF5 is a line of microphones that kt reads."""
+    words = ["duct", "solve", "b2a", *SMALL, "--quiet"]
+    out = [tmp_path / name for name in ("m.csv", "m.h5")]
+    pictures = ["--figure", str(tmp_path / "wall.png"), "--field", str(tmp_path / "field.png")]
+    assert main([*words, "--json", "-o", str(out[0]), *pictures]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["microphones"][0]["x (m)"] == -0.027
+    assert len(out[0].read_text().splitlines()) == 19
+    assert main([*words, "-o", str(out[1])]) == 0
+    text = capsys.readouterr().out
+    assert f"{told['microphones'][3]['SPL (dB)']:.3f}" in text
+    line = tl.read_microphones(out[1])
+    levels = [row["SPL (dB)"] for row in told["microphones"]]
+    assert line.level[:, 0].tolist() == pytest.approx(levels)
+    assert line.liner_end == 0.15
+    for name in ("wall.png", "field.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+    assert told["plane_mode"][0]["transmission"] < 1
+
+
+def test_a_rigid_duct_transmits_all(capsys):
+    words = ["duct", "solve", "b2a", *SMALL, "--impedance", "rigid", "--json", "--quiet"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)["plane_mode"][0]
+    assert told["transmission"] == pytest.approx(1.0, abs=1e-9)
+    assert told["reflection"] == pytest.approx(0.0, abs=1e-7)
+
+
+def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
+    """Uniform flow with Ingard-Myers: DUCT's published number for mode 0 at 343 m/s."""
+    path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 343.0\n\n[sound]"))
+    words = ["duct", "modes", str(path), "--profile", "uniform", "--count", "2", "--json"]
+    assert main([*words, "-o", str(tmp_path / "m.csv"), "--figure", str(tmp_path / "m.png")]) == 0
+    first = json.loads(capsys.readouterr().out)["modes"][0]
+    assert first["direction"] == "downstream"
+    assert first["alpha real (1/m)"] == pytest.approx(21.45776, abs=1e-5)
+    assert first["alpha imaginary (1/m)"] == pytest.approx(-2.51104, abs=1e-5)
+    assert len((tmp_path / "m.csv").read_text().splitlines()) == 5
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["solve", "b2"], "unknown duct 'b2'"),
+        (["solve", "b2a", "--impedance", "two"], "--impedance 'two' cannot be read"),
+        (["solve", "b2a", "--bulk-mach", "1.5"], "bulk_mach = 1.5"),
+        (["solve", "b2a", "-o", "x.txt"], "--output x.txt ends in '.txt'"),
+        (["solve", "b2a", "--frequency", "-5"], "frequency (Hz) is -5"),
+        (["modes", "b2a", "--count", "0"], "count is 0"),
+    ],
+)
+def test_faulty_commands_end_with_two(capsys, words, message):
+    assert main(["duct", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_presets_are_listed_and_copied(tmp_path, capsys):
+    assert main(["duct", "solve"]) == 0
+    assert "presets: b2a, ufsc" in capsys.readouterr().out
+    assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 0
+    assert load_duct(tmp_path / "u.toml").case.height == 0.04

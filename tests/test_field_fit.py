@@ -1,0 +1,124 @@
+"""Impedance by fitting the linearised Euler equations to wall pressures."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+import torchliner as tl
+from torchliner.duct.catalogue import load_duct
+from torchliner.duct.lee import DuctSolver
+from torchliner.eduction.field_fit import fit_field
+from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.report.duct import solved_line
+
+TRUE = 1.4 - 0.6j
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
+    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
+]
+
+
+def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
+    """A small duct, its solver and the pressures of one impedance."""
+    setup = load_duct(
+        "b2a", source_side=side, profile="uniform", shear=None, start=-0.12, end=0.27,
+        frequency=list(frequency), **changes,
+    )  # fmt: skip
+    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    values = torch.tensor([impedance], dtype=torch.complex128)
+    return solved_line(setup, solver.solve(values)), solver
+
+
+@pytest.fixture(scope="module")
+def upstream():
+    return solved()
+
+
+def test_the_impedance_that_made_the_pressures_comes_back(upstream):
+    """Both frequencies, to rounding, with the amplitude of the incident wave."""
+    line, solver = upstream
+    found = fit_field(line, solver)
+    assert bool(found.converged.all())
+    assert float((found.impedance - TRUE).abs().max()) < 1e-8
+    assert float((found.amplitude / solver.case.incident - 1).abs().max()) < 1e-8
+    assert float(found.misfit.max()) < 1e-12
+    assert float((found.pressure - line.pressure).abs().max()) < 1e-6
+
+
+def test_level_and_phase_of_the_source_do_not_matter(upstream):
+    """The same pressures times any complex number: the same Z, the amplitude times it."""
+    line, solver = upstream
+    plain = fit_field(line, solver)
+    turned = dataclasses.replace(line, pressure=line.pressure * (0.3 - 2.1j))
+    found = fit_field(turned, solver)
+    assert float((found.impedance - plain.impedance).abs().max()) < 1e-8
+    assert float((found.amplitude / plain.amplitude - (0.3 - 2.1j)).abs().max()) < 1e-8
+
+
+def test_both_sides_give_one_impedance_where_one_mode_does_not():
+    """No mismatch is left by the fit; the method of one mode has one on the same pressures."""
+    fits, modes = [], []
+    for side in ("upstream", "downstream"):
+        line, solver = solved(side)
+        fits.append(complex(fit_field(line, solver).impedance[1]))
+        over = dataclasses.replace(line, pressure=line.pressure)
+        modes.append(complex(kumaresan_tufts(over).impedance[1]))
+    assert abs(fits[0] - fits[1]) < 1e-7
+    assert abs(modes[0] - modes[1]) > 0.1
+
+
+def test_the_stated_error_is_the_scatter_of_draws():
+    """Laplace against 80 draws: standard deviations of R and X within a quarter (three standard
+    errors of a deviation from 80 draws), means within three of the mean's."""
+    line, solver = solved(frequency=[1500.0])
+    found = fit_field(line, solver, draws=80)
+    assert found.draws is not None
+    assert bool(found.draws.converged.all())
+    drawn = found.draws.impedance
+    for part in ("real", "imag"):
+        wide = getattr(drawn, part).std(0)
+        assert torch.allclose(wide, getattr(found.standard_error, part), rtol=0.25)
+        away = (getattr(drawn, part).mean(0) - getattr(found.impedance, part)).abs()
+        assert bool((away < 3 * wide / math.sqrt(80)).all())
+    assert 0.9 < float(found.draws.misfit.mean()) < 1.1  # chi squared over its degrees
+
+
+def test_draws_are_as_if_fitted_alone(upstream):
+    line, solver = upstream
+    both = torch.stack([line.pressure, line.pressure * (1 + 0.01j * torch.arange(18)[:, None])])
+    together = fit_field(dataclasses.replace(line, pressure=both), solver)
+    for i in range(2):
+        alone = fit_field(dataclasses.replace(line, pressure=both[i]), solver)
+        assert float((together.impedance[i] - alone.impedance).abs().max()) < 1e-7
+
+
+def test_a_duct_that_is_not_the_measured_one_says_so(upstream):
+    """An end that reflects, unknown to the model: the misfit is far above the errors."""
+    _, blind = upstream
+    line, _ = solved(end_reflection=(0.2, 0.0))
+    with pytest.warns(tl.DataWarning, match=r"at 900 Hz the residuals are .* times the stated"):
+        found = fit_field(line, blind)
+    assert float(found.misfit.min()) > 3
+
+
+def test_bad_lines_are_refused(upstream):
+    line, solver = upstream
+    two = line.select([0, 1])
+    with pytest.raises(ValueError, match="b2a has 2 microphones; Z and the amplitude need three"):
+        fit_field(two, solver)
+    with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3"):
+        fit_field(dataclasses.replace(line, mach=0.1), solver)
+    with pytest.raises(ValueError, match=r"duct_height \(m\) 0\.04, the duct 0\.05"):
+        fit_field(dataclasses.replace(line, duct_height=0.04), solver)
+    with pytest.raises(ValueError, match="source_side is 'unknown'; state upstream or downstream"):
+        fit_field(dataclasses.replace(line, source_side="unknown"), solver)
+    with pytest.raises(ValueError, match=r"a microphone at x = 0\.275 m lies outside the duct"):
+        fit_field(
+            dataclasses.replace(line, x=line.x + 0.146, liner_start=None, liner_end=None), solver
+        )
+    with pytest.raises(ValueError, match=r"frequencies \[900.0, 1600.0\] Hz, the duct"):
+        fit_field(dataclasses.replace(line, frequency=[900.0, 1600.0]), solver)

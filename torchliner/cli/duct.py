@@ -1,0 +1,154 @@
+"""torchliner duct."""
+
+from __future__ import annotations
+
+import argparse
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchliner.cli.options import (
+    add_output_options,
+    frequencies,
+    print_json,
+    refuse_inputs,
+    require_ending,
+    warnings_on_stderr,
+)
+
+if TYPE_CHECKING:
+    from torchliner.duct.catalogue import DuctSetup
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """One parser a task; each is a word after ``duct``."""
+    tasks = parser.add_subparsers(
+        dest="task", metavar="TASK", required=True, parser_class=type(parser)
+    )
+    solve = tasks.add_parser(
+        "solve", help="sound field of a lined duct with flow", allow_abbrev=False,
+        description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
+    )  # fmt: skip
+    _add_duct(solve)
+    solve.add_argument("-o", "--output", type=Path, help="microphones as .csv, or .h5/.nc")
+    solve.add_argument("--figure", type=Path, help="SPL and phase along the wall")
+    solve.add_argument("--field", type=Path, metavar="PICTURE", help="draw |p| and |v| in the duct")
+    solve.add_argument("--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit")
+    add_output_options(solve)
+    modes = tasks.add_parser(
+        "modes", help="wavenumbers of the lined duct", allow_abbrev=False,
+        description="Pridmore-Brown modes above an infinite liner, both directions.",
+    )  # fmt: skip
+    _add_duct(modes)
+    modes.add_argument("--count", type=int, default=4, help="modes in each direction")
+    modes.add_argument("-o", "--output", type=Path, help="wavenumbers as .csv")
+    modes.add_argument("--figure", type=Path, help="draw the modes' pressure over the height")
+    add_output_options(modes)
+
+
+def _add_duct(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("duct", nargs="?", help="preset or .toml file; without: list the presets")
+    parser.add_argument("--frequency", nargs="+", type=frequencies, metavar="HZ")
+    parser.add_argument("--impedance", nargs="+", metavar="Z", help="R+Xj or rigid, one a lined "
+                        "patch")  # fmt: skip
+    parser.add_argument("--bulk-mach", type=float, metavar="M")
+    parser.add_argument("--profile", choices=["uniform", "tanh", "parabolic", "law-of-the-wall"])
+    parser.add_argument("--shear", type=float, metavar="D", help="of --profile tanh, half heights")
+    parser.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
+    parser.add_argument("--source-side", choices=["upstream", "downstream"])
+    parser.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
+
+
+def run(options: argparse.Namespace) -> int:
+    """The task named after ``duct``."""
+    from torchliner.duct.catalogue import duct_names, duct_text
+
+    if options.duct is None:
+        print("presets: " + ", ".join(duct_names()))
+        return 0
+    if getattr(options, "copy", None) is not None:
+        refuse_inputs((options.copy,), ())
+        options.copy.write_text(duct_text(options.duct), encoding="utf-8")
+        print(f"{options.copy}: preset {options.duct}")
+        return 0
+    setup = _setup(options)
+    return {"solve": _solve, "modes": _modes}[options.task](options, setup)
+
+
+def _setup(options: argparse.Namespace) -> DuctSetup:
+    from torchliner.duct.catalogue import load_duct
+
+    names = ("bulk_mach", "profile", "shear", "level", "source_side")
+    changes: dict[str, Any] = {key: getattr(options, key) for key in names}
+    changes = {key: value for key, value in changes.items() if value is not None}
+    if options.profile is not None and options.profile != "tanh":
+        changes.setdefault("shear", None)
+    if options.frequency is not None:
+        changes["frequency"] = list(chain(*options.frequency))
+    if options.end_reflection is not None:
+        changes["end_reflection"] = _pair(options.end_reflection, "--end-reflection")
+    if options.impedance is not None:
+        changes["impedance"] = [
+            "rigid" if text == "rigid" else _pair(text, "--impedance") for text in options.impedance
+        ]
+    return load_duct(options.duct, **changes)
+
+
+def _pair(text: str, option: str) -> tuple[float, float]:
+    try:
+        value = complex(text.replace(" ", ""))
+    except ValueError:
+        raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
+    return value.real, value.imag
+
+
+def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
+    from torchliner.duct.lee import DuctSolver
+    from torchliner.report.duct import (
+        draw_field,
+        draw_walls,
+        format_duct,
+        plain_duct,
+        solved_line,
+    )
+    from torchliner.report.numbers import write_rows
+
+    require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
+    require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
+    refuse_inputs((options.output, options.field), (options.duct,), options.figure)
+    with warnings_on_stderr(options.quiet):
+        keep = "all" if options.field is not None else "walls"
+        solver = DuctSolver(setup.case, setup.frequency, keep=keep)
+        field = solver.solve(setup.impedance)
+        if options.output is not None and options.output.suffix.lower() != ".csv":
+            solved_line(setup, field).write(options.output)
+        elif options.output is not None:
+            write_rows(plain_duct(setup, field)["microphones"], options.output)
+        if options.figure is not None:
+            draw_walls([(setup, field)], options.figure)
+        if options.field is not None:
+            draw_field(setup, field, options.field)
+    if options.json:
+        print_json(plain_duct(setup, field))
+    else:
+        print(format_duct(setup, field))
+    return 0
+
+
+def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
+    from torchliner.report.duct_modes import draw_modes, format_modes, mode_rows
+    from torchliner.report.numbers import write_rows
+
+    require_ending(options.output, [".csv"], "--output")
+    refuse_inputs((options.output,), (options.duct,), options.figure)
+    with warnings_on_stderr(options.quiet):
+        rows = mode_rows(setup, options.count)
+        if options.figure is not None:
+            draw_modes(setup, options.count, options.figure)
+    if options.output is not None:
+        write_rows(rows, options.output)
+    if options.json:
+        print_json({"duct": setup.facts, "modes": rows})
+    else:
+        print(format_modes(setup, rows))
+    return 0

@@ -1,0 +1,298 @@
+"""Lined ducts from TOML files: the two facilities of the package and the user's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from torchliner import toml_files
+from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.duct.case import DuctCase
+from torchliner.flow_profiles import (
+    LawOfTheWallProfile,
+    MeanFlow,
+    ParabolicProfile,
+    TabulatedProfile,
+    TanhProfile,
+    UniformProfile,
+)
+from torchliner.fluid import Fluid
+from torchliner.toml_files import FluidTable, Strict, parse_toml, read_text, validated
+
+PACKAGE = "torchliner.duct"
+MOST_MICROPHONES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class DuctSetup:
+    """A duct with its sound, its wall and its microphones.
+
+    Args:
+        name: of the preset or file.
+        case: the duct.
+        frequency: Hz, (F,).
+        level: of the incident wave, dB re 20 uPa rms.
+        impedance: Z of each patch, complex128, (S,), or a function of x and frequency.
+        microphones: x, m, (N,); may be empty.
+        wall: of the microphones, ``opposite`` or ``lined``.
+        facts: what the file says, for results.
+    """
+
+    name: str
+    case: DuctCase
+    frequency: Tensor
+    level: float
+    impedance: Tensor | Callable[[Tensor, Tensor], Tensor]
+    microphones: Tensor
+    wall: str
+    facts: dict[str, Any]
+
+
+class DuctTable(Strict):
+    """Table ``[duct]``, m."""
+
+    height: float = Field(gt=0, lt=10)
+    start: float
+    end: float
+    liner: list[tuple[float, float]] = Field(default_factory=list)
+
+
+class FlowTable(Strict):
+    """Table ``[flow]``."""
+
+    profile: Literal["uniform", "tanh", "parabolic", "law-of-the-wall", "table"] = "uniform"
+    bulk_mach: float = Field(ge=0, lt=1)
+    shear: float | None = Field(None, gt=0)
+    file: str | None = None
+    slip_condition: Literal["ingard-myers", "velocity"] | None = None
+
+
+class SoundTable(Strict):
+    """Table ``[sound]``."""
+
+    frequency: list[float] = Field(min_length=1)
+    level: float = Field(100.0, ge=0, le=200)
+    source_side: Literal["upstream", "downstream"] = "upstream"
+    impedance: list[tuple[float, float] | Literal["rigid"]] | None = None
+    impedance_file: str | None = None
+    end_reflection: tuple[float, float] = (0.0, 0.0)
+    source_reflection: tuple[float, float] = (0.0, 0.0)
+
+
+class MicrophoneTable(Strict):
+    """Table ``[microphones]``: x one by one, or from first to last in steps, m."""
+
+    wall: Literal["opposite", "lined"] = "opposite"
+    x: list[float] | None = None
+    first: float | None = None
+    last: float | None = None
+    step: float | None = Field(None, gt=0)
+
+    def places(self) -> Tensor:
+        """x, m, (N,).
+
+        Raises:
+            ValueError: both ways are stated, or neither is whole.
+        """
+        steps = (self.first, self.last, self.step)
+        if self.x is not None:
+            if any(value is not None for value in steps):
+                raise ValueError("microphones state x and first, last, step; keep one")
+            return torch.tensor(self.x, dtype=torch.float64)
+        if self.first is None or self.last is None or self.step is None:
+            if any(value is not None for value in steps):
+                raise ValueError("microphones need first, last and step, or x")
+            return torch.empty(0, dtype=torch.float64)
+        count = round((self.last - self.first) / self.step) + 1
+        if not 1 <= count <= MOST_MICROPHONES:
+            raise ValueError(
+                f"microphones from {self.first:g} to {self.last:g} m in steps of {self.step:g} m "
+                f"are {count}; 1 to {MOST_MICROPHONES} are possible"
+            )
+        return self.first + self.step * torch.arange(count, dtype=torch.float64)
+
+
+class DuctFile(Strict):
+    """A whole file."""
+
+    name: str | None = None
+    description: str = ""
+    source: str = ""
+    duct: DuctTable
+    flow: FlowTable
+    sound: SoundTable
+    microphones: MicrophoneTable = MicrophoneTable()
+    fluid: FluidTable = FluidTable()
+
+
+TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound": SoundTable,
+          "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
+
+
+def duct_names() -> list[str]:
+    """Names of the ducts shipped with the package."""
+    return toml_files.preset_names(PACKAGE)
+
+
+def duct_text(name: str) -> str:
+    """The TOML text of a preset, to copy and edit.
+
+    Raises:
+        ValueError: no such preset; the nearest is named.
+    """
+    return toml_files.preset_text(PACKAGE, name, "duct", ".toml")
+
+
+def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
+    """A duct by preset name, or from a TOML file.
+
+    Args:
+        name: one of ``duct_names()``, or a path that ends in .toml.
+        changes: values that replace those of the file, by the names of its keys: ``bulk_mach``,
+            ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...
+    Raises:
+        ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
+            listed; a duct that cannot be.
+        FileNotFoundError: no such file.
+    """
+    path = Path(name)
+    own = path.suffix.lower() == ".toml"
+    text = read_text(path) if own else duct_text(str(name))
+    if not own:
+        path = Path(f"{name}.toml")
+    content = parse_toml(text, path)
+    _change(content, changes, path)
+    file = validated(DuctFile, content, path, TABLES)
+    try:
+        return _build(file, path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _change(content: dict[str, Any], changes: dict[str, Any], path: Path) -> None:
+    for key, value in changes.items():
+        owners = [name for name, table in TABLES.items() if key in table.model_fields]
+        if len(owners) != 1:
+            known = [k for t in TABLES.values() for k in t.model_fields]
+            raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(known)}")
+        content.setdefault(owners[0], {})[key] = value
+
+
+def _build(file: DuctFile, path: Path) -> DuctSetup:
+    fluid, sound, duct = file.fluid.build(), file.sound, file.duct
+    profile = _profile(file.flow, duct.height, fluid, path)
+    impedance = _impedance(sound, len(duct.liner), path)
+    case = DuctCase(
+        profile, duct.start, duct.end, duct.liner, source=sound.source_side,
+        incident=2**0.5 * REFERENCE_PRESSURE * 10 ** (sound.level / 20),
+        end_reflection=complex(*sound.end_reflection),
+        source_reflection=complex(*sound.source_reflection), density=fluid.density,
+        slip_condition=file.flow.slip_condition or ("ingard-myers" if _slips(profile) else None),
+    )  # fmt: skip
+    return DuctSetup(
+        name=file.name or path.stem,
+        case=case,
+        frequency=torch.tensor(sound.frequency, dtype=torch.float64),
+        level=sound.level,
+        impedance=impedance,
+        microphones=file.microphones.places(),
+        wall=file.microphones.wall,
+        facts=file.model_dump(),
+    )
+
+
+def _slips(profile: MeanFlow) -> bool:
+    return float(profile.mach(0.0)) > 0
+
+
+def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFlow:
+    needed = {"tanh": "shear", "table": "file"}
+    for kind, key in needed.items():
+        stated = getattr(flow, key) is not None
+        if stated and flow.profile != kind:
+            raise ValueError(f"flow {key} is for profile {kind!r}, not {flow.profile!r}")
+    if flow.profile == "uniform" or flow.bulk_mach == 0:
+        return UniformProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
+    if flow.profile == "parabolic":
+        return ParabolicProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
+    if flow.profile == "tanh":
+        return TanhProfile(flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed)
+    if flow.profile == "law-of-the-wall":
+        return LawOfTheWallProfile(
+            flow.bulk_mach, height, sound_speed=fluid.sound_speed,
+            kinematic_viscosity=fluid.kinematic_viscosity,
+        )  # fmt: skip
+    if flow.file is None:
+        raise ValueError("flow profile 'table' needs file, a CSV of y (m) and U (any unit)")
+    y, speed = _columns(path.parent / flow.file, 2, "y (m), U")
+    return TabulatedProfile(
+        y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
+    )
+
+
+def _impedance(
+    sound: SoundTable, patches: int, path: Path
+) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
+    if (sound.impedance is None) == (sound.impedance_file is None):
+        if sound.impedance is None and patches == 0:
+            return torch.empty(0, dtype=torch.complex128)
+        raise ValueError("sound needs either impedance or impedance_file")
+    if sound.impedance is not None:
+        if len(sound.impedance) != patches:
+            raise ValueError(
+                f"sound has {len(sound.impedance)} impedances for {patches} lined patches"
+            )
+        values = [math.inf if pair == "rigid" else complex(*pair) for pair in sound.impedance]
+        return torch.tensor(values, dtype=torch.complex128)
+    assert sound.impedance_file is not None
+    x, resistance, reactance = _columns(
+        path.parent / sound.impedance_file, 3, "x (m), resistance, reactance"
+    )
+    return impedance_along(x, resistance + 1j * reactance)
+
+
+def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
+    """Z(x) at all frequencies: linear in the admittance between stations, constant beyond them.
+
+    Args:
+        x: m, increasing, (N,).
+        impedance: Z there, (N,).
+    Raises:
+        ValueError: x does not increase, or lengths differ.
+    """
+    places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
+    if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
+        raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
+    if (np.diff(places) <= 0).any():
+        raise ValueError("the stations of an impedance profile must increase along x")
+    admittance = 1 / values
+
+    def along(at: Tensor, frequency: Tensor) -> Tensor:
+        wanted = at.detach().cpu().numpy()
+        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
+            wanted, places, admittance.imag
+        )
+        return torch.as_tensor(1 / found).expand(len(frequency), len(wanted))
+
+    return along
+
+
+def _columns(path: Path, count: int, names: str) -> Sequence[np.ndarray]:
+    """Columns of a CSV with one header line."""
+    if not path.exists():
+        raise ValueError(f"{path}: no such file; a CSV of {names} is needed")
+    try:
+        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{path} is no CSV of numbers below one header line: {error}") from error
+    if table.shape[1] != count or not np.isfinite(table).all():
+        raise ValueError(f"{path} has {table.shape[1]} columns; {names}, all finite, are needed")
+    return list(table.T)

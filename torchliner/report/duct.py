@@ -1,0 +1,162 @@
+"""Solved ducts: table, JSON, pictures of walls and fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.catalogue import DuctSetup
+from torchliner.duct.duct_field import DuctField
+from torchliner.records import MicrophoneLine
+from torchliner.report.figures import Figure, finish, styled, subplots
+from torchliner.report.style import COLOURS, MARKERS
+
+FINE, ACROSS = 400, 60  # points of a picture along and across the duct
+
+
+def microphones_of(setup: DuctSetup) -> np.ndarray:
+    """x of the microphones, or of 50 places along the duct where the file states none, m."""
+    if len(setup.microphones):
+        return setup.microphones.numpy()
+    return np.linspace(setup.case.start, setup.case.end, 50)
+
+
+def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
+    """The field at the microphones as measured lines are kept."""
+    places = microphones_of(setup)
+    pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
+    liner = setup.case.liner
+    return MicrophoneLine(
+        places, pressure, setup.frequency, duct_height=setup.case.height,
+        mach=setup.case.profile.bulk_mach, source_side=field.source,
+        liner_start=liner[0][0] if liner else None, liner_end=liner[-1][1] if liner else None,
+        title=f"{setup.name}, linearised Euler equations", provenance={"solved": setup.facts},
+        name=setup.name,
+    )  # fmt: skip
+
+
+def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
+    """For JSON and CSV; levels in dB re 20 uPa rms, phases in degrees."""
+    places = microphones_of(setup)
+    level = field.wall_level(places, setup.wall).detach()
+    phase = field.wall_phase(places, setup.wall).detach()
+    rows = [
+        {"frequency (Hz)": frequency, "x (m)": float(x), "SPL (dB)": float(level[f, i]),
+         "phase (deg)": float(phase[f, i])}
+        for f, frequency in enumerate(setup.frequency.tolist())
+        for i, x in enumerate(places)
+    ]  # fmt: skip
+    ratios = [
+        {"frequency (Hz)": frequency, "reflection": abs(complex(field.reflection[f])),
+         "transmission": abs(complex(field.transmission[f])),
+         "transmission loss (dB)": -20 * float(np.log10(abs(complex(field.transmission[f]))))}
+        for f, frequency in enumerate(setup.frequency.tolist())
+    ]  # fmt: skip
+    return {
+        "duct": setup.facts,
+        "unknowns": field.swept.mesh.unknowns,
+        "plane_mode": ratios,
+        "microphones": rows,
+    }
+
+
+def format_duct(setup: DuctSetup, field: DuctField) -> str:
+    """What was solved, then a line a microphone."""
+    case, profile = setup.case, setup.case.profile
+    found = plain_duct(setup, field)
+    lines = [
+        f"{setup.name}: H {1e3 * case.height:g} mm, bulk Mach {profile.bulk_mach:g}, displacement "
+        f"thickness {1e3 * profile.displacement_thickness:.3g} mm, source {field.source}, "
+        f"{setup.level:g} dB; {found['unknowns']} unknowns"
+    ]
+    for patch, pair in zip(case.liner, setup.facts["sound"]["impedance"] or [], strict=False):
+        z = pair if isinstance(pair, str) else f"{complex(*pair):.4g}"
+        lines.append(f"liner {1e3 * patch[0]:g} to {1e3 * patch[1]:g} mm: Z = {z}")
+    for ratio in found["plane_mode"]:
+        lines.append(
+            f"{ratio['frequency (Hz)']:g} Hz: plane mode reflected {ratio['reflection']:.4f}, "
+            f"transmitted {ratio['transmission']:.4f}, {ratio['transmission loss (dB)']:.2f} dB"
+        )
+    lines.append(f"{'f Hz':>8s} {'x mm':>8s} {'SPL dB':>8s} {'phase':>8s}")
+    lines += [
+        f"{row['frequency (Hz)']:8.1f} {1e3 * row['x (m)']:8.2f} {row['SPL (dB)']:8.3f} "
+        f"{row['phase (deg)']:8.2f}"
+        for row in found["microphones"]
+    ]
+    return "\n".join(lines)
+
+
+@styled
+def draw_walls(
+    solved: Sequence[tuple[DuctSetup, DuctField]],
+    path: str | Path | None = None,
+    frequency_index: int = 0,
+    labels: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """SPL and phase along the wall of the microphones (figures 13, 18)."""
+    figure, axes = subplots(1, 2, 3.2)
+    for i, (setup, field) in enumerate(solved):
+        places = np.linspace(setup.case.start, setup.case.end, FINE)
+        at = microphones_of(setup)
+        label = labels[i] if labels else f"{setup.name}, source {field.source}"
+        drawn = ((field.wall_level, axes[0, 0]), (field.wall_phase, axes[0, 1]))
+        for values, axis in drawn:
+            curve = values(places, setup.wall)[frequency_index].detach().numpy()
+            points = values(at, setup.wall)[frequency_index].detach().numpy()
+            if axis is axes[0, 1]:
+                jumps = np.abs(np.diff(curve)) > 180
+                curve = np.where(np.append(jumps, False), np.nan, curve)
+            colour = COLOURS[i % len(COLOURS)]
+            axis.plot(1e3 * places, curve, color=colour, label=label)
+            axis.plot(1e3 * at, points, MARKERS[i % len(MARKERS)], color=colour, markersize=3)
+    for axis, label in zip(axes[0], ("SPL (dB re 20 µPa)", "phase (degrees)"), strict=True):
+        for start, end in solved[0][0].case.liner:
+            axis.axvspan(1e3 * start, 1e3 * end, color="0.9", zorder=0)
+        axis.set_xlabel("$x$ (mm)")
+        axis.set_ylabel(label)
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=2)
+    frequency = float(solved[0][0].frequency[frequency_index])
+    wall = solved[0][0].wall
+    figure.suptitle(title or f"{wall} wall, {frequency:g} Hz; grey: liner", fontsize=9)
+    return finish(figure, path)
+
+
+@styled
+def draw_field(
+    setup: DuctSetup, field: DuctField, path: str | Path | None = None, frequency_index: int = 0
+) -> Figure:
+    """SPL and wall-normal velocity in the duct."""
+    figure, axes = subplots(2, 1, 3.8)
+    case = setup.case
+    x = np.linspace(case.start, case.end, FINE)
+    y = np.linspace(0, case.height, ACROSS)
+    grid = np.meshgrid(x, y)
+    p, _, v = (
+        part[frequency_index].detach() for part in field.at(grid[0].ravel(), grid[1].ravel())
+    )
+    level = spl_from_pressure_amplitude(p).numpy().reshape(grid[0].shape)
+    speed = torch.abs(v).numpy().reshape(grid[0].shape)
+    for axis, values, label in (
+        (axes[0, 0], level, "SPL (dB)"),
+        (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)"),
+    ):
+        top = np.percentile(values, 99.5)
+        drawn = axis.pcolormesh(1e3 * x, 1e3 * y, values, cmap="cividis", shading="gouraud",
+                                rasterized=True, vmin=values.min(), vmax=top)  # fmt: skip
+        figure.colorbar(drawn, ax=axis, label=label, extend="max")
+        for start, end in case.liner:
+            axis.plot([1e3 * start, 1e3 * end], [0, 0], color="r", linewidth=3, clip_on=False)
+        axis.set_xlabel("$x$ (mm)")
+        axis.set_ylabel("$y$ (mm)")
+    frequency = float(setup.frequency[frequency_index])
+    figure.suptitle(
+        f"{setup.name}, {frequency:g} Hz, source {field.source}; red: liner", fontsize=9
+    )
+    return finish(figure, path)
