@@ -116,8 +116,8 @@ def noise(
     rows = []
     for side, line in lines.items():
         for error in (0.02, 0.05, 0.1, 0.2, 0.5):
-            errors = {"draws": draws, "level_error": error, "phase_error": error}
-            found = {
+            errors: Any = {"draws": draws, "level_error": error, "phase_error": error}
+            found: dict[str, Any] = {
                 "KT": kumaresan_tufts(line, **errors),
                 "two waves": two_wave_fit(line, **errors),
             }
