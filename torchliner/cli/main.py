@@ -24,6 +24,7 @@ COMMANDS = {
     "height": "impedance over height and averaging length, and which height to take",
     "sensitivity": "change of Z with each parameter of a liner; tolerances propagated",
     "calibrate": "parameters of a liner fitted to known impedances, and what they predict",
+    "verify": "order tables and checks of the duct solvers; exit code 1 if one fails",
     "truth": "every rule beside the true impedance of resolved cases",
 }
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

@@ -1,0 +1,33 @@
+"""torchliner verify."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from torchliner.cli.options import add_output_options, print_json, refuse_inputs
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options."""
+    parser.add_argument("--degrees", nargs="+", type=int, default=[1, 2, 3, 4], metavar="P",
+                        help="polynomial degrees of the elements; default 1 to 4")  # fmt: skip
+    parser.add_argument("-o", "--output", type=Path, help="the tables as CSV")
+    add_output_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print tables and checks; 1 if one fails."""
+    from torchliner.report.numbers import write_rows
+    from torchliner.report.verify import checks, format_verification, order_rows
+
+    refuse_inputs((options.output,), ())
+    rows = order_rows(options.degrees)
+    found = checks(rows)
+    if options.output is not None:
+        write_rows(rows, options.output)
+    if options.json:
+        print_json({"orders": rows, "checks": found})
+    else:
+        print(format_verification(rows, found))
+    return 0 if all(check["passed"] for check in found) else 1

@@ -1,0 +1,94 @@
+"""What the duct solvers are held to, measured where they are installed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from torchliner.duct.case import DuctCase
+from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
+from torchliner.duct.lee import DuctSolver
+from torchliner.duct.mode_matching import match_modes
+from torchliner.duct.modes import duct_modes
+from torchliner.duct.verification import CASES, order_table
+from torchliner.flow_profiles import UniformProfile
+
+HEIGHT, FREQUENCY, TRUE = 50e-3, 1500.0, 2.33 - 0.30j
+PUBLISHED = 21.45776 - 2.51104j  # c 343 m/s, M 0.3, Ingard-Myers, downstream
+LEAST = 0.5  # by which the last step may miss p + 1: with upwind fluxes p + 1/2 is sure
+
+
+def order_rows(degrees: Sequence[int]) -> list[dict[str, Any]]:
+    """The Euler solver against exact modes of a duct lined throughout, mesh by mesh."""
+    return [vars(row) for flow in CASES for row in order_table(flow, degrees)]
+
+
+def checks(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Name, measured figure, limit, and whether it is held."""
+    found = []
+    for flow in CASES:
+        for degree in sorted({row["degree"] for row in rows}):
+            mine = [row for row in rows if (row["flow"], row["degree"]) == (flow, degree)]
+            steps = [row["order"] for row in mine if row["error"] > 1e-11 and row["order"] > 0]
+            order = steps[-1] if steps else math.nan
+            missed = degree + 1 - order
+            found.append(_check(f"order {degree + 1} with degree {degree}, {flow}: misses by",
+                                missed, LEAST))  # fmt: skip
+    finest = [row["error"] for row in rows if row["flow"] == "no flow" and row["degree"] == 4]
+    if finest:
+        found.append(_check("no flow, degree 4, 32 x 16: relative error of p", finest[-1], 1e-9))
+    return [*found, *_wavenumbers(), _matched()]
+
+
+def _check(name: str, value: float, limit: float) -> dict[str, Any]:
+    return {"check": name, "value": value, "limit": limit, "passed": bool(value <= limit)}
+
+
+def _wavenumbers() -> list[dict[str, Any]]:
+    about: dict[str, Any] = {"height": HEIGHT, "mach": 0.3, "sound_speed": 343.0}
+    z = torch.tensor(TRUE, dtype=torch.complex128)
+    alpha = wavenumber_from_impedance(z, FREQUENCY, **about)
+    back = impedance_from_wavenumber(alpha, FREQUENCY, **about)
+    flow = UniformProfile(0.3, HEIGHT, sound_speed=343.0)
+    solved = duct_modes(flow, FREQUENCY, TRUE, count=1, slip_condition="ingard-myers").wavenumber
+    return [
+        _check("dispersion relation against its published value (1/m)",
+               abs(complex(alpha) - PUBLISHED), 1e-5),
+        _check("impedance to wavenumber and back", abs(complex(back) - TRUE), 1e-12),
+        _check("eigen-solver against the dispersion relation, relative",
+               abs(complex(solved.reshape(-1)[0]) / complex(alpha) - 1), 1e-6),
+    ]  # fmt: skip
+
+
+def _matched() -> dict[str, Any]:
+    """Rigid-lined-rigid without flow, on the opposite wall, against 40 matched modes."""
+    flow = UniformProfile(0.0, HEIGHT)
+    case = DuctCase(flow, -0.15, 0.3, (0.0, 0.15))
+    places = np.linspace(-0.05, 0.2, 26)
+    solver = DuctSolver(case, FREQUENCY, keep="walls")
+    field = solver.solve(TRUE).wall_pressure(places)
+    both = match_modes(HEIGHT, (0.0, 0.15), FREQUENCY, TRUE, modes=40)
+    matched, _, _ = both.fields(places, HEIGHT)
+    away = float((field - matched).abs().max() / matched.abs().max())
+    return _check("rigid-lined-rigid without flow against 40 matched modes", away, 1e-4)
+
+
+def format_verification(rows: Sequence[dict[str, Any]], found: Sequence[dict[str, Any]]) -> str:
+    """Two tables."""
+    lines = [
+        f"{'flow':>8s} {'p':>2s} {'mesh':>8s} {'unknowns':>9s} {'error of p':>11s} {'order':>6s}"
+    ]
+    for row in rows:
+        order = "" if math.isnan(row["order"]) else f"{row['order']:.2f}"
+        mesh = f"{row['columns']} x {row['rows']}"
+        lines.append(f"{row['flow']:>8s} {row['degree']:2d} {mesh:>8s} {row['unknowns']:9d} "
+                     f"{row['error']:11.2e} {order:>6s}")  # fmt: skip
+    lines.append("")
+    for check in found:
+        word = "holds" if check["passed"] else "FAILS"
+        lines.append(f"{word}: {check['check']} {check['value']:.2e} (limit {check['limit']:.0e})")
+    return "\n".join(lines)
