@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import b2a_line
 import calibrate_resolved
 import ldv_interpolation
 import truth_page
@@ -71,6 +72,8 @@ def main() -> None:
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
     truth_page.draw(rows, reasons, FIGURES)
     ldv_interpolation.study(FIGURES, 200)
+    torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
+    b2a_line.main(["-o", str(FIGURES)])  # an hour
     print(f"pictures are in {FIGURES}")
 
 
