@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{n}.md" for n in ("formats", "calibration", "ldv")),
+    *(ROOT / "docs" / f"{n}.md" for n in ("formats", "calibration", "ldv", "wall_pressure")),
 ]
 
 
