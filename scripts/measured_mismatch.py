@@ -1,6 +1,6 @@
 """Upstream against downstream source on a real lined duct: wavenumbers and impedance, 200-1480 Hz.
 
-    python scripts/measured_mismatch.py liner.txt [-o docs/figures] [--spacing 55]
+    python scripts/measured_mismatch.py liner.txt [-o docs/figures] [--spacing 55] [--scan]
 
 The file is that of a public package for duct acoustics (MIT licence): columns of complex numbers, a
 header naming them. It is read where it is and not part of this repository. Spacing of the ten
@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from torch import Tensor
 
 import torchliner as tl
@@ -37,7 +38,10 @@ RIGID = {"before the liner": (slice(5, 8), (-0.249, -0.059, 0.0)),
          "behind the liner": (slice(18, 21), (0.0, 0.055, 0.248))}  # fmt: skip
 HEARD = 0.15  # of the pressure: below it the reflected wave is not told from noise
 BANDS = ((300, 450), (450, 700), (700, 1000), (1000, 1480))  # Hz
+SCANNED = (40.0, 80.0)  # mm, heights of ``--scan`` besides the two
+SPACINGS = (0.049, 0.051, 0.053, 0.055, 0.057, 0.059)  # m, of ``--scan``
 Rows = NDArray[np.complex128]
+Array = NDArray[np.float64]
 
 
 def read_rows(path: Path) -> Rows:
@@ -186,6 +190,58 @@ def _median(values: NDArray[np.complex128]) -> str:
     return f"{np.median(good.real):.2f}{np.median(good.imag):+.2f}j"
 
 
+def height_lines(rows: Rows, heights: Sequence[float], spacing: float, mach: float) -> list[str]:
+    """What each height makes of the liner: X = m k - cot k D from 300 to 1000 Hz, and X = 0."""
+    lines = []
+    for height in heights:
+        for side, case in CASES.items():
+            line = dataclasses.replace(line_of(rows, case, side, height, spacing), mach=mach)
+            found = tl.two_wave_fit(line).impedance.numpy()
+            k = 2 * np.pi * line.frequency.numpy() / float(line.fluid.sound_speed)
+            band = (line.frequency.numpy() >= 300) & (line.frequency.numpy() <= 1000)
+            (mass, depth), left = _resonator(k[band], found[band].imag)
+            sign = np.flatnonzero(np.diff(np.sign(found[band].imag)) > 0)
+            lines.append(
+                f"H {1e3 * height:.0f} mm, M {mach:.3f}, source {side}: X = 0 near "
+                f"{float(line.frequency[band][sign[0]]) if len(sign) else math.nan:.0f} Hz; mass "
+                f"{1e3 * mass:.0f} mm, cavity {1e3 * depth:.0f} mm leave {left:.2f} rms in X; "
+                f"median R {np.median(found[band].real):.2f}"
+            )
+    return lines
+
+
+def _resonator(k: Array, reactance: Array) -> tuple[tuple[float, float], float]:
+    """Mass and depth (m) of m k - cot k D by least squares, and the rms that they leave."""
+
+    def off(trial: Array) -> Array:
+        return np.asarray(trial[0] * k - 1 / np.tan(k * trial[1]) - reactance)
+
+    fits = [least_squares(off, start) for start in ((0.02, 0.05), (0.1, 0.05), (0.6, 0.01))]
+    best = min(fits, key=lambda fit: fit.cost)
+    return (float(best.x[0]), float(best.x[1])), math.sqrt(2 * best.cost / len(k))
+
+
+def scan_lines(rows: Rows, heights: Sequence[float], machs: Sequence[float]) -> list[str]:
+    """What the tied fit leaves over the free one, by spacing, height and Mach number."""
+    lines = ["rms residual of the tied fit over that of the free one, medians, sources up and down"]
+    for mach in machs:
+        for height in heights:
+            cells = []
+            for spacing in SPACINGS:
+                pair = []
+                for side, case in CASES.items():
+                    line = line_of(rows, case, side, height, spacing)
+                    line = dataclasses.replace(
+                        line, mach=mach, pressure=line.pressure[:, ::2],
+                        frequency=line.frequency[::2],
+                    )  # fmt: skip
+                    tied, free = (tl.two_wave_fit(line, tied=t).residual for t in (True, False))
+                    pair.append(f"{float((tied / free).median()):.2f}")
+                cells.append(f"{1e3 * spacing:.0f} mm {'/'.join(pair)}")
+            lines.append(f"M {mach:.3f}, H {1e3 * height:3.0f} mm: " + ", ".join(cells))
+    return lines
+
+
 def repeatability(rows: Rows, spacing: float) -> str:
     """Of wavenumbers between two measurements of the same case."""
     lines = [
@@ -208,6 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--spacing", type=float, default=55.0, help="of the microphones, mm")
     parser.add_argument("--heights", type=float, nargs="+", default=[20.0, 110.0], help="mm")
     parser.add_argument("--draws", type=int, default=500)
+    parser.add_argument("--scan", action="store_true", help="residuals over spacing and height")
     options = parser.parse_args(arguments)
     warnings.showwarning = lambda message, *_, **__: print(f"warning: {message}", file=sys.stderr)
     rows = read_rows(options.file)
@@ -230,6 +287,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"plane waves {name}: M = {mach:.3f} leaves least, {100 * left:.1f} %")
     machs = (float(rows[0, MACH].real), float(np.mean([mach for mach, _ in apparent.values()])))
     print("\n".join(mismatch_lines(rows, heights, spacing, machs)))
+    print("\n".join(height_lines(rows, heights, spacing, machs[-1])))
+    if options.scan:
+        scanned = sorted({*heights, *(1e-3 * height for height in SCANNED)})
+        print("\n".join(scan_lines(rows, scanned, machs)))
     write_rows([row for wave in waves for row in wave_rows(wave)],
                options.output / "measured_mismatch.csv")  # fmt: skip
     draw_mismatch(waves, heights, options.output / "measured_mismatch.png")

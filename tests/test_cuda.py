@@ -87,3 +87,31 @@ def test_a_line_of_stations_is_the_same_on_the_gpu(liner):
     assert there.reflection.device.type == "cpu"
     assert float((here.reflection - there.reflection).abs().max()) < 1e-10
     assert float((here.interval.low - there.interval.low).abs().max()) < 1e-8
+
+
+def test_wall_pressures_on_a_gpu():
+    """Prediction, fits and draws of a line on the device are those on the CPU."""
+    x = torch.arange(12, dtype=torch.float64) * 0.012
+    walls = torch.tensor([1.5 + 0.3j, 2.33 - 0.3j], dtype=torch.complex128)
+    about = {"height": 0.05, "mach": 0.3}
+    alpha, beta = (
+        tl.wavenumber_from_impedance(walls, [1000.0, 1500.0], direction=d, **about)
+        for d in ("downstream", "upstream")
+    )
+    place = x[:, None]
+    pressure = torch.exp(-1j * alpha * place) + 0.3 * torch.exp(-1j * beta * (place - x[-1]))
+    there, here = (
+        tl.MicrophoneLine(x, values, [1000.0, 1500.0], duct_height=0.05, mach=0.3,
+                          source_side="upstream")
+        for values in (pressure.cuda(), pressure)
+    )  # fmt: skip
+    for method in (tl.kumaresan_tufts, tl.two_wave_fit):
+        found, wanted = (method(line, draws=20) for line in (there, here))
+        assert found.impedance.device.type == "cuda"
+        assert float((found.impedance.cpu() - wanted.impedance).abs().max()) < 1e-9
+        drawn = found.draws.impedance.cpu() / wanted.draws.impedance - 1
+        assert float(drawn.abs().max()) < 1e-6
+    found = tl.wavenumber_from_impedance(walls.cuda(), [1000.0, 1500.0], **about)
+    assert float((found.cpu() - alpha).abs().max()) < 1e-11
+    level = tl.sort_waves(there, [0, 4]).incident_level.cpu()
+    assert float((level - tl.sort_waves(here, [0, 4]).incident_level).abs().max()) < 1e-9

@@ -71,6 +71,9 @@ def test_selection():
     assert torch.equal(line.over_liner().pressure, line.pressure[1:9])
     assert line.over_liner(0.03).x.tolist() == pytest.approx(PLACES[4:6])
     assert line_of().over_liner().microphones == 12
+    one = line.at([1500.0])
+    assert torch.equal(one.pressure, line.pressure[:, 1:])
+    assert torch.equal(one.coherence, line.coherence[:, 1:])
     with pytest.raises(ValueError, match=r"has microphones 0 to 11; \[3, 12\] asked"):
         line.select([3, 12])
     with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
@@ -194,6 +197,11 @@ def test_a_table_by_hand(tmp_path):
     assert line.level[:, 0].tolist() == pytest.approx([130.0, 129.5, 129.0])
     assert line.phase[:, 0].tolist() == pytest.approx([10.0, -40.5, -91.0])
     assert line.fluid == tl.Fluid.from_temperature(290.0)
+    assert read_microphones(path, 1500.0).frequency.tolist() == [1500.0]
+    with pytest.raises(ValueError, match="has no 1400 Hz; it holds 1 from 1500 to 1500 Hz"):
+        read_microphones(path, 1400.0)
+    with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment and"):
+        read_microphones(path, segment=0.1)
     text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
     path.write_text("# frequency = 1.5 kHz\n" + text)
     assert torch.equal(read_microphones(path).pressure, line.pressure)

@@ -18,7 +18,10 @@ ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{n}.md" for n in ("formats", "calibration", "ldv", "ldv_line", "duct")),
+    *(
+        ROOT / "docs" / f"{n}.md"
+        for n in ("formats", "calibration", "ldv", "ldv_line", "duct", "wall_pressure")
+    ),
 ]
 
 

@@ -15,6 +15,7 @@ from torchliner.words import did_you_mean
 COMMANDS = {
     "educe": "impedance map of one or several velocity planes",
     "insitu": "impedance from facesheet and backplate pressure, and from microphones",
+    "kt": "impedance from microphones along a lined duct, by wavenumber",
     "info": "describe and check a velocity plane",
     "convert": "write a plane file from simulation files or plain arrays",
     "duct": "sound field and modes of a lined duct with flow",

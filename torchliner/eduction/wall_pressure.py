@@ -150,7 +150,7 @@ def _result_notes(result: WallEduction, name: str) -> tuple[str, ...]:
         )
     notes = []
     if bool(lost.any()):
-        where = result.frequency[lost.reshape(-1, lost.shape[-1]).any(0)].tolist()
+        where = result.frequency[lost.reshape(-1, lost.shape[-1]).any(0).cpu()].tolist()
         notes.append(
             f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a "
             f"source {result.source_side}, first at {where[0]:g} Hz; they are nan"

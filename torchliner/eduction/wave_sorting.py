@@ -104,9 +104,10 @@ def sort_waves(
     place = edge if at is None else at
     if place is None:
         place = float(some.x[-1 if seen.sign == 1 else 0])
+    there = some.pressure.device
     waves, residual, condition = split_waves(
-        some.pressure, some.x - place, line.frequency, float(line.fluid.sound_speed),
-        float(line.mach),
+        some.pressure, (some.x - place).to(there), line.frequency.to(there),
+        float(line.fluid.sound_speed), float(line.mach),
     )  # fmt: skip
     notes = duct_notes(line) + _condition_notes(line, condition)
     for note in notes:

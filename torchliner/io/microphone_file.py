@@ -124,19 +124,21 @@ def read_microphones(
 
     Args:
         path: .h5, .nc or text (.csv, .txt, .tsv, .dat).
-        frequency: Hz, of time signals alone; default those that the file states.
-        segment, window, start: of time signals, as in ``reject_flow_noise``.
+        frequency: Hz; default all that the file states. Amplitudes must be there at these.
+        segment, window, start: of time signals alone, as in ``reject_flow_noise``.
         about: fields of the record instead of those of the file, e.g. ``source_side``.
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: another schema, a dataset missing, of a wrong shape or unit; the message names
+        ValueError: another schema, a dataset missing, of a wrong shape or unit; a frequency that is
+            not there; ``segment`` or ``start`` for a file without signals. The message names
             FILE:/dataset or FILE: line.
     Warns:
         DataWarning: units or coherences in doubt.
     """
     path = Path(path)
+    signals = {"segment": segment, "window": window, "start": start}
     if path.suffix.lower() in TEXT_ENDINGS:
-        return read_microphone_csv(path, **about)
+        return _selected(read_microphone_csv(path, **about), frequency, signals)
     with open_file(path) as file:
         schema = text_attribute(file, "schema")
         if schema is not None and schema != SCHEMA:
@@ -163,10 +165,19 @@ def read_microphones(
             head["pressure"] = _complex_pressure(file, path)
             if "coherence" in file:
                 head["coherence"] = read_si(file, "coherence", "number", path)
-        else:
-            head["frequency"] = wanted if frequency is None else frequency
-            head |= _from_signals(file, path, head, segment=segment, window=window, start=start)
+            return _selected(MicrophoneLine(**{**head, **about}), frequency, signals)
+        head["frequency"] = wanted if frequency is None else frequency
+        head |= _from_signals(file, path, head, **signals)
     return MicrophoneLine(**{**head, **about})
+
+
+def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> MicrophoneLine:
+    """Amplitudes at some frequencies; what only signals know is refused."""
+    if signals["segment"] is not None or signals["start"] != 0.0:
+        raise ValueError(
+            f"{line.name} holds amplitudes, no time signals; leave segment and start out"
+        )
+    return line if frequency is None else line.at(frequency)
 
 
 def _complex_pressure(file: h5py.File, path: Path) -> np.ndarray:

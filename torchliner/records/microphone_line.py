@@ -22,12 +22,11 @@ from torchliner.checks import (
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
+from torchliner.records.unit_doubts import unit_doubts
 from torchliner.records.velocity_plane import SOURCE_SIDES
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 LOUDEST = 194.0  # dB: a peak of one atmosphere
-LIKE_PASCALS = 20.0  # dB, below any duct's sound
-TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +127,10 @@ class MicrophoneLine:
             )
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
-        notes = _doubts(line, levels, phases)
+        notes = unit_doubts(
+            name, levels, phases, float(line.frequency.max()) / line.fluid.sound_speed,
+            float(line.x[-1] - line.x[0]),
+        )  # fmt: skip
         for note in notes:
             warnings.warn(note, DataWarning, stacklevel=2)
         return replace(line, notes=line.notes + notes)
@@ -249,6 +251,28 @@ class MicrophoneLine:
             coherence=None if self.coherence is None else self.coherence[index],
         )
 
+    def at(self, frequency: Any) -> MicrophoneLine:
+        """The line at some of its frequencies, Hz.
+
+        Raises:
+            ValueError: it has no such frequency.
+        """
+        index = []
+        for wanted in frequency_tensor(frequency).tolist():
+            close = (self.frequency / wanted - 1).abs() < 1e-6
+            if not bool(close.any()):
+                raise ValueError(
+                    f"{self.name} has no {wanted:g} Hz; it holds {len(self.frequency)} from "
+                    f"{float(self.frequency.min()):g} to {float(self.frequency.max()):g} Hz"
+                )
+            index.append(int(close.nonzero()[0]))
+        return replace(
+            self,
+            frequency=self.frequency[index],
+            pressure=self.pressure[..., index],
+            coherence=None if self.coherence is None else self.coherence[:, index],
+        )
+
     def over_liner(self, margin: float = 0.0) -> MicrophoneLine:
         """The microphones over the liner, at least ``margin`` (m) from its ends.
 
@@ -270,23 +294,3 @@ class MicrophoneLine:
         from torchliner.io.microphone_file import write_microphones
 
         write_microphones(self, path)
-
-
-def _doubts(line: MicrophoneLine, levels: Tensor, phases: Tensor) -> tuple[str, ...]:
-    """Of units that only a person can know for sure."""
-    found = []
-    if float(levels.max()) < LIKE_PASCALS:
-        found.append(
-            f"{line.name}: the highest level is {float(levels.max()):.3g} dB; are these pascals? "
-            "SPL in dB re 20 uPa rms is needed"
-        )
-    turn = 2 * torch.pi * float(line.frequency.max()) / line.fluid.sound_speed
-    turn *= float(line.x[-1] - line.x[0])
-    largest = float(phases.abs().max())
-    if largest <= 2 * torch.pi and turn > TURN:
-        found.append(
-            f"{line.name}: no phase is beyond {largest:.3g}, while a plane wave turns by "
-            f"{float(np.degrees(turn)):.0f} degrees along the line; are these radians? Degrees are "
-            "needed"
-        )
-    return tuple(found)

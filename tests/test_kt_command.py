@@ -1,0 +1,139 @@
+"""Eduction from wall pressures at the command line: table, files, figure, refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+import torch
+from test_two_wave_fit import both_ways
+from test_wall_pressure import FREQUENCY, WALLS, line_of
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.report.wall_pressure import draw_wall, educe_line
+
+
+@pytest.fixture
+def files(tmp_path):
+    """One wall seen by sources on both sides, and at one frequency alone."""
+    for side in ("upstream", "downstream"):
+        line = line_of(both_ways(side)[0], side, title=f"{side} case")
+        line.write(tmp_path / f"{side}.csv")
+        one = line_of(both_ways(side)[0][:, 2:], side, frequency=1500.0)
+        one.write(tmp_path / f"{side}_1500.h5")
+    return tmp_path
+
+
+def test_table_and_files(files, capsys):
+    """The table has alpha, Z and singular values; the CSV the same numbers."""
+    path = str(files / "upstream.csv")
+    assert main(["kt", path, "-o", str(files / "rows.csv"), "--quiet"]) == 0
+    text = capsys.readouterr().out
+    assert (
+        "upstream case: Kumaresan-Tufts, rank 2, order 6, source upstream, 12 microphones" in text
+    )
+    assert "2.330-0.300j" in text
+    with (files / "rows.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["frequency"]) for row in rows] == FREQUENCY.tolist()
+    for row, wall in zip(rows, WALLS.tolist(), strict=True):
+        assert complex(float(row["resistance"]), float(row["reactance"])) == pytest.approx(wall)
+        assert row["resistance_deviation"] == "nan"
+        assert float(row["singular_values"].split()[2]) < 1e-10
+
+
+@pytest.mark.parametrize("method", ["kt", "two-waves", "free-waves"])
+def test_both_sides_at_once(files, capsys, method):
+    """JSON of two lines with draws; a seed makes them the same again."""
+    names = [str(files / f"{side}.csv") for side in ("upstream", "downstream")]
+    arguments = ["kt", *names, "--method", method, "--draws", "5", "--json", "--quiet"]
+    assert main(arguments) == 0
+    first = json.loads(capsys.readouterr().out)["lines"]
+    assert [one["title"] for one in first] == ["upstream case", "downstream case"]
+    for one in first:
+        assert one["rows"][2]["resistance"] == pytest.approx(2.33, abs=1e-6)
+        assert 0 < one["rows"][2]["resistance_deviation"] < 1
+        assert one["rows"][2]["resistance_low"] < one["rows"][2]["resistance_high"]
+        assert one["choices"]["draws"] == 5
+    main(arguments)
+    assert json.loads(capsys.readouterr().out)["lines"] == first
+    main([*arguments, "--seed", "1"])
+    assert json.loads(capsys.readouterr().out)["lines"] != first
+
+
+def test_options_reach_the_method(files, capsys):
+    """Rank, order, condition, margin, errors and the side that overrules the file."""
+    path = str(files / "downstream.csv")
+    options = ["--rank", "3", "--order", "4", "--condition", "continuous-velocity",
+               "--draws", "3", "--level-error", "0.3", "--phase-error", "2"]  # fmt: skip
+    assert main(["kt", path, *options, "--json", "--quiet"]) == 0
+    choices = json.loads(capsys.readouterr().out)["lines"][0]["choices"]
+    assert (choices["rank"], choices["order"], choices["level_error"]) == (3, 4, 0.3)
+    assert (choices["condition"], choices["phase_error"]) == ("continuous-velocity", 2.0)
+    assert main(["kt", path, "--frequency", "1000:1500:500", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["lines"][0]["rows"]
+    assert [row["frequency"] for row in rows] == [1000.0, 1500.0]
+    fit = ["--method", "two-waves", "--weights", "relative", "--source-side", "upstream"]
+    assert main(["kt", path, *fit, "--json", "--quiet"]) == 0
+    choices = json.loads(capsys.readouterr().out)["lines"][0]["choices"]
+    assert (choices["weights"], choices["source_side"]) == ("relative", "upstream")
+
+
+def test_figures(files, capsys):
+    """Z in its plane with levels for one frequency, R and X over frequency for several."""
+    one = [str(files / f"{side}_1500.h5") for side in ("upstream", "downstream")]
+    several = [str(files / f"{side}.csv") for side in ("upstream", "downstream")]
+    for number, names in enumerate((one, several)):
+        target = files / f"figure_{number}.png"
+        assert main(["kt", *names, "--draws", "20", "--figure", str(target)]) == 0
+        assert target.stat().st_size > 15_000
+    capsys.readouterr()
+    line = tl.read_microphones(one[0])
+    found = educe_line(line, "kt", draws=20)
+    figure = draw_wall([line], [found])
+    axes = figure.axes
+    assert axes[1].get_ylabel() == "SPL (dB)"
+    measured = axes[1].lines[-1].get_ydata()
+    assert measured == pytest.approx(line.level[:, 0].numpy())
+    assert len(axes[0].lines[0].get_xdata()) == 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (["nothing.h5"], "no such file"),
+        (["{}", "-o", "{}"], "is an input or another output"),
+        (["{}", "-o", "rows.h5"], "must be one of .csv"),
+        (["{}", "--figure", "no/a.png"], "the folder no does not exist"),
+        (["{}", "--frequency", "700"], "has no 700 Hz; it holds 3 from 600 to 1500 Hz"),
+        (["{}", "--order", "7"], "12 microphones are fewer than twice the order, 7"),
+        (["{}", "--weights", "relative"], "--weights is no option of --method kt"),
+        (["{}", "--method", "two-waves", "--rank", "2"], "--rank is no option of --method two-wav"),
+        (
+            ["{}", "--source-side", "downstream", "--rank", "1"],
+            "runs away from a source downstream",
+        ),
+    ],
+)
+def test_command_refuses(files, capsys, arguments, match):
+    pure = line_of(both_ways(share=0.0)[0])
+    pure.write(files / "pure.csv")
+    filled = [word.format(files / "pure.csv") for word in arguments]
+    assert main(["kt", *filled]) == 2
+    assert match in capsys.readouterr().err
+
+
+def test_lines_of_draws_have_no_table(files, capsys):
+    line = line_of(torch.stack([both_ways()[0]] * 2))
+    line.write(files / "draws.h5")
+    assert main(["kt", str(files / "draws.h5")]) == 2
+    assert "holds (2,) lines; a table needs one" in capsys.readouterr().err
+
+
+def test_unknown_source_is_asked_for(files, capsys):
+    line_of(both_ways()[0], "unknown").write(files / "unknown.csv")
+    assert main(["kt", str(files / "unknown.csv")]) == 2
+    assert "give 'upstream' or 'downstream'" in capsys.readouterr().err
+    assert main(["kt", str(files / "unknown.csv"), "--source-side", "upstream"]) == 0
