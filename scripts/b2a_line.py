@@ -73,13 +73,13 @@ def assumptions(seconds: float) -> str:
     """What is assumed, in words."""
     return (
         f"SIMULATED bursts ({seconds:g} s, Poisson, {RATE / 1e3:g} kHz after {100 * VALIDATED:g} % "
-        "validation). Assumed: Gaussian turbulence, alike along x, spectrum of a channel LES "
-        f"scaled with $y/u_\\tau$, $v'$ = {V_PLUS:g} $u_\\tau$,\n$u_\\tau$ = "
-        f"{FRICTION[0.3]:g} m/s at Mach 0.3 and {FRICTION[0.1]:.2f} at 0.1; no steady $v_0$; one "
-        "incident wave decaying by the lined duct's mode (uniform flow, Ingard-Myers); "
-        "$v = p/(\\rho c Z)$ spread over\na "
-        f"3 x 3 grid of holes, {1e3 * HOLE_SPACING:.3g} mm apart, without its centre, by potential "
-        "flow up to the height $y$."
+        "validation). Assumed: Gaussian turbulence, alike along x,\n"
+        f"spectrum of a channel LES scaled with $y/u_\\tau$, $v'$ = {V_PLUS:g} $u_\\tau$, "
+        f"$u_\\tau$ = {FRICTION[0.3]:g} m/s at Mach 0.3 and {FRICTION[0.1]:.2f} at 0.1; no steady "
+        "$v_0$; one incident wave\ndecaying by the lined duct's mode (uniform flow, Ingard-Myers); "
+        "$v = p/(\\rho c Z)$, spread over a 3 x 3 grid of holes\n"
+        f"({1e3 * HOLE_SPACING:.3g} mm apart, none in the middle) by potential flow up to the "
+        "height $y$."
     )
 
 
@@ -144,23 +144,53 @@ def settled_impedance(liner: Any, rms: float, pressure: float, ratio: float) -> 
     return z
 
 
+@dataclass(frozen=True)
+class Sound:
+    """The tone of a configuration.
+
+    Args:
+        impedance: of the liner, as the bursts are made with.
+        wavenumber: of the lined duct, 1/m.
+        incident: peak pressure where the wave meets the liner, Pa.
+        start: x there, m.
+    """
+
+    impedance: complex
+    wavenumber: complex
+    incident: float
+    start: float
+
+    @classmethod
+    def of(cls, case: Case, liner: Any) -> Sound:
+        """From level, flow and source side."""
+        incident = 2**0.5 * REFERENCE_PRESSURE * 10 ** (case.level / 20)
+        z = settled_impedance(liner, V_PLUS * FRICTION[case.mach], incident, 1.0)
+        direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
+        alpha = complex(wavenumber_from_impedance(
+            torch.tensor(z), FREQUENCY, height=HEIGHT, mach=case.mach, direction=direction,
+            sound_speed=tl.Fluid().sound_speed,
+        ))  # fmt: skip
+        return cls(z, alpha, incident, 0.0 if case.side == "upstream" else LENGTH)
+
+    def velocity(self, x: np.ndarray) -> np.ndarray:
+        """Into the liner, homogeneous over a cell, complex peak, m/s."""
+        pressure = self.incident * np.exp(-1j * self.wavenumber * (x - self.start))
+        return np.asarray(pressure / (tl.Fluid().characteristic_impedance * self.impedance))
+
+    def facts(self) -> dict[str, float]:
+        """For the table."""
+        decay = 20 * math.log10(math.e) * abs(self.wavenumber.imag) * LENGTH
+        return {"assumed resistance": self.impedance.real,
+                "assumed reactance": self.impedance.imag, "decay (dB)": decay}  # fmt: skip
+
+
 def write_case(
     case: Case, liner: Any, turbulence: Turbulence, folder: Path, stations: int, seconds: float
-) -> dict[str, float]:
-    """Files of bursts of one configuration; returns what they were made with."""
+) -> None:
+    """Files of bursts of one configuration."""
     friction = FRICTION[case.mach]
-    rms = V_PLUS * friction
-    incident = 2**0.5 * REFERENCE_PRESSURE * 10 ** (case.level / 20)
-    z = settled_impedance(liner, rms, incident, 1.0)
-    direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
-    alpha = complex(wavenumber_from_impedance(
-        torch.tensor(z), FREQUENCY, height=HEIGHT, mach=case.mach, direction=direction,
-        sound_speed=tl.Fluid().sound_speed,
-    ))  # fmt: skip
     places = (np.arange(stations) + 0.5) * LENGTH / stations
-    start = 0.0 if case.side == "upstream" else LENGTH
-    pressure = incident * np.exp(-1j * alpha * (places - start))
-    velocity = pressure / (tl.Fluid().characteristic_impedance * z)
+    velocity = Sound.of(case, liner).velocity(places)
     velocity = velocity * imprint(places, case.height, liner.cell_pitch, liner.orifice_diameter)
     for i, (x, amplitude) in enumerate(zip(places, velocity, strict=True)):
         seed = int(1e5 * case.mach) + 1000 * round(case.level) + 7919 * i + len(case.side)
@@ -168,8 +198,8 @@ def write_case(
         count = int(1.01 * RATE / VALIDATED * seconds) + 500
         times = np.cumsum(generator.exponential(VALIDATED / RATE, count))
         times = times[times < seconds]
-        grown = rms * (1 + case.growth * x / LENGTH)
-        values = turbulence.at(times, friction / case.height, grown, seed + 1)
+        rms = V_PLUS * friction * (1 + case.growth * x / LENGTH)
+        values = turbulence.at(times, friction / case.height, rms, seed + 1)
         # Into the liner is -v.
         values -= np.abs(amplitude) * np.cos(2 * np.pi * FREQUENCY * times + np.angle(amplitude))
         valid = generator.random(len(times)) < VALIDATED
@@ -180,8 +210,6 @@ def write_case(
             provenance={"simulated": assumptions(seconds)},
         )  # fmt: skip
         record.write(folder / f"station_{i:03d}.h5")
-    decay = 20 * math.log10(math.e) * abs(alpha.imag) * LENGTH
-    return {"assumed resistance": z.real, "assumed reactance": z.imag, "decay (dB)": decay}
 
 
 def slope(line: tl.ImpedanceLine, part: str) -> float:
@@ -263,12 +291,35 @@ def _kept(row: dict[str, Any]) -> dict[str, Any]:
     return {key: float(f"{value:.6g}") for key, value in row.items() if key not in left_out}
 
 
+def _line(
+    case: Case, liner: Any, turbulence: Turbulence, options: argparse.Namespace
+) -> tl.ImpedanceLine:
+    """Simulated and educed, or as kept by an earlier run."""
+    kept = None if options.lines is None else options.lines / f"{case.name.replace(' ', '_')}.h5"
+    if kept is not None and kept.exists():
+        return tl.read_line(kept)
+    with tempfile.TemporaryDirectory() as place:
+        write_case(case, liner, turbulence, Path(place), options.stations, options.seconds)
+        began = time.perf_counter()
+        line = tl.educe_bursts(place, liner, phase=options.phase)
+        took = time.perf_counter() - began
+    print(f"{case.name}: {options.stations} stations, {took / options.stations:.2f} s each",
+          flush=True)  # fmt: skip
+    if kept is not None:
+        line.write(kept)
+    return line
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
     parser.add_argument("--stations", type=int, default=120)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--phase", choices=["averaged", "self-consistent"], default="averaged")
+    parser.add_argument(
+        "--lines", type=Path, metavar="FOLDER",
+        help="keep educed lines there, and take those that are there, for other figures of them",
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
@@ -276,16 +327,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     liner, turbulence = tl.load_liner("onera"), Turbulence()
     lines, rows, stations = {}, {}, []
     for case in (*CASES, HIGH, *GROWING):
-        with tempfile.TemporaryDirectory() as place:
-            made = write_case(
-                case, liner, turbulence, Path(place), options.stations, options.seconds
-            )
-            began = time.perf_counter()
-            line = tl.educe_bursts(place, liner, phase=options.phase)
-            took = time.perf_counter() - began
-        print(f"{case.name}: {options.stations} stations, {took / options.stations:.2f} s each",
-              flush=True)  # fmt: skip
-        lines[case.name], rows[case.name] = line, summary(case, line, made)
+        line = _line(case, liner, turbulence, options)
+        lines[case.name] = line
+        rows[case.name] = summary(case, line, Sound.of(case, liner).facts())
         stations += [{"configuration": case.name, **_kept(row)} for row in line_rows(line)]
     report(rows)
     write_rows(list(rows.values()), options.output / "b2a_averages.csv")

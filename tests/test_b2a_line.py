@@ -53,7 +53,8 @@ def test_files_hold_what_was_asked_for(tmp_path):
     """Rate, tone towards the source's decay, level and case are those of the configuration."""
     liner, turbulence = tl.load_liner("onera"), SCRIPT.Turbulence()
     quiet = SCRIPT.replace(SCRIPT.CASES[4], mach=0.3)
-    made = SCRIPT.write_case(quiet, liner, turbulence, tmp_path, 4, 1.0)
+    SCRIPT.write_case(quiet, liner, turbulence, tmp_path, 4, 1.0)
+    made = SCRIPT.Sound.of(quiet, liner).facts()
     records = tl.read_bursts(tmp_path)
     assert [record.source_side for record in records] == ["downstream"] * 4
     assert records[0].bursts == pytest.approx(SCRIPT.RATE, rel=0.03)

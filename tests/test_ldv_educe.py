@@ -243,3 +243,59 @@ def test_the_line_file_is_valid_hdf5_with_units(folder, tmp_path):
         for name, item in file.items():
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
                 assert "units" in item.attrs, name
+
+
+def test_what_else_lies_in_the_parts_folder_stays(folder, tmp_path):
+    """Only what the run itself took up or made is deleted."""
+    parts = tmp_path / "line.h5.parts"
+    parts.mkdir()
+    (parts / "notes.txt").write_text("precious")
+    assert run(folder, "-o", tmp_path / "line.h5", "--quiet") == 0
+    assert [path.name for path in parts.iterdir()] == ["notes.txt"]
+
+
+def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
+    """The numbers of a table count, not its name."""
+    from torchliner.eduction.bursts import liner_fingerprint
+
+    found = []
+    for factor in (1.0, 2.0):
+        path = tmp_path / "table.csv"
+        rows = [f"{f},{v},{factor * (0.5 + v)},0.1" for f in (500, 3000) for v in (0, 10, 20)]
+        path.write_text("frequency,speed,resistance,reactance\n" + "\n".join(rows))
+        found.append(liner_fingerprint(tl.load_liner(path)))
+    assert found[0] != found[1]
+    assert liner_fingerprint(tl.load_liner("onera")) == liner_fingerprint(tl.load_liner("onera"))
+
+
+def test_parts_that_are_none_are_refused_with_the_remedy(folder, tmp_path, monkeypatch):
+    parts, liner = tmp_path / "parts", tl.load_liner("onera")
+    tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+    first, second, _ = sorted(parts.iterdir())
+    whole = first.read_bytes()
+    first.write_bytes(whole[:2000])
+    with pytest.raises(ValueError, match=r"cannot be taken up: .*delete it"):
+        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+    first.write_bytes(second.read_bytes())
+    with pytest.raises(ValueError, match="is not the part that its name says; delete it"):
+        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+    first.write_bytes(whole)
+    with h5py.File(first, "r+") as file:
+        del file["grid_rate"]
+    with pytest.raises(ValueError, match="grid_rate is missing; the file holds"):
+        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+
+
+def test_a_table_without_intervals(folder, capsys):
+    assert run(folder, "--no-intervals", "--quiet") == 0
+    text = capsys.readouterr().out
+    assert text.splitlines()[0].startswith("station")
+    assert "f Hz" in text.splitlines()[0]
+    assert "interval" not in text
+
+
+def test_a_title_is_that_of_the_line(folder, tmp_path):
+    assert run(folder, "--title", "config 4", "-o", tmp_path / "line.h5", "--quiet") == 0
+    line = tl.read_line(tmp_path / "line.h5")
+    assert line.title == "config 4"
+    assert line.names == ("s0", "s1", "s2")

@@ -94,7 +94,7 @@ def test_a_station_depends_on_no_other(onera, line):
     """Alone, in another order, or beside a fast one: the same digits; the line runs along x."""
     fast = station(9, tone=8.0, x=0.5)
     other = educed([fast, *(station(seed) for seed in (2, 0, 1))], onera)
-    assert other.names == ("s9", "s2", "s0", "s1")
+    assert other.names == ("s0", "s1", "s2", "s9")
     for i, name in enumerate(line.names):
         j = other.names.index(name)
         count = int(line.segments[i])
@@ -457,3 +457,63 @@ def test_admittance_at_walls_is_zero_in_the_draws(line):
     assert bool((found[1] == 0).all())
     plain = admittance_from_reflection(line.reflection)
     assert torch.equal(torch.nan_to_num(found[0]), torch.nan_to_num(plain[0]))
+
+
+def test_a_dead_channel_is_flagged(onera):
+    record = station(1)
+    dead = dataclasses.replace(record, wall_normal=torch.full_like(record.wall_normal, 2.0))
+    found = educed([station(0), dead], onera)
+    assert found.used.tolist() == [True, False]
+    assert found.flags[1] == ("wall_normal is constant, 2 m/s: a dead channel",)
+
+
+def test_a_tone_that_wanders_past_the_correction_says_so(onera):
+    record = station(0)
+    away = 1.0 * torch.cos(2 * torch.pi * (FREQUENCY + 3) * record.arrival_time)
+    away -= torch.cos(2 * torch.pi * FREQUENCY * record.arrival_time + 0.3)
+    found = educed([dataclasses.replace(record, wall_normal=record.wall_normal + away)], onera)
+    assert any("the tone of 1500 Hz wanders: over the whole record 0." in note
+               for note in found.station_notes[0])  # fmt: skip
+    steady = educed([station(0)], onera)
+    assert not any("wanders" in note for note in steady.station_notes[0])
+
+
+def test_references_that_tell_no_phase_say_so(onera):
+    """Noise, and another tone: v does not follow; too few samples a period are refused."""
+    times = np.arange(26_000) / 40e3
+    random = np.random.default_rng(0).standard_normal(len(times))
+    for values in (random, np.cos(2 * np.pi * 700 * times)):
+        channel = tl.ReferenceChannel(values, 40e3)
+        found = educed([station(0)], onera, reference=channel, phase="given", reference_phase=0.0)
+        assert any("it tells nothing of the phase of the sound" in note
+                   for note in found.station_notes[0])  # fmt: skip
+    coarse = tl.ReferenceChannel(np.cos(2 * np.pi * FREQUENCY * np.arange(3000) / 6e3), 6e3)
+    with pytest.raises(ValueError, match="reference is sampled at 6000 Hz, less than 8 times"):
+        educed([station(0)], onera, reference=coarse)
+    with pytest.raises(TypeError, match="a reference is ndarray; make a ReferenceChannel"):
+        educed([station(0)], onera, reference=np.zeros(5))
+
+
+def test_more_that_is_refused(onera):
+    with pytest.raises(ValueError, match="a frequency is asked for twice"):
+        educed([station(0)], onera, frequency=[FREQUENCY, FREQUENCY])
+    with pytest.raises(ValueError, match=r"s0: a grid of 1e\+308 Hz has .* \(limit 3e\+07\)"):
+        educed([station(0)], onera, grid_rate=1e308)
+    with pytest.raises(ValueError, match="s0 and s5 have the same position"):
+        educed([station(0), station(5, x=0.0)], onera)
+    about = {"mach": 0.3, "displacement_thickness": 1e-3}
+    other = station(1, mach=0.3, displacement_thickness=1e-2)
+    with pytest.raises(ValueError, match="s1 has another displacement thickness"):
+        educed([station(0, **about), other], onera)
+
+
+def test_tones_that_are_not_stated_are_corrected_one_at_a_time(onera):
+    """Without a stated tone a correction at several frequencies would count neighbours twice."""
+    record = station(0, frequency=None)
+    assert educed([record], onera, frequency=FREQUENCY).corrected.tolist() == [[True]]
+    several = educed([record], onera, frequency=[FREQUENCY - 1, FREQUENCY])
+    assert several.corrected.tolist() == [[False, False]]
+
+
+def test_one_station_has_no_spread_along_the_line(onera):
+    assert torch.isnan(educed([station(0)], onera).average.spatial_spread.real).all()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,8 +77,8 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--reference", type=Path, help="a recording for all stations, or a folder "
                        "with one a station, of its file's name: .npy, .wav, .mat, .h5")  # fmt: skip
     group.add_argument("--reference-rate", type=float, metavar="HZ", help="but for .wav")
-    group.add_argument("--reference-start", type=float, metavar="S", default=0.0, help="time of "
-                       "its first sample on the clock of the arrivals")  # fmt: skip
+    group.add_argument("--reference-start", type=float, metavar="S", help="time of its "
+                       "first sample on the clock of the arrivals; default 0")  # fmt: skip
     group.add_argument("--reference-phase", type=float, metavar="RAD", help="for --phase given: "
                        "x(t) = cos(2 pi f t + RAD), or its lead over the reference")  # fmt: skip
 
@@ -86,6 +86,7 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.eduction.bursts import educe_bursts
+    from torchliner.io.line_parts import LineParts
     from torchliner.report.line import format_line, plain_line
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
@@ -94,14 +95,13 @@ def run(options: argparse.Namespace) -> int:
     chosen = chosen_from(options) | _station_choices(options)
     if options.no_intervals:
         chosen["interval"] = None
-    sources = stations_from(options, "liner")
+    sources = stations_from(options, "liner", "title")
     wanted = None if options.educe_at is None else list(chain(*options.educe_at))
     liner = _liner(options, sources)
-    parts = None if options.output is None else Path(f"{options.output}.parts")
-    if parts is not None and parts.is_dir() and not options.quiet:
-        done = len(list(parts.glob("*.h5")))
-        print(f"{parts} holds {done} finished stations; those of the same data and choices are "
-              "taken up", file=sys.stderr)  # fmt: skip
+    parts = None if options.output is None else LineParts(f"{options.output}.parts")
+    if parts is not None and parts.there and not options.quiet:
+        print(f"{parts.folder} holds {parts.there} finished stations; those of the same data and "
+              "choices are taken up", file=sys.stderr)  # fmt: skip
     with (
         warnings_on_stderr(options.quiet),
         progress_bar(len(sources), options.source.name, options.quiet, "station") as step,
@@ -110,10 +110,12 @@ def run(options: argparse.Namespace) -> int:
             sources, liner, wanted, reference=_reference(options), parts=parts, progress=step,
             reference_phase=options.reference_phase, **chosen,
         )  # fmt: skip
+    if options.title is not None:
+        line = replace(line, title=options.title)
     if options.output is not None:
         line.write(options.output)
     if parts is not None:
-        shutil.rmtree(parts)
+        parts.clear()
     if options.figure is not None:
         line.plot(options.figure)
     if options.json:
@@ -140,8 +142,10 @@ def _liner(options: argparse.Namespace, sources: list[StationSource]) -> Any:
 def _reference(options: argparse.Namespace) -> Any:
     """A channel for all stations, or a function that reads that of each."""
     if options.reference is None:
-        if options.reference_rate is not None:
-            raise ValueError("--reference-rate is the rate of a --reference; name the recording")
+        if options.reference_rate is not None or options.reference_start is not None:
+            raise ValueError(
+                "--reference-rate and --reference-start are of a --reference; name the recording"
+            )
         return None
     if not options.reference.exists():
         raise FileNotFoundError(f"{options.reference}: no such file or folder")
@@ -166,4 +170,6 @@ def _channel(path: Path, options: argparse.Namespace) -> Any:
     from torchliner.records import ReferenceChannel
 
     found = read_signal(path, options.reference_rate)
-    return ReferenceChannel(found.signal, found.sampling_rate, options.reference_start, str(path))
+    return ReferenceChannel(
+        found.signal, found.sampling_rate, options.reference_start or 0.0, str(path)
+    )

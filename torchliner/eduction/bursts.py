@@ -8,8 +8,11 @@ import json
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from torchliner.checks import DataWarning
 from torchliner.eduction.choices import Choices
@@ -19,7 +22,7 @@ from torchliner.eduction.line_notes import review_line
 from torchliner.eduction.station_choices import StationChoices
 from torchliner.eduction.stations import checked_phase, educe_station
 from torchliner.io.burst_sources import StationSource, list_stations
-from torchliner.io.line_file import read_line, write_line
+from torchliner.io.line_parts import LineParts
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
 
@@ -34,7 +37,7 @@ def educe_bursts(
     *,
     reference: Reference | Sequence[Reference] | None = None,
     reference_phase: Any = None,
-    parts: str | Path | None = None,
+    parts: str | Path | LineParts | None = None,
     progress: Callable[[int], None] | None = None,
     **choices: Any,
 ) -> ImpedanceLine:
@@ -48,13 +51,13 @@ def educe_bursts(
             returns, which is read one by one, so that the line need not fit into memory.
         liner: as for ``educe``.
         frequency: Hz, one or several; default the stations' own tone.
-        reference: channel that carries the phase of the sound, one for all or one a station, or
-            functions that read it for a station. With it the coherence of v is that with the
-            reference, ``self-consistent`` takes the part of v that follows it, and ``given`` its
-            phase.
+        reference: channel that carries the phase of the sound, one for all or one a station in the
+            order of ``stations``, or functions that read it for a station. With it the coherence
+            of v is that with the reference, ``self-consistent`` takes the part of v that follows
+            it, and ``given`` its phase.
         reference_phase: psi, rad, for ``phase="given"``, one for all or one a station in the order
-            of x: x(t) = cos(2 pi f t + psi) on the clock of the arrivals, or, with a reference,
-            ahead of it by psi.
+            of ``stations``: x(t) = cos(2 pi f t + psi) on the clock of the arrivals, or, with a
+            reference, ahead of it by psi.
         parts: folder where each finished station is kept; a run that was broken off takes up what
             is there and was made from the same data with the same choices.
         progress: called with 1 after each station.
@@ -82,25 +85,62 @@ def educe_bursts(
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     references = _references(reference, len(stations))
     phases = checked_phase(reference_phase, len(stations))
-    if parts is not None:
-        Path(parts).mkdir(exist_ok=True)
+    kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
     lines = []
-    for station, channel, phase in zip(stations, references, phases, strict=True):
-        known = channel(station) if callable(channel) else channel
+    for station, channel, phase in _along_x(stations, references, phases):
+        known = _channel(channel, station)
 
         def work(station: Station = station, known: Any = known, phase: Any = phase) -> Any:
             record = station.read() if isinstance(station, StationSource) else station
             return educe_station(record, liner, frequency, how, chosen, known, phase)
 
-        if parts is None:
+        if kept is None:
             lines.append(work())
         else:
-            said = [liner, _plain(frequency), how.describe(), chosen.describe(), phase]
-            path = Path(parts) / f"{_key(station, known, said)}.h5"
-            lines.append(_taken_up(path, work))
+            said = [liner_fingerprint(liner), _plain(frequency), how.describe(), chosen.describe(),
+                    phase]  # fmt: skip
+            lines.append(kept.take_up(_key(station, known, said), work))
         if progress is not None:
             progress(1)
     return finished_line(lines, how, chosen)
+
+
+def _along_x(
+    stations: Sequence[Station], references: Sequence[Any], phases: Sequence[Any]
+) -> list[tuple[Station, Any, Any]]:
+    """Stations with what belongs to each, in the order of x, y, z where all are known.
+
+    Raises:
+        ValueError: two stations have the same position.
+    """
+    triples = list(zip(stations, references, phases, strict=True))
+    places = [_place_of(station) for station in stations]
+    if any(None in place for place in places):
+        return triples
+    order = sorted(range(len(triples)), key=lambda i: places[i])  # type: ignore[arg-type, return-value]
+    for i, j in pairwise(order):
+        if places[i] == places[j]:
+            raise ValueError(
+                f"{triples[i][0].name} and {triples[j][0].name} have the same position, "
+                f"{places[i]} m; take one away"
+            )
+    return [triples[i] for i in order]
+
+
+def _place_of(station: Station) -> tuple[float | None, ...]:
+    if isinstance(station, StationSource):
+        return station.place
+    return (station.x, station.y, station.z)
+
+
+def _channel(channel: Any, station: Station) -> ReferenceChannel | None:
+    known = channel(station) if callable(channel) else channel
+    if known is not None and not isinstance(known, ReferenceChannel):
+        raise TypeError(
+            f"a reference is {type(known).__name__}; make a ReferenceChannel of your samples and "
+            "their rate first"
+        )
+    return known
 
 
 def finished_line(
@@ -152,17 +192,27 @@ def _key(station: Station, channel: ReferenceChannel | None, said: list[Any]) ->
     """What a station's result follows from, hashed."""
     from torchliner import __version__
 
-    liner, *rest = said
     if isinstance(station, StationSource):
-        source = station.digest()
+        source = f"{station.digest()} {station.name}"
     else:
-        arrays = (station.arrival_time, station.wall_normal, station.transit_time)
-        about = [station.x, station.y, station.z, station.frequency, station.name]
-        source = _hash([*arrays, *about])
+        source = _hash(list(vars(station).values()))
     reference = [] if channel is None else [channel.values, channel.sampling_rate, channel.start]
-    described = liner.describe() if hasattr(liner, "describe") else repr(liner)
-    text = json.dumps([__version__, source, _hash(reference), described, *rest], default=str)
+    text = json.dumps([__version__, source, _hash(reference), *said], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def liner_fingerprint(liner: Any) -> str:
+    """Hash of what a liner says of itself and of its impedances: tables say too little."""
+    low, high = getattr(liner, "frequency_range", None) or (300.0, 3500.0)
+    top = min(20.0, getattr(liner, "speed_max", None) or 20.0)
+    speeds = torch.linspace(0, top, 41, dtype=torch.float64)
+    with torch.no_grad():
+        values = [
+            torch.as_tensor(liner.impedance(float(f), speeds)).to(torch.complex128)
+            for f in torch.linspace(float(low), float(high), 9)
+        ]
+    said = liner.describe() if hasattr(liner, "describe") else type(liner).__name__
+    return _hash([torch.view_as_real(torch.stack(values)), json.dumps(said, default=str)])
 
 
 def _hash(values: list[Any]) -> str:
@@ -174,12 +224,3 @@ def _hash(values: list[Any]) -> str:
 
 def _plain(frequency: Any) -> Any:
     return frequency.tolist() if hasattr(frequency, "tolist") else frequency
-
-
-def _taken_up(path: Path, work: Callable[[], ImpedanceLine]) -> ImpedanceLine:
-    """A finished station from its file, else made and kept."""
-    if path.exists():
-        return read_line(path)
-    line = work()
-    write_line(line, path)
-    return line

@@ -80,7 +80,8 @@ def average_line(line: ImpedanceLine, chosen: Choices, draws: int) -> LineAverag
         impedance=impedance_from_admittance(mean.mean(0)),
         monte_carlo=impedance_from_admittance(drawn.mean(0)),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
-        spatial_spread=_deviation(spread) if several else torch.zeros_like(spread[0]),
+        # One station has no spread.
+        spatial_spread=_deviation(spread) if several else torch.full_like(spread[0], torch.nan),
         interval=_line_interval(line, admittance, counts, chosen),
         stations=int(line.used.sum()),
     )

@@ -60,6 +60,14 @@ def _require_same(first: ImpedanceLine, other: ImpedanceLine) -> None:
             f"{other.names[0]} is educed at {other.frequency.tolist()} Hz, {first.names[0]} at "
             f"{first.frequency.tolist()} Hz; name the frequency for all"
         )
+    mine, theirs = (
+        None if line.goodrich is None else line.goodrich.tolist() for line in (first, other)
+    )
+    if mine != theirs:
+        raise ValueError(
+            f"{other.names[0]} has another displacement thickness or Mach number than "
+            f"{first.names[0]}; the stations of a line share one case"
+        )
     for key in SAME:
         mine, theirs = getattr(first, key), getattr(other, key)
         if mine != theirs:

@@ -20,6 +20,7 @@ from torchliner.signals.segments import segment_starts
 
 SAME_TONE = 1e-6  # relative
 FEWEST_SEGMENTS = 2
+MOST_POINTS = 3e7  # 240 MB of a station
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoice
             "measures it, e.g. components = -wall_normal"
         )
     _require_two_segments(record, how)
+    _require_small_grid(record, how)
     _require_no_gap(record, how)
     notes = list(record.notes)
     with _collected(notes):
@@ -79,6 +81,10 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoice
         notes = [note for note in notes if "correct the tone with" not in note]
     rate = signal.grid.rate
     starts, length = segment_starts(signal.grid.samples, 0, how.segment, rate, how.overlap)
+    if len(starts) < FEWEST_SEGMENTS:
+        raise ValueError(
+            f"{record.name}: its grid holds one segment of {how.segment:g} s; shorten the segment"
+        )
     hop = starts[1] - starts[0]
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop), sampling_rate=rate, frequency=record.frequency,
@@ -101,6 +107,17 @@ def _require_two_segments(record: BurstRecord, how: StationChoices) -> None:
         )
 
 
+def _require_small_grid(record: BurstRecord, how: StationChoices) -> None:
+    if how.grid_rate is None:
+        return
+    points = float(record.arrival_time[-1] - record.arrival_time[0]) * how.grid_rate
+    if points > MOST_POINTS:
+        raise ValueError(
+            f"{record.name}: a grid of {how.grid_rate:g} Hz has {points:.3g} points (limit "
+            f"{MOST_POINTS:g}); {record.bursts} bursts fill far fewer, lower grid_rate"
+        )
+
+
 def _require_no_gap(record: BurstRecord, how: StationChoices) -> None:
     steps = record.arrival_time.diff()
     longest = int(steps.argmax())
@@ -117,9 +134,9 @@ def _height(record: BurstRecord) -> float | None:
 
 
 def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
-    """Frequencies at which there is a tone to correct: the record's own, or all if it has none."""
+    """Where there is a tone to correct: at the record's own, or at the only frequency asked for."""
     if record.frequency is None:
-        return torch.ones(len(frequency), dtype=torch.bool)
+        return torch.full_like(frequency, len(frequency) == 1, dtype=torch.bool)
     return (frequency / record.frequency - 1).abs() < SAME_TONE
 
 

@@ -28,6 +28,10 @@ from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.transfer import Transfer, transfer_function
 from torchliner.signals.windows import make_window
 
+COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
+NO_TONE = 0.05  # squared coherence with v below which a reference tells no phase
+WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole record
+
 
 @dataclass(frozen=True)
 class Referred:
@@ -109,7 +113,14 @@ def educe_station(
         names=(record.title or record.name,),
         flags=(flags,),
         dropped=(dict(kept.dropped),),
-        station_notes=((*cut.notes, *ready.notes, *found.notes),),
+        station_notes=(
+            (
+                *cut.notes,
+                *ready.notes,
+                *found.notes,
+                *_doubts(ready, cut, referred, chosen, wanted),
+            ),
+        ),
         fluid=record.fluid,
         reference=dict(record.reference),
         mach=record.mach,
@@ -135,20 +146,30 @@ def _frequencies(record: BurstRecord, frequency: Any) -> Tensor:
         frequency = record.frequency
     if frequency is None:
         raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    return frequency_tensor(frequency)
+    wanted = frequency_tensor(frequency)
+    if len(wanted.unique()) < len(wanted):
+        raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
+    return wanted
 
 
 def _refer(
     cut: Segments, reference: ReferenceChannel, frequency: Tensor, chosen: Choices
 ) -> Referred:
-    grid = cut.signal.grid
+    grid, highest = cut.signal.grid, float(frequency.max())
+    if reference.sampling_rate < COARSE * highest:
+        raise ValueError(
+            f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} "
+            f"times a period of {highest:g} Hz; its phase between the samples would be wrong"
+        )
     values = reference.at(grid.times)
     frames = values.unfold(0, cut.plane.samples, _hop(cut))
     weights = make_window(chosen.window, cut.plane.samples).weights
     amplitude = tone_amplitudes(frames, frequency, grid.rate, weights)
     lowest = PERIODS_PER_SEGMENT / float(frequency.min())
-    transfer = transfer_function(values, cut.signal.values, frequency, grid.rate, segment=lowest)
-    return Referred(amplitude, transfer)
+    found = transfer_function(values, cut.signal.values, frequency, grid.rate, segment=lowest)
+    # A reference that is silent in all pieces has none.
+    coherence = torch.nan_to_num(found.coherence, nan=0.0)
+    return Referred(amplitude, dataclasses.replace(found, coherence=coherence))
 
 
 def _hop(cut: Segments) -> int:
@@ -186,6 +207,34 @@ def _velocity(
     else:
         turns = torch.exp(-1j * referred.amplitude.angle())
     return 2 * (amplitude * turns).mean(0)
+
+
+def _doubts(
+    ready: Prepared, cut: Segments, referred: Referred | None, chosen: Choices, frequency: Tensor
+) -> list[str]:
+    """A tone that wanders past the correction; a reference that v does not follow."""
+    notes = []
+    each = ready.velocity_amplitude[: len(cut.start)].cpu()
+    steady = _velocity(ready, cut, None, frequency).abs() / 2
+    for i, f in enumerate(frequency.tolist()):
+        left = float(steady[i] / each[:, i].abs().mean().clamp(min=1e-300))
+        if bool(cut.corrected[i]) and left < WANDERS and _heard(ready, chosen, i):
+            notes.append(
+                f"the tone of {f:g} Hz wanders: over the whole record {left:.2f} of its amplitude "
+                "in the segments is left, and the correction, made over the record, misses the rest"
+            )
+        if referred is not None and float(referred.transfer.coherence[i]) < NO_TONE:
+            notes.append(
+                f"the squared coherence of v with the reference is "
+                f"{float(referred.transfer.coherence[i]):.2g} at {f:g} Hz: it tells nothing of the "
+                "phase of the sound there"
+            )
+    return notes
+
+
+def _heard(ready: Prepared, chosen: Choices, i: int) -> bool:
+    """Whether there is a tone in the segments at all."""
+    return float(ready.seen.coherence[:-1, i].mean()) > chosen.minimum_coherence / 2
 
 
 def _coherence(ready: Prepared, referred: Referred | None, count: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""Impedance lines as netCDF-4 and as CSV; docs/ldv.md lists the variables."""
+"""Impedance lines as netCDF-4 and as CSV; docs/ldv_line.md lists the variables."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
+    get_dataset,
     open_file,
     read_json,
     read_references,
@@ -145,7 +146,7 @@ def read_line(path: str | Path) -> ImpedanceLine:
             )
 
         def real(key: str) -> Tensor:
-            return torch.from_numpy(np.asarray(file[key][()]))
+            return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
 
         def both(stem: str, parts: tuple[str, str]) -> Tensor:
             return torch.complex(real(stem + parts[0]), real(stem + parts[1]))
@@ -172,7 +173,7 @@ def read_line(path: str | Path) -> ImpedanceLine:
             segment_start=real("segment_start"),
             wall=real("wall").to(torch.bool) if "wall" in file else None,
             interval=read_interval(file, "", path),
-            names=tuple(file["station_name"].asstr()[()]),
+            names=tuple(get_dataset(file, "station_name", path).asstr()[()]),
             average=average,
             fluid=Fluid(**read_json(file, "fluid", path, {})),
             reference=read_references(file, path),

@@ -169,7 +169,7 @@ class ImpedanceLine:
         return spl_from_pressure_amplitude(wave)
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/ldv.md."""
+        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/ldv_line.md."""
         from torchliner.io.line_file import write_line
 
         write_line(self, path)

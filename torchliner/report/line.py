@@ -18,10 +18,10 @@ def format_line(line: ImpedanceLine) -> str:
 def _stations(line: ImpedanceLine) -> str:
     width = max(7, *(len(name) for name in line.names))
     with_interval = line.interval is not None
+    bounds = f"{f' {_level(line)} of R, of X':>32s}" if with_interval else ""
     head = (f"{'station':{width}s} {'x mm':>8s} {'y mm':>6s} {'f Hz':>7s} {'Z (5.1)':>14s}"
-            f"{f' {_level(line)} of R, of X':>32s}" * with_interval
-            + f" {'segments R, X':>14s} {'v0':>7s} {'v rms':>6s} {'v tone':>6s} {'coher.':>6s}"
-            f" {'|G|':>5s} {'rate kHz':>8s} flags")  # fmt: skip
+            f"{bounds} {'segments R, X':>14s} {'v0':>7s} {'v rms':>6s} {'v tone':>6s} "
+            f"{'coher.':>6s} {'|G|':>5s} {'rate kHz':>8s} flags")  # fmt: skip
     lines = [head]
     middle, spread = line.impedance, line.segment_spread
     for n, name in enumerate(line.names):

@@ -39,7 +39,11 @@ def station_flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments) -> l
     if gone > MOST_DROPPED:
         flags.append(f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)")
     for name, moments in found.components.items():
-        step = resolution(raw.components[name])
+        values = raw.components[name]
+        if float(values.min()) == float(values.max()):
+            flags.append(f"{name} is constant, {float(values[0]):g} m/s: a dead channel")
+            continue
+        step = resolution(values)
         # Rounding to a step d adds d^2/12 to the variance.
         share = step**2 / 12 / moments.rms**2 if moments.rms > 0 else math.inf
         if share > MOST_ROUNDING:

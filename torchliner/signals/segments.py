@@ -27,4 +27,5 @@ def segment_starts(
             f"segment is {seconds:g} s, {length} samples; it must have 2 to the record's "
             f"{samples - start} ({(samples - start) / sampling_rate:g} s)"
         )
-    return list(range(start, samples - length + 1, max(1, int((1 - overlap) * length)))), length
+    step = max(1, int((1 - overlap) * length + 1e-9))
+    return list(range(start, samples - length + 1, step)), length
