@@ -10,6 +10,7 @@ import torch
 
 import torchliner as tl
 from torchliner.duct.case import DuctCase
+from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.lee import DuctSolver, solve_duct
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.flow_profiles import TanhProfile, UniformProfile
@@ -111,6 +112,14 @@ def test_coarse_meshes_are_named():
 def test_cut_on_modes_are_named():
     with pytest.warns(tl.DataWarning, match=r"at 3600 Hz mode 1 runs too: its cut-on is 3272 Hz"):
         solve_duct(case_of(profile=PLUG, liner=()), [1500.0, 3600.0])
+
+
+def test_a_frequency_at_cut_on_is_solved():
+    """Mode 1 has a double wavenumber there; the ends need mode 0 alone."""
+    sheared = TanhProfile(0.3, HEIGHT, 0.1, SPEED)
+    with pytest.warns(tl.DataWarning, match="mode 1 runs too"):
+        field = solve_duct(case_of(profile=sheared, liner=()), cut_on_frequency(sheared))
+    assert float(field.transmission.abs()) == pytest.approx(1, abs=1e-4)
 
 
 def test_near_ends_are_named():

@@ -385,6 +385,19 @@ def test_batch_is_the_loop(monkeypatch):
                 assert torch.allclose(found[i, f], expected[0], rtol=0, atol=1e-12)
 
 
+def test_one_solver_serves_both_sources():
+    """Also with ends that reflect, which belong to the source and to the far end."""
+    about = {"end_reflection": 0.3j, "source_reflection": -0.2}
+    cases = [case_of(TANH, source=source, **about) for source in BOTH]
+    x = np.linspace(-0.2, 0.35, 7)
+    solver = DuctSolver(cases[0], FREQUENCY, keep="walls")
+    for case in cases:
+        wanted = solve_duct(case, FREQUENCY, B2A)
+        found = solver.solve(B2A, source=case.source)
+        assert torch.allclose(found.wall_pressure(x), wanted.wall_pressure(x), rtol=0, atol=1e-12)
+        assert torch.allclose(found.reflection, wanted.reflection, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("condition", ["ingard-myers", "velocity"])
 def test_gradients(condition):
     """Pressures, velocities, levels and R by Z, and by what a function of x is made of."""

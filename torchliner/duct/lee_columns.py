@@ -29,13 +29,14 @@ class Column:
         elements: of the column.
         vertical: waves (E, up and down, n) that go into elements through horizontal edges, of unit
             waves into the column from the left, from the right and from the wall, (F, 2 N, I).
-        blocks: scattering from each of ``left``, ``right``, ``wall`` in to each of ``right``,
-            ``left``, ``wall`` out, (F, ., .), by (out, in).
+        out: waves out to the ``right``, the ``left`` and the ``wall``, of the same waves in.
+        blocks: the same by (out, in).
     """
 
     lined: bool
     elements: Elements
     vertical: Tensor
+    out: dict[str, Tensor]
     blocks: dict[tuple[str, str], Tensor]
 
 
@@ -76,7 +77,7 @@ def condense_column(
         for to, row in rows_out.items()
         for source_side, block in zip(names_in, row.split(list(sizes.values()), -1), strict=True)
     }
-    return Column(lined, elements, vertical[..., order], blocks)
+    return Column(lined, elements, vertical[..., order], rows_out, blocks)
 
 
 def _diagonal(blocks: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ left end alike, with the mean of p - u.
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 
@@ -20,9 +21,10 @@ from torchliner.checks import DataWarning
 from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.lee_sweep import Ends
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.flow_profiles import MeanFlow
 
-RUNS = 1e-6  # |Im alpha| H below which a mode is cut on
+RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +54,9 @@ def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> 
         DataWarning: a frequency at which mode 1 runs as well; the ends reflect it.
     """
     down, up = (
-        duct_modes(profile, frequency, count=2, direction=d) for d in ("downstream", "upstream")
+        duct_modes(profile, frequency, count=1, direction=d) for d in ("downstream", "upstream")
     )
-    _warn_cut_on(profile, down)
+    _warn_cut_on(profile, frequency)
     return end_modes(down, up, y, flow)
 
 
@@ -69,10 +71,11 @@ def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes
     return EndModes(wavenumber, torch.stack(along, 1), torch.stack(against, 1))
 
 
-def _warn_cut_on(profile: MeanFlow, modes: DuctModes) -> None:
-    runs = modes.wavenumber[:, 1].imag.abs() * profile.duct_height < RUNS
+def _warn_cut_on(profile: MeanFlow, frequency: Tensor) -> None:
+    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * frequency
+    runs = rigid_wavenumbers(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
     if bool(runs.any()):
-        highest = float(modes.frequency[runs].max())
+        highest = float(frequency[runs].max())
         warnings.warn(
             f"at {highest:g} Hz mode 1 runs too: its cut-on is {cut_on_frequency(profile):.5g} Hz. "
             "Only the plane-like mode is sent in, and the ends let only that out: they reflect "

@@ -61,7 +61,7 @@ def sweep(columns: list[Column], ends: Ends) -> Iterator[Station | tuple[Tensor,
     along[..., :first] = ends.left
     left_out: Tensor | None = None
     for i, column in enumerate(columns):
-        blocks, at = column.blocks, slice(wall_from[i], wall_from[i] + widths[i])
+        at = slice(wall_from[i], wall_from[i] + widths[i])
         back = passes[i] @ along
         back[..., wall_from[i] :] += sources[i]
         passes[i] = sources[i] = back[..., :0]  # done with
@@ -69,15 +69,11 @@ def sweep(columns: list[Column], ends: Ends) -> Iterator[Station | tuple[Tensor,
         wall_in[..., at] = torch.eye(widths[i], dtype=along.dtype, device=along.device)
         incoming = torch.cat([along, back, wall_in], -2)
         if left_out is None:
-            left_out = _out(blocks, "left", incoming)
-        yield Station(i, column, incoming, _out(blocks, "wall", incoming))
-        along = _out(blocks, "right", incoming)
+            left_out = column.out["left"] @ incoming
+        yield Station(i, column, incoming, column.out["wall"] @ incoming)
+        along = column.out["right"] @ incoming
     assert left_out is not None
     yield left_out, along
-
-
-def _out(blocks: dict[tuple[str, str], Tensor], to: str, incoming: Tensor) -> Tensor:
-    return torch.cat([blocks[to, side] for side in ("left", "right", "wall")], -1) @ incoming
 
 
 def _backward(
