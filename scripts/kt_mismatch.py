@@ -39,6 +39,7 @@ FLOWS: dict[str, dict[str, Any]] = {
 }
 LENGTHS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)  # m
 STEP, BEYOND = 0.012, 0.3  # m: between microphones; of rigid duct at either end
+ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5)  # dB and degrees
 METHODS = ("KT", "two waves", "LEE fit")
 DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
 
@@ -115,7 +116,7 @@ def noise(
     """Mean and standard deviation over draws of the microphones' errors."""
     rows = []
     for side, line in lines.items():
-        for error in (0.02, 0.05, 0.1, 0.2, 0.5):
+        for error in ERRORS:
             errors: Any = {"draws": draws, "level_error": error, "phase_error": error}
             found: dict[str, Any] = {
                 "KT": kumaresan_tufts(line, **errors),
@@ -238,8 +239,10 @@ def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         axes[0, column].set_xlabel("order of the prediction")
         axes[1, column].set_xlabel("error of the microphones (dB, degrees)")
         axes[1, column].set_xscale("log")
-    axes[0, 0].set_ylim(0, 5)
-    axes[0, 1].set_ylim(-2.5, 1.5)
+        axes[1, column].set_xticks(ERRORS, [f"{error:g}" for error in ERRORS])
+        axes[1, column].minorticks_off()
+    axes[0, 0].set_ylim(1.5, 3.0)
+    axes[0, 1].set_ylim(-1.8, 0.6)
     axes[0, 1].legend(fontsize=6, ncols=2)
     axes[1, 1].legend(fontsize=6)
     figure.suptitle("sheared flow, liner 150 mm; line: truth", fontsize=9)
@@ -263,10 +266,14 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
             axes[line, column].set_xlabel(study)
             axes[line, column].set_ylabel(label)
+    axes[0, 0].set_ylim(0.5, 3.5)
+    axes[0, 1].set_ylim(-1.5, 0.5)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle("sheared flow, liner 150 mm; the LEE fit knows of neither; line: (mean) truth",
-                    fontsize=9)  # fmt: skip
+    figure.suptitle(
+        "sheared flow, liner 150 mm; the LEE fit knows of neither and leaves the scale in (a), (b); "
+        "line: (mean) truth", fontsize=9,
+    )  # fmt: skip
     return finish(figure, path)
 
 
