@@ -271,7 +271,7 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     figure.suptitle(
-        "sheared flow, liner 150 mm; the LEE fit knows of neither and leaves the scale in (a), (b); "
+        "sheared flow, liner 150 mm; the LEE fit knows of neither, leaves the scale in (a), (b); "
         "line: (mean) truth", fontsize=9,
     )  # fmt: skip
     return finish(figure, path)
