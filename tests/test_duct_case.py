@@ -97,7 +97,7 @@ def test_meshes_built():
 
 def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
-    case = case_of(profile=PLUG, slip_condition="velocity")
+    case = case_of(profile=PLUG, slip_condition="continuous-velocity")
     mesh = DuctMesh(case, np.linspace(-0.2, 0.35, 12), Y, 4)
     assert mesh.points_per_wavelength(FREQUENCY) == pytest.approx(0.7 * SPEED / 1500 * 5 / 0.05)
     mesh.warn_if_coarse(FREQUENCY)  # quiet

@@ -23,6 +23,7 @@ from torchliner.duct.lee_swept import sweep_duct
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 
+VELOCITY = "continuous-velocity"
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
 B2A = 2.33 - 0.30j
 K = 2 * math.pi * FREQUENCY / SPEED
@@ -168,7 +169,7 @@ def test_sparse_lu_gives_the_same(name, source):
     """Two patches, a gap, both ends reflecting, uneven columns: 1e-10 of the largest value."""
     case = DuctCase(
         FLOWS[name], -0.11, 0.19, [(0.0, 0.02), (0.02, 0.04), (0.05, 0.08)], source,
-        end_reflection=0.3 - 0.2j, source_reflection=-0.1 + 0.5j, slip_condition="velocity",
+        end_reflection=0.3 - 0.2j, source_reflection=-0.1 + 0.5j, slip_condition=VELOCITY,
     )  # fmt: skip
     mesh = build_mesh(case, FREQUENCY, degree=2, column=0.02, row=0.0125, wall_cell=4e-3)
     walls = [B2A, math.inf, 0.5 + 1j]

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from torchliner.checks import require_choice, require_positive
-from torchliner.duct.wall_impedance import SLIP_CONDITIONS
+from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
 
 SOURCES = ("upstream", "downstream")
@@ -32,10 +32,10 @@ class DuctCase:
             comes back to the one that goes out, at the far end and at the source's; complex,
             broadcast against (F,), leading axes free.
         density: rho, kg/m3; velocities are p/(rho c).
-        slip_condition: ``ingard-myers`` or ``velocity``, needed for a liner along which the flow
-            slips. Ingard's and Myers' condition is integrated from the downstream edge of each
-            lined stretch, where the displacement starts from 0: integrated from the other edge, the
-            hydrodynamic wave of the vortex sheet grows beyond all bounds.
+        slip_condition: ``ingard-myers`` or ``continuous-velocity``, needed for a liner along which
+            the flow slips. Ingard's and Myers' condition is integrated from the downstream edge of
+            each lined stretch, where the displacement starts from 0: integrated from the other
+            edge, the hydrodynamic wave of the vortex sheet grows beyond all bounds.
     Raises:
         ValueError: an end before the start, a patch outside the duct or of no length, patches that
             overlap, a density not above 0, an unknown word.
@@ -61,7 +61,7 @@ class DuctCase:
         require_positive("density (kg/m3)", self.density)
         require_choice("source", self.source, SOURCES)
         if self.slip_condition is not None:
-            require_choice("slip condition", self.slip_condition, SLIP_CONDITIONS)
+            require_choice("slip condition", self.slip_condition, CONDITIONS)
         object.__setattr__(self, "liner", _patches(self.liner))
         for patch in self.liner:
             self._check_patch(*patch)

@@ -72,7 +72,7 @@ class FlowTable(Strict):
     bulk_mach: float = Field(ge=0, lt=1)
     shear: float | None = Field(None, gt=0)
     file: str | None = None
-    slip_condition: Literal["ingard-myers", "velocity"] | None = None
+    slip_condition: Literal["ingard-myers", "continuous-velocity"] | None = None
 
 
 class SoundTable(Strict):

@@ -89,7 +89,7 @@ def duct_modes(
             free; infinite is rigid. First derivatives of every output by Z exist.
         count: modes 0 to count - 1.
         direction: ``downstream`` or ``upstream``.
-        slip_condition: ``ingard-myers`` or ``velocity``, continuity of displacement or of velocity;
+        slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
             needed for a lined wall along which the flow slips.
         points: Chebyshev points in each panel of the height, see ``pridmore_brown``.
     Returns:

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning, require_choice
 from torchliner.conversions import reflection_from_impedance
+from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
 
-SLIP_CONDITIONS = ("ingard-myers", "velocity")
 ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep
 
 
@@ -63,7 +63,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
         ValueError: the profile slips along the wall y = 0 and nobody said what holds there.
     """
     if slip_condition is not None:
-        require_choice("slip condition", slip_condition, SLIP_CONDITIONS)
+        require_choice("slip condition", slip_condition, CONDITIONS)
     slip = float(profile.mach(0.0))
     if slip > 0 and slip_condition is None:
         raise ValueError(
