@@ -10,6 +10,9 @@ from pathlib import Path
 
 import b2a_line
 import calibrate_resolved
+import figure_13
+import figure_20
+import kt_mismatch
 import ldv_interpolation
 import truth_page
 
@@ -73,7 +76,9 @@ def main() -> None:
     truth_page.draw(rows, reasons, FIGURES)
     ldv_interpolation.study(FIGURES, 200)
     torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
-    b2a_line.main(["-o", str(FIGURES)])  # an hour
+    b2a_line.main(["-o", str(FIGURES)])  # half an hour
+    for script in (figure_13, figure_20, kt_mismatch):
+        script.main(["-o", str(FIGURES)])
     print(f"pictures are in {FIGURES}")
 
 
