@@ -8,7 +8,6 @@ import json
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from torchliner.eduction.line_join import join_lines
 from torchliner.eduction.line_notes import review_line
 from torchliner.eduction.station_choices import StationChoices
 from torchliner.eduction.stations import checked_phase, educe_station
-from torchliner.io.burst_sources import StationSource, list_stations
+from torchliner.io.burst_sources import Place, StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
@@ -86,6 +85,10 @@ def educe_bursts(
     references = _references(reference, len(stations))
     phases = checked_phase(reference_phase, len(stations))
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
+    # What all keys share; a table takes some work to tell.
+    shared = [] if kept is None else [
+        liner_fingerprint(liner), _plain(frequency), how.describe(), chosen.describe(),
+    ]  # fmt: skip
     lines = []
     for station, channel, phase in _along_x(stations, references, phases):
         known = _channel(channel, station)
@@ -97,9 +100,7 @@ def educe_bursts(
         if kept is None:
             lines.append(work())
         else:
-            said = [liner_fingerprint(liner), _plain(frequency), how.describe(), chosen.describe(),
-                    phase]  # fmt: skip
-            lines.append(kept.take_up(_key(station, known, said), work))
+            lines.append(kept.take_up(_key(station, known, [*shared, phase]), work))
         if progress is not None:
             progress(1)
     return finished_line(lines, how, chosen)
@@ -117,17 +118,10 @@ def _along_x(
     places = [_place_of(station) for station in stations]
     if any(None in place for place in places):
         return triples
-    order = sorted(range(len(triples)), key=lambda i: places[i])  # type: ignore[arg-type, return-value]
-    for i, j in pairwise(order):
-        if places[i] == places[j]:
-            raise ValueError(
-                f"{triples[i][0].name} and {triples[j][0].name} have the same position, "
-                f"{places[i]} m; take one away"
-            )
-    return [triples[i] for i in order]
+    return [triples[i] for i in order_of(places, [station.name for station in stations])]
 
 
-def _place_of(station: Station) -> tuple[float | None, ...]:
+def _place_of(station: Station) -> Place:
     if isinstance(station, StationSource):
         return station.place
     return (station.x, station.y, station.z)

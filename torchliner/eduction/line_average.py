@@ -24,6 +24,7 @@ from torchliner.conversions import (
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.resampling import Resampling
 from torchliner.records import ImpedanceLine, Interval, LineAverage
+from torchliner.records.impedance_line import mean_over_segments
 from torchliner.signals.bootstrap import can_resample, deviations, mean_factor, run_lengths
 
 DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB
@@ -72,7 +73,7 @@ def average_line(line: ImpedanceLine, chosen: Choices, draws: int) -> LineAverag
             "them as they are with flagged='use'"
         )
     admittance, counts = segment_admittances(line), line.segments[line.used]
-    mean = _over_segments(admittance, counts)
+    mean = mean_over_segments(admittance, counts)
     drawn = monte_carlo(admittance, counts, draws, chosen.seed)
     spread = line.impedance[line.used]
     several = len(spread) > 1
@@ -117,17 +118,12 @@ def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Te
 def monte_carlo_deviation(admittance: Tensor, counts: Tensor) -> Tensor:
     """Standard deviation of real and imaginary part of ``monte_carlo``, in closed form, (F,)."""
     there = (torch.arange(admittance.shape[1]) < counts[:, None])[..., None]
-    away = torch.where(there, admittance - _over_segments(admittance, counts)[:, None], 0)
+    away = torch.where(there, admittance - mean_over_segments(admittance, counts)[:, None], 0)
     parts = [
         ((part.square().sum(1) / counts[:, None]).sum(0)).sqrt() / len(counts)
         for part in (away.real, away.imag)
     ]
     return torch.complex(*parts)
-
-
-def _over_segments(values: Tensor, counts: Tensor) -> Tensor:
-    there = (torch.arange(values.shape[1]) < counts[:, None])[..., None]
-    return torch.where(there, values, 0).sum(1) / counts[:, None]
 
 
 def _deviation(values: Tensor) -> Tensor:
@@ -164,7 +160,7 @@ def _line_interval(
     how = Resampling(
         weights, chosen.interval, chosen.draws, chosen.seed, convert=impedance_from_admittance
     )
-    value = _over_segments(admittance, counts).mean(0)
+    value = mean_over_segments(admittance, counts).mean(0)
     parts = [
         how.bounds(total[:, f : f + 1].T, (value - bias)[f : f + 1], float(runs[f]))
         for f in range(len(value))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from torchliner.records import ImpedanceLine
+from torchliner.signals.attenuation import DAMPED
 
-DAMPED = 0.95  # of a tone, warned of below
 SHOWN = 4  # names in a note
 
 

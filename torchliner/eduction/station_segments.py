@@ -12,13 +12,13 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning
 from torchliner.eduction.station_choices import StationChoices
+from torchliner.eduction.walls import SAME_TONE
 from torchliner.records import BurstRecord, VelocityPlane
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
 from torchliner.signals.segments import segment_starts
 
-SAME_TONE = 1e-6  # relative
 FEWEST_SEGMENTS = 2
 MOST_POINTS = 3e7  # 240 MB of a station
 
@@ -31,6 +31,7 @@ class Segments:
         plane: a probe a segment, (S, n): a view of ``signal``.
         signal: the station on its grid, the tone corrected if that was asked for.
         start: of each segment on the clock of the arrivals, s, (S,).
+        hop: samples from one segment to the next.
         attenuation: factor on a tone over the whole record, complex128, (F,).
         corrected: frequencies whose tone was corrected, bool, (F,).
         notes: doubts.
@@ -39,6 +40,7 @@ class Segments:
     plane: VelocityPlane
     signal: GridSignal
     start: Tensor
+    hop: int
     attenuation: Tensor
     corrected: Tensor
     notes: tuple[str, ...]
@@ -93,7 +95,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoice
         displacement_thickness=record.displacement_thickness, name=record.name,
     )  # fmt: skip
     begin = signal.grid.start + torch.tensor(starts, dtype=torch.float64) / rate
-    return Segments(plane, signal, begin, factors.factor[0], corrected, tuple(notes))
+    return Segments(plane, signal, begin, hop, factors.factor[0], corrected, tuple(notes))
 
 
 def _require_two_segments(record: BurstRecord, how: StationChoices) -> None:

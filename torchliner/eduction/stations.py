@@ -162,7 +162,7 @@ def _refer(
             f"times a period of {highest:g} Hz; its phase between the samples would be wrong"
         )
     values = reference.at(grid.times)
-    frames = values.unfold(0, cut.plane.samples, _hop(cut))
+    frames = values.unfold(0, cut.plane.samples, cut.hop)
     weights = make_window(chosen.window, cut.plane.samples).weights
     amplitude = tone_amplitudes(frames, frequency, grid.rate, weights)
     lowest = PERIODS_PER_SEGMENT / float(frequency.min())
@@ -170,10 +170,6 @@ def _refer(
     # A reference that is silent in all pieces has none.
     coherence = torch.nan_to_num(found.coherence, nan=0.0)
     return Referred(amplitude, dataclasses.replace(found, coherence=coherence))
-
-
-def _hop(cut: Segments) -> int:
-    return round(float(cut.start[1] - cut.start[0]) * cut.signal.grid.rate)
 
 
 def _coherent_part(referred: Referred) -> CoherentPart:

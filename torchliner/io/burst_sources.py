@@ -174,12 +174,26 @@ def sort_stations(sources: Sequence[StationSource]) -> list[StationSource]:
             f"{without.name} states no position (x, y, z), {known[0].name} does; stations are "
             "placed all or none"
         )
-    ordered = sorted(sources, key=lambda each: each.place)  # type: ignore[arg-type, return-value]
-    for first, second in pairwise(ordered):
-        if all(abs(a - b) <= SAME_PLACE for a, b in zip(first.place, second.place, strict=True)):  # type: ignore[operator]
-            said = ", ".join(f"{1e3 * value:.4g}" for value in first.place)  # type: ignore[operator]
+    order = order_of([each.place for each in sources], [each.name for each in sources])
+    return [sources[i] for i in order]
+
+
+def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
+    """Numbers of stations in the order of x, y, z.
+
+    Args:
+        places: (x, y, z), m, all known.
+        names: of the stations, for the message.
+    Raises:
+        ValueError: two have the same position.
+    """
+    order = sorted(range(len(places)), key=lambda i: places[i])  # type: ignore[arg-type, return-value]
+    for i, j in pairwise(order):
+        both = list(zip(places[i], places[j], strict=True))
+        if all(abs(a - b) <= SAME_PLACE for a, b in both):  # type: ignore[operator]
+            said = ", ".join(f"{1e3 * value:.4g}" for value, _ in both)  # type: ignore[operator]
             raise ValueError(
-                f"{first.name} and {second.name} have the same position, ({said}) mm; take one "
-                "away, or put repeated measurements into folders of their own"
+                f"{names[i]} and {names[j]} have the same position, ({said}) mm; take one away, or "
+                "put repeated measurements into folders of their own"
             )
-    return ordered
+    return order

@@ -12,12 +12,18 @@ from torch import Tensor
 
 from torchliner.conversions import (
     admittance_from_reflection,
-    impedance_from_admittance,
     impedance_from_reflection,
+    reflection_from_admittance,
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
 from torchliner.records.uncertainty import Interval
+
+
+def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:
+    """Mean of (N, S, F) over the first ``counts`` (N,) segments of each station, (N, F)."""
+    there = (torch.arange(values.shape[1]) < counts[:, None])[..., None]
+    return torch.where(there, values, 0).sum(1) / counts[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +158,7 @@ class ImpedanceLine:
 
     def over_segments(self, values: Tensor) -> Tensor:
         """Mean of (N, S, F) over the segments that each station has, (N, F)."""
-        there = torch.isfinite(self.segment_start)[..., None]
-        return torch.where(there, values, 0).sum(1) / there.sum(1)
+        return mean_over_segments(values, self.segments)
 
     @property
     def velocity_level(self) -> Tensor:
@@ -163,8 +168,7 @@ class ImpedanceLine:
     @property
     def inferred_incident_level(self) -> Tensor:
         """Level of the wave that gives the coherent v, dB re 20 uPa rms, (N, F); needs a tone."""
-        mean = impedance_from_admittance(self.admittance)
-        reflected = (mean - 1) / (mean + 1)
+        reflected = reflection_from_admittance(self.admittance)
         wave = self.fluid.characteristic_impedance * self.velocity_amplitude / (1 - reflected)
         return spl_from_pressure_amplitude(wave)
 
