@@ -27,7 +27,7 @@ import torch
 from scipy.special import j1
 
 import torchliner as tl
-from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.line_csv import line_rows
 from torchliner.report.line_figures import draw_averages, draw_line_velocity, draw_lines
@@ -163,7 +163,7 @@ class Sound:
     @classmethod
     def of(cls, case: Case, liner: Any) -> Sound:
         """From level, flow and source side."""
-        incident = 2**0.5 * REFERENCE_PRESSURE * 10 ** (case.level / 20)
+        incident = pressure_amplitude_from_spl(case.level)
         z = settled_impedance(liner, V_PLUS * FRICTION[case.mach], incident, 1.0)
         direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
         alpha = complex(wavenumber_from_impedance(

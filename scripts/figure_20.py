@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
+from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.lee import DuctSolver
 from torchliner.duct.mesh import DuctMesh
@@ -66,7 +67,7 @@ def solved(size: float | None) -> Any:
     flow = UniformProfile(0.0, HEIGHT)
     liner = [(0.0, LENGTH)] if size is None else patches(size)
     case = DuctCase(flow, -BEYOND, LENGTH + BEYOND, liner,
-                    incident=2**0.5 * 20e-6 * 10 ** (LEVEL / 20))  # fmt: skip
+                    incident=pressure_amplitude_from_spl(LEVEL))  # fmt: skip
     fine = 1.0e-3 if size is None else size
     mesh = None if size is None else mesh_of(case, fine)
     return DuctSolver(case, FREQUENCY, mesh).solve(TRUE if size is None else PATCH)

@@ -5,6 +5,8 @@ Convention everywhere: time factor exp(+j omega t), z = p/(rho c v) with v into 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import torch
 from torch import Tensor
 
@@ -73,6 +75,9 @@ def spl_from_pressure_amplitude(amplitude: Tensor) -> Tensor:
     return 20 * torch.log10(amplitude.abs() / (2**0.5 * REFERENCE_PRESSURE))
 
 
-def pressure_amplitude_from_spl(level: Tensor) -> Tensor:
+Level = TypeVar("Level", float, Tensor)
+
+
+def pressure_amplitude_from_spl(level: Level) -> Level:
     """Peak amplitude (Pa) of a tone of a given sound pressure level, dB re 20 uPa rms."""
     return 2**0.5 * REFERENCE_PRESSURE * 10 ** (level / 20)

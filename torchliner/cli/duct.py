@@ -120,31 +120,33 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
         keep = "all" if options.field is not None else "walls"
         solver = DuctSolver(setup.case, setup.frequency, keep=keep)
         field = solver.solve(setup.impedance)
+        found = plain_duct(setup, field)
         if options.output is not None and options.output.suffix.lower() != ".csv":
             solved_line(setup, field).write(options.output)
         elif options.output is not None:
-            write_rows(plain_duct(setup, field)["microphones"], options.output)
+            write_rows(found["microphones"], options.output)
         if options.figure is not None:
             draw_walls([(setup, field)], options.figure)
         if options.field is not None:
             draw_field(setup, field, options.field)
     if options.json:
-        print_json(plain_duct(setup, field))
+        print_json(found)
     else:
-        print(format_duct(setup, field))
+        print(format_duct(setup, found))
     return 0
 
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.report.duct_modes import draw_modes, format_modes, mode_rows
+    from torchliner.report.duct_modes import draw_modes, format_modes, mode_rows, modes_of
     from torchliner.report.numbers import write_rows
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), (options.duct,), options.figure)
     with warnings_on_stderr(options.quiet):
-        rows = mode_rows(setup, options.count)
+        modes = modes_of(setup, options.count)
+        rows = mode_rows(setup, modes)
         if options.figure is not None:
-            draw_modes(setup, options.count, options.figure)
+            draw_modes(modes, options.figure)
     if options.output is not None:
         write_rows(rows, options.output)
     if options.json:

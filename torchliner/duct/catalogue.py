@@ -14,7 +14,7 @@ from pydantic import Field
 from torch import Tensor
 
 from torchliner import toml_files
-from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
@@ -192,7 +192,7 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
     impedance = _impedance(sound, len(duct.liner), path)
     case = DuctCase(
         profile, duct.start, duct.end, duct.liner, source=sound.source_side,
-        incident=2**0.5 * REFERENCE_PRESSURE * 10 ** (sound.level / 20),
+        incident=pressure_amplitude_from_spl(sound.level),
         end_reflection=complex(*sound.end_reflection),
         source_reflection=complex(*sound.source_reflection), density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if _slips(profile) else None),

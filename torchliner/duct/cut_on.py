@@ -7,7 +7,8 @@ import math
 import torch
 from scipy.optimize import brentq
 
-from torchliner.duct.rigid_spectrum import DIRECTIONS, rigid_wavenumbers
+from torchliner.duct.relation import DIRECTIONS
+from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.flow_profiles import MeanFlow
 
 

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning, require_choice, require_complex
 from torchliner.duct.continuation import Values, follow_roots
-from torchliner.duct.relation import CONDITIONS, Duct, duct_of, relation
+from torchliner.duct.relation import CONDITIONS, DIRECTIONS, Duct, duct_of, relation
 
 __all__ = [
     "CONDITIONS",
@@ -35,7 +35,6 @@ __all__ = [
     "wavenumber_from_impedance",
 ]
 
-DIRECTIONS = ("downstream", "upstream")
 STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
 DETOUR = 0.5  # rad, of the phase of Z
 AT_CUT_ON = 1e-9  # of k^2

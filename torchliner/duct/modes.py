@@ -13,7 +13,8 @@ from torchliner.checks import frequency_tensor, require_choice
 from torchliner.duct.chebyshev import interpolation_matrix
 from torchliner.duct.homotopy import follow, polish
 from torchliner.duct.pridmore_brown import PridmoreBrown
-from torchliner.duct.rigid_spectrum import DIRECTIONS, rigid_wavenumbers
+from torchliner.duct.relation import DIRECTIONS
+from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
 from torchliner.flow_profiles import MeanFlow
 

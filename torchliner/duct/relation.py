@@ -20,6 +20,7 @@ from torch import Tensor
 from torchliner.checks import real_tensor, require_choice
 
 CONDITIONS = ("ingard-myers", "continuous-velocity")
+DIRECTIONS = ("downstream", "upstream")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from torch import Tensor
 from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix
 from torchliner.flow_profiles import MeanFlow
 
-DIRECTIONS = ("downstream", "upstream")
 CAUSAL = 1e-5  # imaginary part lent to the frequency, which sends every mode to its side
 CONVECTED = 0.98  # of k/M_max: the continuous spectrum and what discretisation makes of it
 INFINITE = 1e5  # of alpha H: rounding of the infinite eigenvalues, which the singular A_x has

@@ -65,13 +65,12 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
     }
 
 
-def format_duct(setup: DuctSetup, field: DuctField) -> str:
-    """What was solved, then a line a microphone."""
+def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
+    """What was solved, then a line a microphone; ``found`` is what ``plain_duct`` says of it."""
     case, profile = setup.case, setup.case.profile
-    found = plain_duct(setup, field)
     lines = [
         f"{setup.name}: H {1e3 * case.height:g} mm, bulk Mach {profile.bulk_mach:g}, displacement "
-        f"thickness {1e3 * profile.displacement_thickness:.3g} mm, source {field.source}, "
+        f"thickness {1e3 * profile.displacement_thickness:.3g} mm, source {setup.case.source}, "
         f"{setup.level:g} dB; {found['unknowns']} unknowns"
     ]
     for patch, pair in zip(case.liner, setup.facts["sound"]["impedance"] or [], strict=False):

@@ -12,14 +12,13 @@ import torch
 
 from torchliner.duct.catalogue import DuctSetup
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.relation import DIRECTIONS
 from torchliner.report.figures import Figure, finish, styled, subplots
 from torchliner.report.style import COLOURS
 
-DIRECTIONS = ("downstream", "upstream")
 
-
-def modes_of(setup: DuctSetup, count: int, direction: str) -> DuctModes:
-    """Above the first lined patch, as if it had no ends.
+def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:
+    """In each direction, above the first lined patch, as if it had no ends.
 
     Raises:
         ValueError: the impedance is a profile along x.
@@ -29,20 +28,23 @@ def modes_of(setup: DuctSetup, count: int, direction: str) -> DuctModes:
             f"{setup.name} has an impedance that varies along x; modes need one: state impedance"
         )
     wall: Any = setup.impedance[0] if len(setup.impedance) else torch.inf
-    return duct_modes(
-        setup.case.profile, setup.frequency, wall, count=count, direction=direction,
-        slip_condition=setup.case.slip_condition,
-    )  # fmt: skip
+    return {
+        direction: duct_modes(
+            setup.case.profile, setup.frequency, wall, count=count, direction=direction,
+            slip_condition=setup.case.slip_condition,
+        )
+        for direction in DIRECTIONS
+    }  # fmt: skip
 
 
-def mode_rows(setup: DuctSetup, count: int) -> list[dict[str, Any]]:
+def mode_rows(setup: DuctSetup, modes: dict[str, DuctModes]) -> list[dict[str, Any]]:
     """A row a frequency, direction and mode; decay in dB over the liner's length too."""
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = []
-    for direction in DIRECTIONS:
-        found = modes_of(setup, count, direction).wavenumber
+    for direction, solved in modes.items():
+        found = solved.wavenumber
         for f, frequency in enumerate(setup.frequency.tolist()):
-            for n in range(count):
+            for n in range(found.shape[-1]):
                 alpha = complex(found[f, n])
                 rows.append({
                     "frequency (Hz)": frequency, "direction": direction, "mode": n,
@@ -69,13 +71,14 @@ def format_modes(setup: DuctSetup, rows: Sequence[dict[str, Any]]) -> str:
 
 @styled
 def draw_modes(
-    setup: DuctSetup, count: int, path: str | Path | None = None, frequency_index: int = 0
+    modes: dict[str, DuctModes], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
     """|p| of each mode over the height."""
     figure, axes = subplots(1, 2, 3.4)
-    heights = np.linspace(0, setup.case.height, 200)
-    for axis, direction in zip(axes[0], DIRECTIONS, strict=True):
-        pressure, _, _ = modes_of(setup, count, direction).at(heights)
+    for axis, (direction, solved) in zip(axes[0], modes.items(), strict=True):
+        heights = np.linspace(0, float(solved.height[0]), 200)
+        count = solved.wavenumber.shape[-1]
+        pressure, _, _ = solved.at(heights)
         for n in range(count):
             shape = pressure[frequency_index, n].abs().numpy()
             axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n % len(COLOURS)],
