@@ -9,9 +9,9 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.duct.catalogue import load_duct
+from torchliner.duct.catalogue import duct_text, load_duct
 from torchliner.duct.lee import DuctSolver
-from torchliner.eduction.field_fit import fit_field
+from torchliner.eduction.field_fit import duct_of_line, fit_field
 from torchliner.eduction.wall_pressure import kumaresan_tufts
 from torchliner.report.duct import solved_line
 
@@ -101,16 +101,73 @@ def test_a_duct_that_is_not_the_measured_one_says_so(upstream):
     _, blind = upstream
     line, _ = solved(end_reflection=(0.2, 0.0))
     with pytest.warns(tl.DataWarning, match=r"at 900 Hz the residuals are .* times the stated"):
-        found = fit_field(line, blind)
+        found = fit_field(line, blind, far_end="stated")
     assert float(found.misfit.min()) > 3
+
+
+@pytest.mark.parametrize("side", ["upstream", "downstream"])
+@pytest.mark.parametrize("reflection", [(0.0, 0.0), (0.3, -0.2)])
+def test_a_fitted_far_end_needs_no_knowledge_of_it(side, reflection):
+    """Z comes back, and with it what the end reflects; what the source's end reflects is part of
+    the amplitude."""
+    _, blind = solved(side)
+    line, _ = solved(side, end_reflection=reflection, source_reflection=(0.1, 0.4))
+    found = fit_field(line, blind)
+    assert float((found.impedance - TRUE).abs().max()) < 1e-7
+    assert float((found.end_reflection - complex(*reflection)).abs().max()) < 1e-7
+    assert float(found.residual.max()) < 1e-9
+
+
+def test_a_stated_far_end_is_returned_as_stated():
+    line, solver = solved(end_reflection=(0.3, -0.2))
+    found = fit_field(line, solver, far_end="stated")
+    assert float((found.impedance - TRUE).abs().max()) < 1e-8
+    assert float((found.end_reflection - (0.3 - 0.2j)).abs().max()) < 1e-12
+
+
+def test_an_end_that_gains_is_doubted():
+    line, _ = solved(end_reflection=(1.3, 0.0))
+    _, blind = solved()
+    with pytest.warns(tl.DataWarning, match=r"at 900 Hz the far end would reflect 1\.3 times what"):
+        fit_field(line, blind)
+
+
+def test_one_amplitude_more_widens_the_error():
+    """Laplace with the far end fitted against 80 draws, and against the error without it."""
+    line, solver = solved(frequency=[1500.0])
+    tight, found = fit_field(line, solver, far_end="stated"), fit_field(line, solver, draws=80)
+    for part in ("real", "imag"):
+        wide = getattr(found.standard_error, part)
+        assert torch.allclose(getattr(found.standard_deviation, part), wide, rtol=0.25)
+        assert bool((wide > getattr(tight.standard_error, part)).all())
+    assert found.draws is not None
+    assert 0.9 < float(found.draws.misfit.mean()) < 1.1
+
+
+def test_draws_have_the_amplitude_of_the_result():
+    """In Pa at the liner's edge, as without draws."""
+    line, solver = solved(frequency=[1500.0])
+    found = fit_field(line, solver, draws=20)
+    assert found.draws is not None
+    assert float((found.draws.amplitude / found.amplitude - 1).abs().max()) < 0.05
+    assert float((found.amplitude / solver.case.incident - 1).abs().max()) < 1e-8
+
+
+def test_the_level_along_passes_the_microphones(upstream):
+    line, solver = upstream
+    found = fit_field(line, solver)
+    places, level = found.level_along()
+    near = (places[:, None] - line.x).abs().argmin(0)
+    assert float((level[near] - line.level).abs().max()) < 0.2
+    assert level.shape == (len(places), 2)
 
 
 def test_bad_lines_are_refused(upstream):
     line, solver = upstream
     two = line.select([0, 1])
     with pytest.raises(ValueError, match="b2a has 2 microphones; Z and the amplitude need three"):
-        fit_field(two, solver)
-    with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3"):
+        fit_field(two, solver, far_end="stated")
+    with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3; state one"):
         fit_field(dataclasses.replace(line, mach=0.1), solver)
     with pytest.raises(ValueError, match=r"duct_height \(m\) 0\.04, the duct 0\.05"):
         fit_field(dataclasses.replace(line, duct_height=0.04), solver)
@@ -122,3 +179,39 @@ def test_bad_lines_are_refused(upstream):
         )
     with pytest.raises(ValueError, match=r"frequencies \[900.0, 1600.0\] Hz, the duct"):
         fit_field(dataclasses.replace(line, frequency=[900.0, 1600.0]), solver)
+    with pytest.raises(
+        ValueError, match=r"has its liner from x = 0 to 0\.14 m, the duct from 0 to"
+    ):
+        fit_field(dataclasses.replace(line, liner_end=0.14), solver)
+    with pytest.raises(ValueError, match="3 microphones; Z and two amplitudes need four"):
+        fit_field(line.select([0, 1, 2]), solver)
+    with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it weights the fit"):
+        fit_field(line, solver, level_error=0.0)
+    with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: stated"):
+        fit_field(line, solver, far_end="open")
+
+
+def test_several_patches_are_refused():
+    setup = load_duct("b2a", profile="uniform", shear=None, liner=[(0.0, 0.05), (0.1, 0.15)],
+                      impedance=[(1.0, 0.0), (2.0, 0.0)])  # fmt: skip
+    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    line = solved_line(setup, solver.solve(setup.impedance))
+    with pytest.raises(ValueError, match="2 lined patches; one impedance is fitted to one patch"):
+        fit_field(line, solver)
+
+
+def test_the_duct_of_a_line(tmp_path, upstream):
+    """From a file: frequencies and side are the line's, the wall the file's."""
+    line, _ = upstream
+    text = (
+        duct_text("b2a").replace('profile = "tanh"', 'profile = "uniform"')
+        .replace("shear = 0.1 ", "# ").replace("start = -0.300", "start = -0.12")
+        .replace("end = 0.450", "end = 0.27").replace('wall = "opposite"', 'wall = "lined"')
+    )  # fmt: skip
+    (tmp_path / "mine.toml").write_text(text)
+    found, wall = duct_of_line(line, tmp_path / "mine.toml")
+    assert wall == "lined"
+    assert found.frequency.tolist() == line.frequency.tolist()
+    assert complex(fit_field(line, found).impedance[0]) == pytest.approx(TRUE, abs=1e-6)
+    other, _ = duct_of_line(dataclasses.replace(line, source_side="downstream"), "b2a")
+    assert other.case.source == "downstream"

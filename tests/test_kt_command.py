@@ -100,10 +100,64 @@ def test_figures(files, capsys):
     assert len(axes[0].lines[0].get_xdata()) == 20
 
 
+@pytest.fixture(scope="module")
+def solved_files(tmp_path_factory):
+    """Lines of a solved duct whose far end reflects."""
+    folder = tmp_path_factory.mktemp("solved")
+    for side in ("upstream", "downstream"):
+        arguments = ["duct", "solve", "b2a", "--source-side", side, "--end-reflection", "0.1+0.05j",
+                     "-o", str(folder / f"{side}.h5"), "--quiet"]  # fmt: skip
+        assert main(arguments) == 0
+    return folder
+
+
+def test_fit_of_the_field(solved_files, capsys):
+    """Both sides of a duct whose end is not known: one impedance, and the end as a number."""
+    names = [str(solved_files / f"{side}.h5") for side in ("upstream", "downstream")]
+    arguments = ["kt", *names, "--method", "field", "--duct", "b2a"]
+    assert main([*arguments, "-o", str(solved_files / "rows.csv")]) == 0
+    text = capsys.readouterr().out
+    assert "LEE fit, source downstream, 18 microphones" in text
+    assert text.count("2.330-0.300j") == text.count("0.100+0.050j") == 2
+    with (solved_files / "rows.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["misfit"]) < 1e-6
+    assert 0 < float(rows[0]["resistance_deviation"]) < 0.1
+    assert (rows[0]["wavenumber_real"], rows[0]["singular_values"]) == ("nan", "")
+    assert main([*arguments, "--far-end", "stated", "--draws", "5", "--json"]) == 0
+    output = capsys.readouterr()
+    assert "times the stated errors" in output.err
+    row = json.loads(output.out)["lines"][0]["rows"][0]
+    assert row["misfit"] > 10
+    assert row["end_reflection_real"] == pytest.approx(0.0, abs=1e-12)
+    picture = solved_files / "fit.png"
+    assert main([*arguments, "--draws", "5", "--figure", str(picture), "--quiet"]) == 0
+    assert picture.stat().st_size > 15_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ([], "a fit of the field needs the duct: state --duct with a preset or a .toml file"),
+        (["--duct", "b3a"], "unknown duct 'b3a' (did you mean 'b2a'?)"),
+        (["--duct", "ufsc"], "has duct_height (m) 0.05, the duct 0.04; state one and the same"),
+        (["--duct", "nothing.toml"], "No such file or directory: 'nothing.toml'"),
+        (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
+        (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),
+        (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it weights the fit"),
+    ],
+)
+def test_fit_of_the_field_refuses(solved_files, capsys, arguments, match):
+    path = str(solved_files / "upstream.h5")
+    assert main(["kt", path, "--method", "field", *arguments]) == 2
+    assert match in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
         (["nothing.h5"], "no such file"),
+        (["{}", "--far-end", "stated"], "--far-end is no option of --method kt"),
         (["{}", "-o", "{}"], "is an input or another output"),
         (["{}", "-o", "rows.h5"], "must be one of .csv"),
         (["{}", "--figure", "no/a.png"], "the folder no does not exist"),

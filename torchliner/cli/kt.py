@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from torchliner.cli.options import (
     add_output_options,
@@ -15,16 +16,23 @@ from torchliner.cli.options import (
     warnings_on_stderr,
 )
 
-SHARED = ("source_side", "condition", "margin", "draws", "level_error", "phase_error")
+SHARED = ("source_side", "draws", "level_error", "phase_error")
+WAVES = ("condition", "margin")
+OWN = {
+    "kt": (*WAVES, "rank", "order"),
+    "two-waves": (*WAVES, "weights"),
+    "free-waves": (*WAVES, "weights"),
+    "field": ("duct", "far_end"),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options; their defaults are those of ``torchliner.kumaresan_tufts``."""
     parser.add_argument("lines", nargs="+", type=Path, metavar="LINE",
                         help="microphone lines: .csv, .h5 or .nc")  # fmt: skip
-    parser.add_argument("--method", choices=["kt", "two-waves", "free-waves"], default="kt",
+    parser.add_argument("--method", choices=list(OWN), default="kt",
                         help="Kumaresan-Tufts (default), a fit of two waves tied by one impedance, "
-                        "or of two free waves")  # fmt: skip
+                        "of two free waves, or of the linearised Euler equations")  # fmt: skip
     parser.add_argument("--rank", type=int, metavar="K", help="waves that are kept (default 2)")
     parser.add_argument("--order", type=int, metavar="L", help="of the prediction; default half "
                         "the microphones")  # fmt: skip
@@ -36,6 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="at the liner (default ingard-myers)")  # fmt: skip
     parser.add_argument("--margin", type=float, metavar="MM",
                         help="that microphones keep from the liner's ends")  # fmt: skip
+    parser.add_argument("--duct", metavar="DUCT", help="of --method field: preset or .toml file, "
+                        "as for torchliner duct")  # fmt: skip
+    parser.add_argument("--far-end", choices=["fitted", "stated"], help="of --method field: it "
+                        "reflects what is found (default), or what the duct states")  # fmt: skip
     parser.add_argument("--draws", type=int, metavar="N", help="of the microphones' errors, e.g. "
                         "500; default none")  # fmt: skip
     parser.add_argument("--level-error", type=float, metavar="DB", help="default 0.1")
@@ -55,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
 
     from torchliner.io.microphone_file import read_microphones
     from torchliner.report.numbers import write_rows
-    from torchliner.report.wall_pressure import draw_wall, educe_line, format_wall, wall_rows
+    from torchliner.report.wall_pressure import draw_wall, educe_line
+    from torchliner.report.wall_table import format_wall, wall_rows
 
     refuse_inputs([options.output], options.lines, options.figure)
     require_ending(options.output, [".csv"], "--output")
@@ -84,19 +97,20 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _chosen(options: argparse.Namespace) -> dict[str, object]:
+def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     """Options that were given, for the method that knows them.
 
     Raises:
-        ValueError: one belongs to the other method.
+        ValueError: one belongs to other methods.
     """
-    prediction, fit = ["rank", "order"], ["weights"]
-    own, foreign = (prediction, fit) if options.method == "kt" else (fit, prediction)
-    for key in foreign:
-        if getattr(options, key) is not None:
-            raise ValueError(f"--{key} is no option of --method {options.method}")
-    named = (*SHARED, *own)
-    chosen = {key: getattr(options, key) for key in named if getattr(options, key) is not None}
+    own = OWN[options.method]
+    for key in dict.fromkeys(chain(*OWN.values())):
+        if key not in own and getattr(options, key) is not None:
+            named = "--" + key.replace("_", "-")
+            raise ValueError(f"{named} is no option of --method {options.method}")
+    named_keys = (*SHARED, *own)
+    chosen = {key: getattr(options, key) for key in named_keys}
+    chosen = {key: value for key, value in chosen.items() if value is not None}
     if "margin" in chosen:
         chosen["margin"] *= 1e-3
     return chosen

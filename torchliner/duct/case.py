@@ -16,6 +16,11 @@ from torchliner.flow_profiles import MeanFlow
 SOURCES = ("upstream", "downstream")
 
 
+def other_side(source: str) -> str:
+    """``downstream`` for ``upstream`` and the reverse."""
+    return SOURCES[1 - SOURCES.index(source)]
+
+
 @dataclass(frozen=True, eq=False)
 class DuctCase:
     """Rigid walls at y = 0 and y = H, the one at y = 0 lined in places; flow along +x.

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.case import DuctCase
+from torchliner.duct.case import SOURCES, DuctCase, other_side
 from torchliner.duct.lee_swept import SweptDuct, point_rows
 
 WALLS = ("opposite", "lined")
@@ -104,14 +104,19 @@ class DuctField:
         """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
         return self._end_ratio(back=False)
 
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).
+
+        Args:
+            end: ``upstream`` or ``downstream``.
+        """
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
+
     def _end_ratio(self, back: bool) -> Tensor:
-        left_in, left_out = self.waves[..., 0], self.waves[..., 1]
-        right_in, right_out = self.waves[..., -2], self.waves[..., -1]
-        if self.source == "upstream":
-            ratio = (left_out if back else right_out) / left_in
-        else:
-            ratio = (right_out if back else left_out) / right_in
-        return ratio.to(self.dtype)
+        sent, returned = self.end_waves(self.source)
+        out = returned if back else self.end_waves(other_side(self.source))[1]
+        return (out / sent).to(self.dtype)
 
     def _waves_of_parts(self) -> tuple[Tensor, ...]:
         sizes = [len(part.upper) for part in self.swept.parts]

@@ -1,39 +1,43 @@
-r"""Impedance from wall pressures by fitting the linearised Euler equations themselves.
+"""Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
-The pressure at microphone i is :math:`A h_i(Z)`, the duct's response to a unit incident wave times
-an amplitude A that is not known. With the measured p_i the residuals are those of
-:math:`q_i = A h_i(Z)/p_i`: in the real part of q - 1 relative amplitude, in the imaginary part
-phase, each over its stated error. Four real unknowns, Z and A, by Levenberg and Marquardt's method
-with the exact derivative of the field by Z (h is holomorphic in Z, so one derivative serves both
-parts). No mode is singled out and nothing is assumed of the waves in the duct but the equations:
-reflected and evanescent waves of a short liner are part of h.
+No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
+and evanescent waves of a short liner are part of the model. ``field_model`` says what is minimised.
+
+An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
+amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
+``stated`` it is what the case says, and a reflection of 0.05 that the case does not know of moves Z
+by more than any error of the microphones.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import warnings
-from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import torch
-import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import DataWarning, require_choice
+from torchliner.duct.case import SOURCES, other_side
+from torchliner.duct.catalogue import load_duct
 from torchliner.duct.lee import DuctSolver
+from torchliner.eduction.field_model import (
+    STEPS,
+    FieldModel,
+    Solution,
+    best_of_grid,
+    least_squares,
+)
 from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
 from torchliner.records import FieldFit, MicrophoneLine
+from torchliner.records.drawn_impedance import fine_places
 
-STEPS = 60
-TOLERANCE = 1e-9  # of Z, relative to 1 + |Z|
-START_R = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0)
-START_X = (-4.0, -2.0, -1.0, -0.4, 0.0, 0.4, 1.0, 2.0, 4.0)
+FAR_ENDS = ("fitted", "stated")
 SAME = 1e-6  # relative, of what line and case both state
+SAME_PLACE = 1e-6  # m
 POOR = 3.0  # chi squared over its degrees of freedom
-TOGETHER = 64  # impedances at once
-
-Response = Callable[[Tensor], Tensor]
 
 
 def fit_field(
@@ -41,6 +45,7 @@ def fit_field(
     solver: DuctSolver,
     *,
     wall: str = "opposite",
+    far_end: str = "fitted",
     draws: int = 0,
     level_error: float = LEVEL_ERROR,
     phase_error: float = PHASE_ERROR,
@@ -49,59 +54,94 @@ def fit_field(
     """Impedance of the liner of a duct that fits a line of microphones best.
 
     Args:
-        line: microphones anywhere along the duct, any spacing; at least three.
-        solver: the duct, at the line's frequencies.
+        line: microphones anywhere along the duct, any spacing.
+        solver: the duct, at the line's frequencies, with one lined patch.
         wall: of the microphones, ``opposite`` or ``lined``.
+        far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
         draws: of the microphones' errors, 0 for none; the paper takes 500 for its method.
         level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
         generator: of random numbers; default one with seed 0.
     Raises:
-        ValueError: fewer than three microphones, a microphone outside the duct, a solver for other
-            frequencies, another height, Mach number, sound speed or side of the source.
+        ValueError: fewer than four microphones (three with the far end stated), one outside the
+            duct, an error of 0, a solver for other frequencies, another height, Mach number, sound
+            speed, liner or side of the source, or with several patches.
     Warns:
         DataWarning: a fit that did not converge, a misfit that the errors do not explain, a
-            negative resistance; the same text is in ``notes``.
+            negative resistance, an end that reflects more than it gets; the same text is in
+            ``notes``.
     """
-    _check(line, solver)
+    require_choice("far_end", far_end, FAR_ENDS)
+    waves = {"stated": 1, "fitted": 2}[far_end]
+    _check(line, solver, waves)
+    sources = (line.source_side, other_side(line.source_side))[:waves]
+    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} is {value:g}; it weights the fit and must be above 0")
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
-    places = line.x.cpu().numpy()
+    model = FieldModel(solver, sources, line.x, wall)
 
-    def response(impedance: Tensor) -> Tensor:
-        """h, Pa, (..., F, N): of the case's own incident amplitude."""
-        return solver.solve(impedance[..., None], line.source_side).wall_pressure(places, wall)
+    def solved(pressure: Tensor, start: Tensor | None) -> FieldFit:
+        """Of pressures (..., N, F); from the best of a grid if no start is given."""
+        target = pressure.movedim(-2, -1).reshape(-1, len(line.frequency), line.microphones)
+        begin = best_of_grid(model, target, weights) if start is None else start
+        found = least_squares(model, target, begin.reshape(target.shape[:-1]), weights)
+        return _result(found, model, pressure, line)
 
-    pressure = line.pressure.movedim(-2, -1)  # (..., F, N)
-    start = _best_of_grid(response, pressure, weights)
-    result = _fitted(response, pressure, start, weights, line)
-    notes = _notes(result, line)
-    choices = {"wall": wall, "level_error": level_error, "phase_error": phase_error,
-               "draws": draws, "unknowns": solver.mesh.unknowns}  # fmt: skip
+    result = solved(line.pressure, None)
+    choices = {"method": "field", "wall": wall, "far_end": far_end, "level_error": level_error,
+               "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
+               "source": line.name, "microphones": line.microphones,
+               "unknowns": solver.mesh.unknowns}  # fmt: skip
+    result = replace(result, choices=choices, notes=_notes(result, line))
+    for note in result.notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
     if draws:
         random = generator or torch.Generator().manual_seed(0)
         noisy = draw_pressures(
             line.pressure, draws, random, level_error=level_error, phase_error=phase_error
-        ).movedim(-2, -1)
-        begin = result.impedance.expand(draws, *result.impedance.shape).clone()
-        drawn = _fitted(response, noisy, begin, weights, line)
-        result = dataclasses.replace(result, draws=drawn)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
-    scale = solver.case.incident
-    return dataclasses.replace(
-        result, amplitude=result.amplitude * scale, choices=choices, notes=notes
-    )
-
-
-def _check(line: MicrophoneLine, solver: DuctSolver) -> None:
-    case = solver.case
-    if line.microphones < 3:
-        raise ValueError(
-            f"{line.name} has {line.microphones} microphones; Z and the amplitude need three"
         )
+        drawn = solved(noisy, result.impedance.expand(draws, *result.impedance.shape))
+        result = replace(result, draws=drawn)
+        lost = int((~drawn.converged).sum())
+        if lost:
+            note = (
+                f"{line.name}: {lost} of {drawn.converged.numel()} draws did not settle in {STEPS} "
+                "steps; they count with the best impedance met"
+            )
+            warnings.warn(note, DataWarning, stacklevel=2)
+            result = replace(result, notes=(*result.notes, note))
+    return result
+
+
+def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:
+    """The solver of a preset or TOML file for a line, and the wall that its microphones are on.
+
+    Args:
+        line: its frequencies and the side of its source are taken; height, Mach number and gas must
+            be the file's.
+        duct: see ``load_duct``.
+    """
+    setup = load_duct(duct, frequency=line.frequency.tolist(), source_side=line.source_side)
+    return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
+
+
+def _check(line: MicrophoneLine, solver: DuctSolver, waves: int) -> None:
+    case = solver.case
+    if line.source_side not in SOURCES:
+        raise ValueError(
+            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream"
+        )
+    if line.microphones < waves + 2:
+        needed = {1: "the amplitude need three", 2: "two amplitudes need four"}[waves]
+        raise ValueError(f"{line.name} has {line.microphones} microphones; Z and {needed}")
     if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
         raise ValueError(
             f"{line.name} has frequencies {line.frequency.tolist()} Hz, the duct "
             f"{solver.frequency.tolist()} Hz; build the solver for those of the line"
+        )
+    if len(case.liner) != 1:
+        raise ValueError(
+            f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"
         )
     stated = {
         "duct_height (m)": (line.duct_height, case.height),
@@ -110,11 +150,17 @@ def _check(line: MicrophoneLine, solver: DuctSolver) -> None:
     }
     for name, (mine, theirs) in stated.items():
         if abs(float(mine) - float(theirs)) > SAME * max(abs(float(mine)), abs(float(theirs))):
-            raise ValueError(f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}")
-    if line.source_side not in ("upstream", "downstream"):
-        raise ValueError(
-            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream"
-        )
+            raise ValueError(
+                f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
+                "and the same in both"
+            )
+    if line.liner_start is not None and line.liner_end is not None:
+        start, end = case.liner[0]
+        if max(abs(line.liner_start - start), abs(line.liner_end - end)) > SAME_PLACE:
+            raise ValueError(
+                f"{line.name} has its liner from x = {line.liner_start:g} to {line.liner_end:g} m, "
+                f"the duct from {start:g} to {end:g} m; state one and the same in both"
+            )
     outside = (line.x < case.start) | (line.x > case.end)
     if bool(outside.any()):
         raise ValueError(
@@ -123,111 +169,36 @@ def _check(line: MicrophoneLine, solver: DuctSolver) -> None:
         )
 
 
-def _in_parts(response: Response, impedance: Tensor) -> Tensor:
-    """(B, F) to (B, F, N), some impedances at a time."""
-    return torch.cat([response(part) for part in impedance.split(TOGETHER)])
+def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine) -> FieldFit:
+    """The record of a solution for pressures (..., N, F)."""
+    shape = (*pressure.shape[:-2], pressure.shape[-1])
+    case, along = model.solver.case, fine_places(line.x)
 
+    def heard(places: Tensor) -> Tensor:
+        fields = replace(model, places=places).in_parts(found.impedance)
+        total = (fields * found.amplitude[..., None, :]).sum(-1)
+        return total.reshape(*shape, len(places)).movedim(-1, -2)
 
-def _best_of_grid(response: Response, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
-    """The impedance of a coarse grid that fits best, (..., F)."""
-    grid = torch.tensor([complex(r, x) for r in START_R for x in START_X], dtype=torch.complex128)
-    count = pressure.shape[-2]
-    fields = _in_parts(response, grid[:, None].expand(-1, count))  # (G, F, N)
-    lead = (1,) * (pressure.ndim - 2)
-    fields = fields.reshape(len(grid), *lead, *fields.shape[1:])
-    amplitude = _linear_amplitude(fields, pressure)
-    residual = _residual(amplitude[..., None] * fields / pressure - 1, weights)
-    best = residual.square().sum(-1).argmin(0)
-    return grid[best]
-
-
-def _linear_amplitude(fields: Tensor, pressure: Tensor) -> Tensor:
-    """A of least relative error, (...)."""
-    ratio = fields / pressure
-    return ratio.conj().sum(-1) / ratio.abs().square().sum(-1)
-
-
-def _residual(away: Tensor, weights: tuple[float, float]) -> Tensor:
-    """Real and imaginary parts of q - 1 over their errors, (..., 2 N)."""
-    return torch.cat([away.real * weights[0], away.imag * weights[1]], -1)
-
-
-def _with_slope(response: Response, impedance: Tensor) -> tuple[Tensor, Tensor]:
-    """h and dh/dZ, (B, F, N), by forward differentiation."""
-    values, slopes = [], []
-    for part in impedance.split(TOGETHER):
-        with forward_ad.dual_level():
-            both = response(forward_ad.make_dual(part, torch.ones_like(part)))
-            value, slope = forward_ad.unpack_dual(both)
-        values.append(value.detach())
-        slopes.append(slope.detach())
-    return torch.cat(values), torch.cat(slopes)
-
-
-def _system(
-    response: Response, impedance: Tensor, amplitude: Tensor, pressure: Tensor,
-    weights: tuple[float, float],
-) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Residuals (B, F, 2 N) and their derivatives by R, X, Re A/|A|, Im A/|A|, (B, F, 2 N, 4)."""
-    fields, slope = _with_slope(response, impedance)
-    model = amplitude[..., None] * fields / pressure
-    by_z = amplitude[..., None] * slope / pressure
-    # A moves relative to itself, so that its size does not matter.
-    columns = [by_z, 1j * by_z, model, 1j * model]
-    jacobian = torch.stack([_residual(column, weights) for column in columns], -1)
-    return _residual(model - 1, weights), jacobian
-
-
-def _fitted(
-    response: Response, pressure: Tensor, start: Tensor, weights: tuple[float, float],
-    line: MicrophoneLine,
-) -> FieldFit:  # fmt: skip
-    """Levenberg-Marquardt on all cases, draws and frequencies at once: (..., F, N)."""
-    shape, count = pressure.shape[:-1], pressure.shape[-1]
-    target = pressure.reshape(-1, *pressure.shape[-2:])
-    z = start.reshape(-1, shape[-1]).to(torch.complex128)
-    a = _linear_amplitude(_in_parts(response, z), target)
-    residual, jacobian = _system(response, z, a, target, weights)
-    cost = residual.square().sum(-1)
-    damping = torch.full_like(cost, 1e-3)
-    moved = torch.full_like(cost, torch.inf)
-    for _ in range(STEPS):
-        step = _damped_step(residual, jacobian, damping)
-        new_z = z + torch.complex(step[..., 0], step[..., 1])
-        new_a = a * (1 + torch.complex(step[..., 2], step[..., 3]))
-        new_residual, new_jacobian = _system(response, new_z, new_a, target, weights)
-        new_cost = new_residual.square().sum(-1)
-        better = new_cost <= cost
-        moved = torch.where(better, step[..., :2].norm(dim=-1) / (1 + z.abs()), moved)
-        z, a = torch.where(better, new_z, z), torch.where(better, new_a, a)
-        residual = torch.where(better[..., None], new_residual, residual)
-        jacobian = torch.where(better[..., None, None], new_jacobian, jacobian)
-        cost = torch.where(better, new_cost, cost)
-        damping = torch.where(better, damping / 10, damping * 10).clamp(1e-12, 1e12)
-        stuck = damping >= 1e8
-        if bool(((moved < TOLERANCE) | stuck).all()):
-            break
-    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)[..., :2, :2]
-    model = a[..., None] * _in_parts(response, z)
+    at_microphones = heard(line.x)
+    left = (at_microphones - pressure).abs().square().sum(-2)
+    freedom = 2 * line.microphones - 2 - 2 * len(model.sources)
+    far = model.end_reflection(found.impedance, found.amplitude, other_side(model.sources[0]))
     return FieldFit(
+        method="LEE fit",
         frequency=line.frequency,
         x=line.x,
-        impedance=z.reshape(shape),
-        covariance=covariance.reshape(*shape, 2, 2),
-        amplitude=a.reshape(shape),
-        pressure=model.reshape(pressure.shape).movedim(-1, -2),
-        misfit=(cost / max(1, 2 * count - 4)).reshape(shape),
-        converged=(moved < TOLERANCE).reshape(shape),
+        impedance=found.impedance.reshape(shape),
+        covariance=found.covariance.reshape(*shape, 2, 2),
+        amplitude=case.incident * found.amplitude[..., 0].reshape(shape),
+        end_reflection=far.reshape(shape),
+        pressure=at_microphones,
+        along=along,
+        pressure_along=heard(along),
+        residual=(left / pressure.abs().square().sum(-2)).sqrt(),
+        misfit=(found.cost / freedom).reshape(shape),
+        converged=found.converged.reshape(shape),
+        source_side=line.source_side,
     )
-
-
-def _damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
-    normal = jacobian.mT @ jacobian
-    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30)
-    damped = normal + torch.diag_embed(damping[..., None] * scale)
-    right = -(jacobian.mT @ residual[..., None])
-    step: Tensor = torch.linalg.solve(damped, right)[..., 0]
-    return step
 
 
 def _notes(result: FieldFit, line: MicrophoneLine) -> tuple[str, ...]:
@@ -243,10 +214,15 @@ def _notes(result: FieldFit, line: MicrophoneLine) -> tuple[str, ...]:
         if worst > POOR:
             notes.append(
                 f"{line.name}: at {f:g} Hz the residuals are {math.sqrt(worst):.3g} times the "
-                "stated errors of the microphones: the duct model, the flow or the errors are not "
-                "those of the measurement"
+                "stated errors of the microphones: the duct model, the flow, the far end or the "
+                "errors are not those of the measurement"
             )
         least = float(result.impedance[..., i].real.min())
         if least < 0:
             notes.append(f"{line.name}: the resistance at {f:g} Hz is {least:.3g}, below 0")
+        most = float(result.end_reflection[..., i].abs().max())
+        if most > 1:
+            notes.append(
+                f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets"
+            )
     return tuple(notes)

@@ -10,36 +10,50 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.drawn_impedance import DrawnImpedance
 
 
 @dataclass(frozen=True, eq=False)
-class FieldFit:
+class FieldFit(DrawnImpedance):
     """Impedance of a liner by fitting the linearised Euler equations to microphones.
 
     Args:
+        method: for tables and legends.
         frequency: Hz, (F,).
         x: microphones, m, (N,).
         impedance: Z, normalised, (..., F).
         covariance: of (resistance, reactance) for the stated errors of the microphones, (..., F, 2,
             2): the Laplace approximation, inverse of the Hessian (Gauss-Newton's) with the
-            amplitude fitted too.
-        amplitude: peak of the incident wave where the case has its own, Pa, complex, (..., F).
+            amplitudes fitted too.
+        amplitude: peak of the source's wave where the case has its own, Pa, complex, (..., F).
+        end_reflection: of the far end, stated or fitted, complex, (..., F): wall pressure of the
+            plane-like mode that comes back over that of the one that goes out, both at that end.
         pressure: of the model at the microphones, Pa, (..., N, F).
-        misfit: chi squared over its degrees of freedom, 2 N - 4, (..., F): 1 where the model is
-            right and the errors are as stated.
+        along: places from the first microphone to the last, m, (X,).
+        pressure_along: of the model there, Pa, (..., X, F).
+        residual: rms of what the model leaves over that of the pressures, (..., F).
+        misfit: chi squared over its degrees of freedom, (..., F): 1 where the model is right and
+            the errors are as stated.
         converged: whether the last step was below the tolerance, (..., F).
+        source_side: ``upstream`` or ``downstream``.
         draws: the same fit over draws of the errors, (D, ..., F); None without.
         choices: every option.  notes: doubts, with numbers.
     """
 
+    method: str
     frequency: Tensor
     x: Tensor
     impedance: Tensor
     covariance: Tensor
     amplitude: Tensor
+    end_reflection: Tensor
     pressure: Tensor
+    along: Tensor
+    pressure_along: Tensor
+    residual: Tensor
     misfit: Tensor
     converged: Tensor
+    source_side: str
     draws: FieldFit | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -54,3 +68,7 @@ class FieldFit:
     def level(self) -> Tensor:
         """SPL of the model at the microphones, dB re 20 uPa rms, (..., N, F)."""
         return spl_from_pressure_amplitude(self.pressure)
+
+    def level_along(self) -> tuple[Tensor, Tensor]:
+        """``along`` and the SPL of the model there, dB, (..., X, F)."""
+        return self.along, spl_from_pressure_amplitude(self.pressure_along)

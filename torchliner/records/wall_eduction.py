@@ -11,10 +11,11 @@ from torch import Tensor
 
 from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
 
 
 @dataclass(frozen=True, eq=False)
-class WallEduction:
+class WallEduction(DrawnImpedance):
     r"""Wavenumbers above a liner and the impedance that each stands for.
 
     Args:
@@ -82,15 +83,11 @@ class WallEduction:
         """SPL of all waves, dB, (..., X, F)."""
         return spl_from_pressure_amplitude(self.pressure_at(x))
 
-    @property
-    def mean(self) -> Tensor:
-        """Mean impedance of the draws that have one, (..., F)."""
-        return _mean(self._drawn())
-
-    @property
-    def standard_deviation(self) -> Tensor:
-        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
-        return deviation(self._drawn())
+    def level_along(self) -> tuple[Tensor, Tensor]:
+        """Places from the first microphone to the last, m, (X,), and the SPL of all waves there,
+        dB, (..., X, F)."""
+        places = fine_places(self.x)
+        return places, self.level_at(places)
 
     @property
     def wavenumber_deviation(self) -> Tensor:
@@ -99,45 +96,6 @@ class WallEduction:
         assert self.draws is not None
         return deviation(self.draws.wavenumber)
 
-    @property
-    def failed(self) -> Tensor:
-        """How many draws have no impedance, (..., F)."""
-        return (~torch.isfinite(self._drawn())).sum(0)
-
-    def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
-        """Bounds of the middle ``level`` of the draws: real parts bound R, imaginary parts X."""
-        if not 0 < level < 1:
-            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
-        drawn = self._drawn()
-        return tuple(
-            torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))
-            for share in ((1 - level) / 2, (1 + level) / 2)
-        )  # type: ignore[return-value]
-
-    def _drawn(self) -> Tensor:
-        if self.draws is None:
-            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
-        return self.draws.impedance
-
     def with_notes(self, *notes: str) -> WallEduction:
         """The same with further notes."""
         return replace(self, notes=(*self.notes, *notes))
-
-
-def _mean(values: Tensor) -> Tensor:
-    good = torch.isfinite(values)
-    return torch.where(good, values, 0).sum(0) / good.sum(0)
-
-
-def _quantile(values: Tensor, share: float) -> Tensor:
-    finite = torch.where(torch.isfinite(values), values, torch.nan)
-    return torch.nanquantile(finite, share, dim=0)
-
-
-def deviation(values: Tensor) -> Tensor:
-    """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
-    finite is left out."""
-    good = torch.isfinite(values)
-    off = torch.where(good, values - _mean(values), 0)
-    count = good.sum(0) - 1
-    return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))

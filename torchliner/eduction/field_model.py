@@ -1,0 +1,184 @@
+r"""The pressures that a duct model offers for a fit, and the least squares over them.
+
+Microphone i hears :math:`\sum_k A_k h_{ik}(Z)`: for each of K waves that are sent into the duct,
+one from the source or one from either end, the duct's response h to a unit of it times an amplitude
+that is not known. With the measured p_i the residuals are those of :math:`q_i = \sum_k A_k
+h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the imaginary part phase, each over
+its stated error. The unknowns, Z and A, are found by Levenberg and Marquardt's method with the
+exact derivative of the field by Z (h is holomorphic in Z, so one derivative serves both parts).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+import torch.autograd.forward_ad as forward_ad
+from torch import Tensor
+
+from torchliner.duct.duct_field import DuctField
+from torchliner.duct.lee import DuctSolver
+
+STEPS = 60
+TOLERANCE = 1e-9  # of Z, relative to 1 + |Z|
+START_R = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0)
+START_X = (-4.0, -2.0, -1.0, -0.4, 0.0, 0.4, 1.0, 2.0, 4.0)
+TOGETHER = 64  # impedances at once
+
+
+@dataclass(frozen=True, eq=False)
+class FieldModel:
+    """Responses of a duct to the waves sent into it.
+
+    Args:
+        solver: the duct.
+        sources: sides that waves are sent from, (K,).
+        places: x, m, (N,).
+        wall: of the places, ``opposite`` or ``lined``.
+    """
+
+    solver: DuctSolver
+    sources: Sequence[str]
+    places: Tensor
+    wall: str
+
+    def fields(self, impedance: Tensor) -> list[DuctField]:
+        """For each source, of (B, F) impedances."""
+        return [self.solver.solve(impedance[..., None], side) for side in self.sources]
+
+    def response(self, impedance: Tensor) -> Tensor:
+        """h, Pa, (B, F, N, K), for the case's own incident amplitude."""
+        places = self.places.cpu().numpy()
+        return torch.stack(
+            [field.wall_pressure(places, self.wall) for field in self.fields(impedance)], -1
+        )
+
+    def in_parts(self, impedance: Tensor) -> Tensor:
+        """``response``, some impedances at a time."""
+        return torch.cat([self.response(part) for part in impedance.split(TOGETHER)])
+
+    def with_slope(self, impedance: Tensor) -> tuple[Tensor, Tensor]:
+        """h and dh/dZ, (B, F, N, K), by forward differentiation."""
+        values, slopes = [], []
+        for part in impedance.split(TOGETHER):
+            with forward_ad.dual_level():
+                both = self.response(forward_ad.make_dual(part, torch.ones_like(part)))
+                value, slope = forward_ad.unpack_dual(both)
+            values.append(value.detach())
+            slopes.append(slope.detach())
+        return torch.cat(values), torch.cat(slopes)
+
+    def end_reflection(self, impedance: Tensor, amplitude: Tensor, end: str) -> Tensor:
+        """Plane-like mode in over out at an end, (B, F), of amplitudes (B, F, K)."""
+        parts = []
+        split = zip(impedance.split(TOGETHER), amplitude.split(TOGETHER), strict=True)
+        for z, a in split:
+            waves = [torch.stack(field.end_waves(end), -1) for field in self.fields(z)]
+            sent, out = (torch.stack(waves, -2) * a[..., None]).sum(-2).unbind(-1)
+            parts.append(sent / out)
+        return torch.cat(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What fits best: ``impedance`` (B, F), ``amplitude`` (B, F, K) of the responses,
+    ``covariance`` of R and X (B, F, 2, 2), ``cost``, chi squared (B, F), ``converged`` (B, F)."""
+
+    impedance: Tensor
+    amplitude: Tensor
+    covariance: Tensor
+    cost: Tensor
+    converged: Tensor
+
+
+def best_of_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
+    """The impedance of a coarse grid that fits pressures (B, F, N) best, (B, F)."""
+    grid = torch.tensor([complex(r, x) for r in START_R for x in START_X], dtype=torch.complex128)
+    fields = model.in_parts(grid[:, None].expand(-1, pressure.shape[-2]))[:, None]
+    amplitude = _linear_amplitude(fields, pressure)
+    residual = _residual(_over(fields, amplitude, pressure) - 1, weights)
+    return grid[residual.square().sum(-1).argmin(0)]
+
+
+def least_squares(
+    model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float]
+) -> Solution:
+    """Levenberg and Marquardt's method on all cases, draws and frequencies at once.
+
+    Args:
+        model: of the duct.
+        pressure: Pa, (B, F, N).
+        start: Z, (B, F).
+        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
+    """
+    z = start.to(torch.complex128).clone()  # a view of one number cannot carry a tangent
+    a = _linear_amplitude(model.in_parts(z), pressure)
+    residual, jacobian = _system(model, z, a, pressure, weights)
+    cost = residual.square().sum(-1)
+    damping = torch.full_like(cost, 1e-3)
+    moved = torch.full_like(cost, torch.inf)
+    for _ in range(STEPS):
+        step = _damped_step(residual, jacobian, damping)
+        by_part = torch.complex(step[..., ::2], step[..., 1::2])
+        new_z, new_a = z + by_part[..., 0], a + _scale(a) * by_part[..., 1:]
+        new_residual, new_jacobian = _system(model, new_z, new_a, pressure, weights)
+        new_cost = new_residual.square().sum(-1)
+        better = new_cost <= cost
+        moved = torch.where(better, step[..., :2].norm(dim=-1) / (1 + z.abs()), moved)
+        z, a = torch.where(better, new_z, z), torch.where(better[..., None], new_a, a)
+        residual = torch.where(better[..., None], new_residual, residual)
+        jacobian = torch.where(better[..., None, None], new_jacobian, jacobian)
+        cost = torch.where(better, new_cost, cost)
+        damping = torch.where(better, damping / 10, damping * 10).clamp(1e-12, 1e12)
+        stuck = damping >= 1e8
+        if bool(((moved < TOLERANCE) | stuck).all()):
+            break
+    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)[..., :2, :2]
+    return Solution(z, a, covariance, cost, moved < TOLERANCE)
+
+
+def _over(fields: Tensor, amplitude: Tensor, pressure: Tensor) -> Tensor:
+    """q, (..., F, N)."""
+    return (fields * amplitude[..., None, :]).sum(-1) / pressure
+
+
+def _linear_amplitude(fields: Tensor, pressure: Tensor) -> Tensor:
+    """A of least relative error, (..., F, K)."""
+    ratio = fields / pressure[..., None]
+    gram = torch.linalg.pinv(ratio.mH @ ratio, hermitian=True)
+    found: Tensor = (gram @ ratio.mH.sum(-1, keepdim=True))[..., 0]
+    return found
+
+
+def _residual(away: Tensor, weights: tuple[float, float]) -> Tensor:
+    """Real and imaginary parts of q - 1 over their errors, (..., 2 N)."""
+    return torch.cat([away.real * weights[0], away.imag * weights[1]], -1)
+
+
+def _scale(amplitude: Tensor) -> Tensor:
+    """Amplitudes move relative to the first, so that the size of the pressures does not matter."""
+    return amplitude[..., :1].abs()
+
+
+def _system(
+    model: FieldModel, impedance: Tensor, amplitude: Tensor, pressure: Tensor,
+    weights: tuple[float, float],
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Residuals (B, F, 2 N) and their derivatives by R, X, Re A, Im A, ... (B, F, 2 N, 2 + 2 K),
+    the amplitudes over ``_scale``."""
+    fields, slope = model.with_slope(impedance)
+    by_z = _over(slope, amplitude, pressure)
+    by_a = fields * _scale(amplitude)[..., None] / pressure[..., None]
+    columns = [turn * by for by in (by_z, *by_a.unbind(-1)) for turn in (1, 1j)]
+    jacobian = torch.stack([_residual(column, weights) for column in columns], -1)
+    return _residual(_over(fields, amplitude, pressure) - 1, weights), jacobian
+
+
+def _damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
+    normal = jacobian.mT @ jacobian
+    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30)
+    damped = normal + torch.diag_embed(damping[..., None] * scale)
+    right = -(jacobian.mT @ residual[..., None])
+    step: Tensor = torch.linalg.solve(damped, right)[..., 0]
+    return step

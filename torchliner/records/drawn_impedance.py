@@ -1,0 +1,76 @@
+"""What draws of the measurement error say of an impedance."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+FINE = 201  # places of a level along the microphones
+
+
+class DrawnImpedance:
+    """Statistics over ``draws``, which all eductions from microphones share.
+
+    Attributes:
+        method: for tables and legends.
+        impedance: Z, normalised, (..., F).
+        draws: the same eduction over draws of the error, (D, ..., F); None without.
+    """
+
+    method: str
+    impedance: Tensor
+    draws: DrawnImpedance | None
+
+    @property
+    def mean(self) -> Tensor:
+        """Mean impedance of the draws that have one, (..., F)."""
+        return _mean(self._drawn())
+
+    @property
+    def standard_deviation(self) -> Tensor:
+        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
+        return deviation(self._drawn())
+
+    @property
+    def failed(self) -> Tensor:
+        """How many draws have no impedance, (..., F)."""
+        return (~torch.isfinite(self._drawn())).sum(0)
+
+    def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
+        """Bounds of the middle ``level`` of the draws: real parts bound R, imaginary parts X."""
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        drawn = self._drawn()
+        return tuple(
+            torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))
+            for share in ((1 - level) / 2, (1 + level) / 2)
+        )  # type: ignore[return-value]
+
+    def _drawn(self) -> Tensor:
+        if self.draws is None:
+            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
+        return self.draws.impedance
+
+
+def _mean(values: Tensor) -> Tensor:
+    good = torch.isfinite(values)
+    return torch.where(good, values, 0).sum(0) / good.sum(0)
+
+
+def _quantile(values: Tensor, share: float) -> Tensor:
+    finite = torch.where(torch.isfinite(values), values, torch.nan)
+    return torch.nanquantile(finite, share, dim=0)
+
+
+def deviation(values: Tensor) -> Tensor:
+    """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
+    finite is left out."""
+    good = torch.isfinite(values)
+    off = torch.where(good, values - _mean(values), 0)
+    count = good.sum(0) - 1
+    return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))
+
+
+def fine_places(x: Tensor) -> Tensor:
+    """Places from the first microphone to the last, m, (FINE,)."""
+    return torch.linspace(float(x[0]), float(x[-1]), FINE, dtype=torch.float64)
