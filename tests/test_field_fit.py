@@ -187,7 +187,7 @@ def test_bad_lines_are_refused(upstream):
         fit_field(line.select([0, 1, 2]), solver)
     with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it weights the fit"):
         fit_field(line, solver, level_error=0.0)
-    with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: stated"):
+    with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: fitted, stated"):
         fit_field(line, solver, far_end="open")
 
 
