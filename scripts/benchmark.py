@@ -8,7 +8,7 @@ not counted; engines that need longer than --seconds get fewer probes. Each row'
 largest in R against float64 `direct` (for wrapped records: the formula in float64) on the same
 kernels. Rows marked * are compiled, without the compiler's own time, which the line below them
 states. Parts: engines, slopes, worth (error bars, audit), stations (laser Doppler),
-files, memory, start.
+duct (linearised Euler equations, microphones), files, memory, start.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
-PARTS = ("engines", "slopes", "worth", "stations", "files", "memory", "start")
+PARTS = ("engines", "slopes", "worth", "stations", "duct", "files", "memory", "start")
 
 
 class Bench:
@@ -276,6 +276,10 @@ def main() -> None:
         import benchmark_ldv
 
         benchmark_ldv.stations()
+    if "duct" in parts:
+        import benchmark_duct
+
+        benchmark_duct.main([])
     import benchmark_files
 
     if "files" in parts:

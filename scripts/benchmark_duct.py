@@ -1,6 +1,6 @@
 """Time, memory and difference of the duct solver against one sparse LU of the same equations.
 
-    python scripts/benchmark_duct.py [--only sizes,batch] [--largest 45000] [--threads 1]
+    python scripts/benchmark_duct.py [--only sizes,batch,microphones] [--largest 45000]
 
 The case is the B2A duct: 50 mm high, 150 mm of liner with Z = 2.33-0.30j, sheared flow of bulk Mach
 0.3 (tanh profile, shear 0.1), 1500 Hz, source upstream. ``sizes`` solves it on meshes of about
@@ -9,12 +9,14 @@ The case is the B2A duct: 50 mm high, 150 mm of liner with Z = 2.33-0.30j, shear
 here) of the assembled matrix; assembling it is timed apart. Each runs in a process of its own, so
 that its peak of memory is its own; that of the same process before, with its imports, is taken off.
 ``batch`` solves 100 impedances x 20 frequencies (500 to 2400 Hz) at once, and some of them one at a
-time, extrapolated. Times are the best of three after one that is not counted, once for the LU.
+time, extrapolated; ``microphones`` draws of the errors of 12 microphones likewise. Times are the
+best of three after one that is not counted, once for the LU.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import platform
 import resource
@@ -22,7 +24,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +33,12 @@ import numpy as np
 import torch
 from scipy.sparse.linalg import splu
 
+import torchliner as tl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.lee import DuctSolver, solve_duct
 from torchliner.duct.lee_assembled import assemble, node_places
 from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.eduction.microphone_errors import draw_pressures
 from torchliner.flow_profiles import TanhProfile
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j
@@ -161,28 +166,77 @@ def batch() -> None:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="sizes,batch")
+def microphones() -> None:
+    """Draws of the microphones' errors as one batch and one by one."""
+    frequency = torch.linspace(500, 2400, 20, dtype=torch.float64)
+    _draws("kumaresan_tufts", frequency, 500, 100, lambda line, _: tl.kumaresan_tufts(line))
+    _draws("fit_field", frequency[10:11], 100, 4, tl.fit_field)
+
+
+def _draws(
+    name: str, frequency: torch.Tensor, draws: int, measured: int, educe: Callable[..., Any]
+) -> None:
+    """All draws of a line as its leading axis, and some of them each as a line of its own."""
+    solver = DuctSolver(CASE, frequency, keep="walls")
+    over = MICROPHONES[3:15]
+    pressure = solver.solve(IMPEDANCE).wall_pressure(over).movedim(-1, -2)
+    noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
+    line = tl.MicrophoneLine(over, noisy, frequency, duct_height=HEIGHT, mach=0.3,
+                             source_side="upstream")  # fmt: skip
+    solvers = [DuctSolver(CASE, one[None], keep="walls") for one in frequency]
+    count = draws * len(frequency)
+    seconds, whole = best(lambda: educe(line, solver), 2)
+    chosen = [(i % draws, i % len(frequency)) for i in range(measured)]
+
+    def one_by_one() -> list[complex]:
+        return [
+            complex(educe(
+                dataclasses.replace(line, pressure=noisy[d][:, f], frequency=frequency[f][None]),
+                solvers[f],
+            ).impedance[0])
+            for d, f in chosen
+        ]  # fmt: skip
+
+    slow, ones = best(one_by_one, 1)
+    error = max(
+        abs(one - complex(whole.impedance[at])) for one, at in zip(ones, chosen, strict=True)
+    )
+    each = slow / measured
+    print(
+        f"\n{name}, {draws} draws x {len(frequency)} frequencies, 12 microphones\n"
+        f"one batch                              {seconds:8.2f} s {1e3 * seconds / count:9.3f} ms "
+        f"each\none by one ({measured} measured)"
+        f"{'':15s} {count * each:8.0f} s {1e3 * each:9.3f} ms each, {count * each / seconds:.0f} "
+        f"times; difference {error:.1e}",
+        flush=True,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", default="sizes,batch,microphones")
     parser.add_argument("--largest", type=int, default=45000, help="unknowns of the sparse LU")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--run", nargs=3, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    if arguments.run:
-        kind, size, out = arguments.run
+    options = parser.parse_args(arguments)
+    torch.set_num_threads(options.threads)
+    warnings.simplefilter("ignore", tl.DataWarning)
+    if options.run:
+        kind, size, out = options.run
         {"columns": run_columns, "sparse": run_sparse}[kind](int(size), out)
         return
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     print(
-        f"{platform.machine()}, {os.cpu_count()} processors, {arguments.threads} thread(s), torch "
+        f"{platform.machine()}, {os.cpu_count()} processors, {options.threads} thread(s), torch "
         f"{torch.__version__}; load of the machine before: {load:.1f}"
     )
-    if "sizes" in arguments.only:
+    if "sizes" in options.only:
         with tempfile.TemporaryDirectory() as folder:
-            sizes(arguments.largest, arguments.threads, Path(folder))
-    if "batch" in arguments.only:
+            sizes(options.largest, options.threads, Path(folder))
+    if "batch" in options.only:
         batch()
+    if "microphones" in options.only:
+        microphones()
 
 
 if __name__ == "__main__":

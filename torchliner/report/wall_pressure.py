@@ -67,8 +67,8 @@ def draw_wall(
         label = f"{line.title or Path(line.name).stem}, source {one.source_side}"
         colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
         if single:
-            _draw_cloud(axes[0, 0], one, colour, marker, label)
-            _draw_levels(axes[0, 1], line, one, colour, marker)
+            draw_cloud(axes[0, 0], one, colour, marker, label)
+            draw_levels(axes[0, 1], line, one, colour, marker)
         else:
             for axis, (part, _) in zip(axes[0], PARTS, strict=True):
                 _draw_spectrum(axis, one, COMPLEX_PART[part], colour, label)
@@ -86,7 +86,8 @@ def draw_wall(
     return finish(figure, path)
 
 
-def _draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> None:
+def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> None:
+    """Impedances of the draws in their plane, and the one without errors (figure 14a)."""
     if one.draws is not None:
         drawn = one.draws.impedance[:, 0].numpy()
         axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
@@ -95,8 +96,8 @@ def _draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) ->
               markersize=6)  # fmt: skip
 
 
-def _draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str) -> None:
-    """Measured and fitted SPL; the shade is the range over the draws."""
+def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str) -> None:
+    """Measured and fitted SPL; the shade is the range over the draws (figure 14b)."""
     x, level = one.level_along()
     if one.draws is not None:
         drawn = one.draws.level_along()[1][..., 0].numpy()

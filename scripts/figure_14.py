@@ -1,0 +1,170 @@
+"""Kumaresan and Tufts' method on wall pressures of a known impedance: figures 14 and 19.
+
+    python scripts/figure_14.py [-o FOLDER] [--draws 500]
+
+Pressures at the microphones of B2A and of UFSC's rig by the linearised Euler equations in sheared
+flow, sources on both sides, with errors of 0.1 dB and 0.1 degrees; educed with uniform flow, as in
+the paper, and by a fit of the equations. B2A has the paper's local impedances; UFSC's is ASSUMED
+(the paper gives it as a picture). Its measured pressures are not public: crosses are what it educed
+from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torchliner as tl
+from torchliner.conversions import pressure_amplitude_from_spl
+from torchliner.duct.catalogue import load_duct
+from torchliner.records import FieldFit, WallEduction
+from torchliner.report.duct import solved_line
+from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import write_rows
+from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.wall_pressure import draw_cloud, draw_levels
+
+SIDES = ("upstream", "downstream")
+FIRST = 145.0  # dB, where figure 19 lets its levels start
+STATE = {"B2A": "the paper's", "UFSC/PoliTo": "ASSUMED"}
+
+
+@dataclass(frozen=True)
+class Facility:
+    """A preset, the impedances that its pressures are made with, and the paper's of its KT."""
+
+    name: str
+    preset: str
+    truth: dict[str, complex]
+    paper: dict[str, complex]
+
+
+FACILITIES = (
+    Facility("B2A", "b2a", {"upstream": 2.33 - 0.30j, "downstream": 2.25 - 0.30j},
+             {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}),
+    Facility("UFSC/PoliTo", "ufsc", dict.fromkeys(SIDES, 1.36 - 0.67j),
+             {"upstream": 1.04 - 0.36j, "downstream": 1.68 - 0.98j}),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Educed:
+    """One side of a facility: its microphones over the liner, and what two methods make of them."""
+
+    line: tl.MicrophoneLine
+    by_modes: WallEduction
+    by_field: FieldFit
+
+
+def educed(facility: Facility, side: str, draws: int) -> Educed:
+    """Solve, then educe."""
+    z = facility.truth[side]
+    setup = load_duct(facility.preset, source_side=side, impedance=[(z.real, z.imag)])
+    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    line = solved_line(setup, solver.solve(setup.impedance)).over_liner()
+    if facility.preset == "ufsc":
+        nearest = line.pressure[..., 0 if side == "upstream" else -1, :].abs()
+        scale = pressure_amplitude_from_spl(FIRST) / nearest
+        line = replace(line, pressure=line.pressure * scale)
+    return Educed(
+        line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws)
+    )
+
+
+@styled
+def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
+    """Impedances of all draws; levels with their range."""
+    figure, axes = subplots(1, 2, 3.7)
+    plane, levels = axes[0]
+    pairs = list(enumerate(sides.items()))
+    for i, (side, one) in pairs:
+        draw_cloud(plane, one.by_modes, COLOURS[i], MARKERS[i], f"KT, {side}")
+        draw_levels(levels, one.line, one.by_modes, COLOURS[i], MARKERS[i])
+    for i, (side, one) in pairs:
+        draw_cloud(plane, one.by_field, COLOURS[2 + i], "D", f"LEE fit, {side}")
+    for i, (side, _) in pairs:
+        z = facility.paper[side]
+        plane.plot(z.real, z.imag, "x", color=COLOURS[i], markersize=7, label=f"paper, {side}")
+    for i, (side, _) in pairs:
+        z = facility.truth[side]
+        plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5,
+                   label=None if i else "true")  # fmt: skip
+    plane.set_xlabel(PARTS[0][1])
+    plane.set_ylabel(PARTS[1][1])
+    levels.set_xlabel("$x$ (mm)")
+    levels.set_ylabel("SPL (dB)")
+    handles, labels = plane.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    one = next(iter(sides.values()))
+    count = one.by_modes.choices["draws"]
+    truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
+    figure.suptitle(
+        f"{facility.name}, Mach 0.3, {float(one.line.frequency[0]):g} Hz; LEE pressures of "
+        f"Z = {truths} ({STATE[facility.name]})\n"
+        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws",
+        fontsize=8,
+    )
+    return finish(figure, path)
+
+
+def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
+    """A row a method."""
+    truth, paper = facility.truth[side], facility.paper[side]
+    rows = []
+    for found in (one.by_modes, one.by_field):
+        z, mean = complex(found.impedance[0]), complex(found.mean[0])
+        spread = complex(found.standard_deviation[0])
+        rows.append(
+            {"facility": facility.name, "source": side, "method": found.method,
+             "resistance": z.real, "reactance": z.imag, "mean resistance": mean.real,
+             "mean reactance": mean.imag, "std resistance": spread.real,
+             "std reactance": spread.imag, "true resistance": truth.real,
+             "true reactance": truth.imag, "paper's KT resistance": paper.real,
+             "paper's KT reactance": paper.imag, "draws": found.choices["draws"]}
+        )  # fmt: skip
+    return rows
+
+
+def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
+    """A row a microphone: as solved, as fitted by KT, and the range over its draws."""
+    assert one.by_modes.draws is not None
+    fitted = one.by_modes.level_at(one.line.x)[:, 0]
+    drawn = one.by_modes.draws.level_at(one.line.x)[..., 0]
+    return [
+        {"facility": facility.name, "source": side, "x (m)": float(x),
+         "SPL (dB)": float(one.line.level[i, 0]), "KT (dB)": float(fitted[i]),
+         "KT least (dB)": float(drawn[:, i][drawn[:, i].isfinite()].min()),
+         "KT most (dB)": float(drawn[:, i][drawn[:, i].isfinite()].max())}
+        for i, x in enumerate(one.line.x)
+    ]  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser.add_argument("--draws", type=int, default=500)
+    options = parser.parse_args(arguments)
+    warnings.simplefilter("ignore", tl.DataWarning)
+    found, heard = [], []
+    for facility, name in zip(FACILITIES, ("figure_14", "figure_19"), strict=True):
+        sides = {side: educed(facility, side, options.draws) for side in SIDES}
+        draw(facility, sides, options.output / f"{name}.png")
+        for side, one in sides.items():
+            found += impedances(facility, side, one)
+            heard += levels(facility, side, one)
+    write_rows(found, options.output / "figure_14_19.csv")
+    write_rows(heard, options.output / "figure_14_19_levels.csv")
+    for row in found:
+        print(f"{row['facility']:12s} {row['source']:10s} {row['method']:16s} "
+              f"{row['resistance']:.3f}{row['reactance']:+.3f}j, draws "
+              f"{row['std resistance']:.3f}, {row['std reactance']:.3f}")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
