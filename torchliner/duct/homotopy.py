@@ -38,25 +38,25 @@ class _Root:
     solution: Solution
 
 
-def polish(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor) -> Tensor:
+def polish(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> Tensor:
     """Newton's method from estimates a, (M,), to the roots near them.
 
     Raises:
         RuntimeError: one does not settle; the message holds the last correction.
     """
-    root = _newton(equation, a, kappa, reflection)
+    root = _newton(equation, a, reflection)
     failed = ~(root.last < SETTLED)
     if bool(failed.any()):
         i = int(torch.nonzero(failed)[0])
         raise RuntimeError(
-            f"the wavenumber near alpha H = {complex(a[i]):.4g} at k H = {float(kappa[i]):.4g} "
+            f"the wavenumber near alpha H = {complex(a[i]):.4g} at k H = {float(equation.kappa[i]):.4g} "
             f"does not settle (first correction {float(root.first[i]):.2g}): a mode exactly at "
             "cut-on has no single wavenumber, and too few points resolve none"
         )
     return root.a
 
 
-def follow(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor) -> Tensor:
+def follow(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> Tensor:
     r"""Modes of the lined duct that grow out of given modes of the rigid one.
 
     The wall's reflection runs straight from 1 to R, so that Z(s) + 1 = (Z + 1)/s for s = 0..1:
@@ -65,9 +65,8 @@ def follow(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor
     halved when the corrections do not shrink at once, since then another mode may be near.
 
     Args:
-        equation: of the flow.
+        equation: of M waves.
         a: rigid wavenumbers alpha H, (M,).
-        kappa: k H, (M,).
         reflection: R of the wall, (M,).
     Returns:
         a, (M,).
@@ -75,17 +74,17 @@ def follow(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor
         RuntimeError: a path does not get on: two modes meet on it.
     """
     rigid = torch.ones_like(reflection)
-    slope = _slope(equation.solve(a, kappa), rigid, reflection)
+    slope = _slope(equation.solve(a), rigid, reflection)
     paths = _Paths(a.clone(), torch.zeros_like(a.real), torch.full_like(a.real, 0.05), slope)
     open_ = torch.nonzero(reflection != 1)[:, 0]
     while open_.numel():
-        _advance(equation, paths, open_, kappa[open_], reflection[open_])
+        _advance(equation.select(open_), paths, open_, reflection[open_])
         stuck = open_[paths.step[open_] < SHORTEST]
         if stuck.numel():
             i = int(stuck[0])
             raise RuntimeError(
-                f"the mode at alpha H = {complex(paths.a[i]):.5g}, k H = {float(kappa[i]):.4g} "
-                f"cannot be followed beyond {float(paths.s[i]):.4g} of the way to R = "
+                f"the mode at alpha H = {complex(paths.a[i]):.5g}, k H = "
+                f"{float(equation.kappa[i]):.4g} cannot be followed beyond {float(paths.s[i]):.4g} of the way to R = "
                 f"{complex(reflection[i]):.4g}: another mode meets it there; a slightly different "
                 "impedance or frequency goes round"
             )
@@ -93,16 +92,14 @@ def follow(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor
     return paths.a
 
 
-def _advance(
-    equation: PridmoreBrown, paths: _Paths, at: Tensor, kappa: Tensor, goal: Tensor
-) -> None:
-    """One step of the paths ``at``, taken or halved."""
+def _advance(equation: PridmoreBrown, paths: _Paths, at: Tensor, goal: Tensor) -> None:
+    """One step of the paths ``at``, taken or halved; ``equation`` is theirs."""
     slope = paths.slope[at]
     stride = torch.minimum(paths.step[at].clamp(max=LONGEST), STRIDE / slope.abs().clamp(min=1e-9))
     stride = torch.minimum(stride, 1 - paths.s[at])
     s = paths.s[at] + stride
     wall = 1 + s * (goal - 1)
-    root = _newton(equation, paths.a[at] + stride * slope, kappa, wall)
+    root = _newton(equation, paths.a[at] + stride * slope, wall)
     good = (root.first < FAR) & (root.last < SETTLED)
     paths.a[at] = torch.where(good, root.a, paths.a[at])
     paths.s[at] = torch.where(good, s, paths.s[at])
@@ -110,10 +107,10 @@ def _advance(
     paths.step[at] = torch.where(good, 2 * stride, stride / 2)
 
 
-def _newton(equation: PridmoreBrown, a: Tensor, kappa: Tensor, reflection: Tensor) -> _Root:
+def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> _Root:
     change, first = torch.full_like(a.real, torch.inf), None
     for _ in range(ITERATIONS):
-        solution = equation.solve(a, kappa)
+        solution = equation.solve(a)
         step = solution.residual(reflection) / solution.residual_slope(reflection)
         # A root that is found stays as it is while others of the batch are still on their way.
         step = torch.where(change < CONVERGED, torch.zeros_like(step), step)

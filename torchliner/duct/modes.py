@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, require_choice
 from torchliner.duct.chebyshev import interpolation_matrix
 from torchliner.duct.homotopy import follow, polish
-from torchliner.duct.pridmore_brown import PridmoreBrown
+from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
@@ -67,7 +68,7 @@ class DuctModes:
 
 
 def duct_modes(
-    profile: MeanFlow,
+    profile: MeanFlow | Sequence[MeanFlow],
     frequency: Any,
     impedance: Any = torch.inf,
     *,
@@ -84,10 +85,11 @@ def duct_modes(
     rigid mode n and the continuous spectrum Re alpha > k/M_max is never touched.
 
     Args:
-        profile: mean flow M(y).
+        profile: mean flow M(y); or several of one duct height and sound speed, which are an axis P
+            in front of the frequencies. They share the panels of the thinnest layer among them.
         frequency: Hz, (F,).
-        impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes
-            free; infinite is rigid. First derivatives of every output by Z exist.
+        impedance: Z, normalised, v into the wall; complex, broadcast against (F,) or (P, F),
+            leading axes free; infinite is rigid. First derivatives of every output by Z exist.
         count: modes 0 to count - 1.
         direction: ``downstream`` or ``upstream``.
         slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
@@ -98,7 +100,7 @@ def duct_modes(
         ``impedance`` is, else complex128.
     Raises:
         ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
-            unknown; a count below 1.
+            unknown; a count below 1; profiles of ducts that differ.
         RuntimeError: modes that the points do not resolve, or that meet on the way.
     Warns:
         DataWarning: negative resistance.
@@ -106,40 +108,62 @@ def duct_modes(
     require_choice("direction", direction, DIRECTIONS)
     if count < 1:
         raise ValueError(f"count is {count}; at least one mode is needed")
+    profiles, lead = _profiles(profile)
     wanted = frequency_tensor(frequency)
     wall = wall_reflection(impedance, wanted.device)
     wanted = wanted.to(wall.device)
     lined = bool((wall != 1).any())
-    myers = lined and require_slip_condition(profile, slip_condition)
-    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
+    slips = [lined and require_slip_condition(flow, slip_condition) for flow in profiles]
+    height = profiles[0].duct_height
+    kappa = (2 * math.pi * height / profiles[0].sound_speed * wanted).expand(*lead, -1)
     wall = torch.broadcast_to(wall, torch.broadcast_shapes(wall.shape, kappa.shape))
-    equation = PridmoreBrown(profile, points, myers, kappa.device)
-    with torch.no_grad():
-        rigid = _rigid(equation, profile, kappa, count, direction)
     shape = (*wall.shape, count)
-    flat = [
-        item.reshape(-1)
-        for item in (
-            rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape),
-        )
-    ]  # fmt: skip
-    parts = [_solve(equation, *part) for part in zip(*(f.split(CHUNK) for f in flat), strict=True)]
-    a, pressure, u, v = (torch.cat(part) for part in zip(*parts, strict=True))
-    whole, height = (*shape, -1), profile.duct_height
-    a, pressure, u, v = (part.to(result_type(impedance)) for part in (a, pressure, u, v))
+    number = torch.arange(len(profiles), device=kappa.device)[:, None]
+    number = number.expand(-1, len(wanted)).reshape(kappa.shape)
+    flat_kappa, flow, flat_wall = (
+        item[..., None].expand(shape).reshape(-1) for item in (kappa, number, wall)
+    )
+    equation = equations_of(profiles, points, any(slips), flat_kappa, flow)
+    with torch.no_grad():
+        rigid = torch.stack([_rigid(one, points, wanted, count, direction) for one in profiles])
+    rigid = rigid.reshape(*kappa.shape, count).expand(shape).reshape(-1)
+    items = zip(equation.split(CHUNK), rigid.split(CHUNK), flat_wall.split(CHUNK), strict=True)
+    a, pressure, u, v = (
+        torch.cat(part).to(result_type(impedance))
+        for part in zip(*(_solve(*item) for item in items), strict=True)
+    )
+    whole = (*shape, -1)
     return DuctModes(
         wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(),
         pressure.reshape(whole), u.reshape(whole), v.reshape(whole), points,
     )  # fmt: skip
 
 
-def _rigid(
-    equation: PridmoreBrown, profile: MeanFlow, kappa: Tensor, count: int, direction: str
-) -> Tensor:
+def _profiles(profile: MeanFlow | Sequence[MeanFlow]) -> tuple[list[MeanFlow], tuple[int, ...]]:
+    """The flows, and the axis that they make."""
+    if not isinstance(profile, Sequence):
+        return [profile], ()
+    flows = list(profile)
+    if not flows:
+        raise ValueError("profile is an empty list; at least one mean flow is needed")
+    for name in ("duct_height", "sound_speed"):
+        values = sorted({float(getattr(flow, name)) for flow in flows})
+        if len(values) > 1:
+            raise ValueError(
+                f"the profiles have {name} {', '.join(f'{value:g}' for value in values)}; those of "
+                "one duct are solved together"
+            )
+    return flows, (len(flows),)
+
+
+def _rigid(profile: MeanFlow, points: int, frequency: Tensor, count: int, direction: str) -> Tensor:
     """Rigid wavenumbers alpha H, (F, count), polished."""
+    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * frequency
     rough = rigid_wavenumbers(profile, kappa, count, direction)
     each = kappa[:, None].expand_as(rough).reshape(-1)
-    found = polish(equation, rough.reshape(-1), each, torch.ones_like(each, dtype=rough.dtype))
+    alone = torch.zeros_like(each, dtype=torch.int64)
+    equation = equations_of([profile], points, False, each, alone)
+    found = polish(equation, rough.reshape(-1), torch.ones_like(rough.reshape(-1)))
     found = found.reshape(rough.shape)
     twins = torch.triu((found[:, :, None] - found[:, None]).abs() < 1e-6, diagonal=1)
     if bool(twins.any()):
@@ -152,14 +176,14 @@ def _rigid(
 
 
 def _solve(
-    equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor
+    equation: PridmoreBrown, rigid: Tensor, wall: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     with torch.no_grad():
-        found = follow(equation, rigid, kappa, wall)
-        solution = equation.solve(found, kappa)
+        found = follow(equation, rigid, wall)
+        solution = equation.solve(found)
     # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
     change = -solution.residual(wall) / solution.residual_slope(wall).detach()
     a = found + change
     pressure = solution.pressure + solution.pressure_slope * change[:, None]
     flux = solution.flux + solution.flux_slope * change[:, None]
-    return a, pressure, *equation.velocities(a, kappa, flux=flux, pressure=pressure)
+    return a, pressure, *equation.velocities(a, flux=flux, pressure=pressure)

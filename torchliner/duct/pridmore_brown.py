@@ -21,7 +21,8 @@ derivative enters, whose rounding grows with the fourth power of the number of p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -66,35 +67,40 @@ class Solution:
         return self.velocity - self.wall
 
 
+@dataclass(frozen=True, eq=False)
 class PridmoreBrown:
-    """The equation of one flow.
+    """The equations of M waves, each with its own frequency and flow.
 
     Args:
-        profile: mean flow.
-        points: Chebyshev points in each panel.
+        kappa: k H, real, (M,).
+        mach, mach_slope: M and dM/deta at the nodes, (M, K, N), or (1, K, N) of one flow for all.
+        nodes: eta, (K, N) in K panels, falling.
+        integral: from the first node of each panel, along falling eta, complex128, (K, N, N).
         myers: condition with the factor of slip.
-        device: of the tables.
     """
 
-    def __init__(
-        self, profile: MeanFlow, points: int, myers: bool, device: torch.device | None = None
-    ) -> None:
-        edges = panel_edges(profile)
-        # From the rigid wall down: the first panel ends at eta = 1.
-        widths = (edges[1:] - edges[:-1]).flip(0)
-        nodes = edges[1:].flip(0)[:, None] - widths[:, None] * chebyshev_points(points)
-        self.nodes = nodes.clamp(0, 1).to(device)  # (K, N), falling
-        height = profile.duct_height
-        inside = (height * self.nodes.cpu().numpy()).clip(0, height)
-        self.mach = torch.as_tensor(profile.mach(inside)).to(device)
-        self.mach_slope = height * torch.as_tensor(profile.mach_slope(inside)).to(device)
-        integral = -widths[:, None, None] * integral_matrix(points)
-        self.integral = integral.to(device, torch.complex128)  # along falling eta
-        self.myers = myers
+    kappa: Tensor
+    mach: Tensor
+    mach_slope: Tensor
+    nodes: Tensor
+    integral: Tensor
+    myers: bool
 
-    def solve(self, a: Tensor, kappa: Tensor) -> Solution:
-        """The solution from the rigid wall; a complex, (M,), kappa real, (M,)."""
-        wave, local = a[:, None, None], kappa[:, None, None] - a[:, None, None] * self.mach
+    def select(self, at: Tensor) -> PridmoreBrown:
+        """The equations of some waves, by index."""
+        flows = (self.mach, self.mach_slope)
+        mach, slope = flows if len(self.mach) == 1 else (flow[at] for flow in flows)
+        return replace(self, kappa=self.kappa[at], mach=mach, mach_slope=slope)
+
+    def split(self, count: int) -> Iterator[PridmoreBrown]:
+        """Some waves at a time."""
+        for at in torch.arange(len(self.kappa), device=self.kappa.device).split(count):
+            yield self.select(at)
+
+    def solve(self, a: Tensor) -> Solution:
+        """The solutions from the rigid wall; a complex, (M,)."""
+        wave = a[:, None, None]
+        local = self.kappa[:, None, None] - wave * self.mach
         stiff, stiff_slope = local**2, -2 * self.mach * local
         mass = 1 - (wave / local) ** 2
         mass_slope = -2 * wave / local**2 * (1 + wave * self.mach / local)
@@ -112,9 +118,9 @@ class PridmoreBrown:
         right = varied_stiff @ zeta + by_stiff @ varied_mass
         p_slope = torch.linalg.lu_solve(factors, pivots, right)
         zeta_slope = varied_mass + by_mass @ p_slope
-        return self._march(a, kappa, torch.cat([p, zeta], -2), torch.cat([p_slope, zeta_slope], -2))
+        return self._march(a, torch.cat([p, zeta], -2), torch.cat([p_slope, zeta_slope], -2))
 
-    def _march(self, a: Tensor, kappa: Tensor, values: Tensor, slopes: Tensor) -> Solution:
+    def _march(self, a: Tensor, values: Tensor, slopes: Tensor) -> Solution:
         """Panel after panel: each starts from the (p, zeta) that the one above ends with."""
         points = self.nodes.shape[1]
         ends = [points - 1, 2 * points - 1]
@@ -129,7 +135,7 @@ class PridmoreBrown:
         whole, whole_slope = (torch.stack(f, 1)[..., 0] for f in (found, found_slopes))
         pressure, flux = (part.flatten(1) for part in whole.split(points, -1))
         pressure_slope, flux_slope = (part.flatten(1) for part in whole_slope.split(points, -1))
-        mach = self.mach[-1, -1]
+        mach, kappa = self.mach[:, -1, -1], self.kappa
         factor = 1 - a * mach / kappa if self.myers else torch.ones_like(a)
         factor_slope = -mach / kappa if self.myers else torch.zeros_like(kappa)
         at_wall, at_wall_slope = pressure[:, -1], pressure_slope[:, -1]
@@ -142,23 +148,55 @@ class PridmoreBrown:
             velocity_slope=local * flux_slope[:, -1] - mach * flux[:, -1],
         )  # fmt: skip
 
-    def velocities(
-        self, a: Tensor, kappa: Tensor, pressure: Tensor, flux: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """u and v over the nodes, (M, N)."""
-        local = kappa[:, None] - a[:, None] * self.mach.flatten()
-        u = a[:, None] * pressure / local + 1j * self.mach_slope.flatten() * flux
+    def velocities(self, a: Tensor, pressure: Tensor, flux: Tensor) -> tuple[Tensor, Tensor]:
+        """u and v over the nodes, (M, K N)."""
+        local = self.kappa[:, None] - a[:, None] * self.mach.flatten(1)
+        u = a[:, None] * pressure / local + 1j * self.mach_slope.flatten(1) * flux
         return u, local * flux
 
 
-def panel_edges(profile: MeanFlow) -> Tensor:
-    """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b.
+def equations_of(
+    profiles: Sequence[MeanFlow], points: int, myers: bool, kappa: Tensor, flow: Tensor
+) -> PridmoreBrown:
+    """The equations of waves in one duct or several of the same height.
+
+    Args:
+        profiles: mean flows; their panels are those of the thinnest of them.
+        points: Chebyshev points in each panel.
+        myers: condition with the factor of slip.
+        kappa: k H, (M,).
+        flow: index of the profile of each wave, (M,).
+    """
+    edges = panel_edges(profiles)
+    # From the rigid wall down: the first panel ends at eta = 1.
+    widths = (edges[1:] - edges[:-1]).flip(0)
+    nodes = edges[1:].flip(0)[:, None] - widths[:, None] * chebyshev_points(points)
+    nodes = nodes.clamp(0, 1)  # (K, N), falling
+    height = profiles[0].duct_height
+    inside = (height * nodes.numpy()).clip(0, height)
+    mach = torch.stack([torch.as_tensor(p.mach(inside)) for p in profiles]).to(kappa.device)
+    slope = torch.stack([torch.as_tensor(p.mach_slope(inside)) for p in profiles]).to(kappa.device)
+    if len(profiles) > 1:
+        mach, slope = mach[flow], slope[flow]
+    integral = -widths[:, None, None] * integral_matrix(points)
+    return PridmoreBrown(
+        kappa, mach, height * slope, nodes.to(kappa.device),
+        integral.to(kappa.device, torch.complex128), myers,
+    )  # fmt: skip
+
+
+def panel_edges(profiles: Sequence[MeanFlow]) -> Tensor:
+    """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b in the
+    flow of the thinnest layer.
 
     A wave with |a| > kappa/M has M = kappa/a near a wall at a complex y, where sigma is 0 and the
     solution singular: hence thin panels there in every sheared flow, not only in thin layers.
     """
-    slope = abs(float(profile.mach_slope(0.0))) * profile.duct_height
-    width = WIDEST if slope == 0 else min(THIN, max(THINNEST, profile.bulk_mach / slope / 2))
+    width = WIDEST
+    for profile in profiles:
+        slope = abs(float(profile.mach_slope(0.0))) * profile.duct_height
+        if slope:
+            width = min(width, THIN, max(THINNEST, profile.bulk_mach / slope / 2))
     edges = [0.0]
     while edges[-1] < 0.5:
         edges.append(edges[-1] + width)

@@ -94,7 +94,8 @@ class Solution:
 
 def best_of_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
     """The impedance of a coarse grid that fits pressures (B, F, N) best, (B, F)."""
-    grid = torch.tensor([complex(r, x) for r in START_R for x in START_X], dtype=torch.complex128)
+    values = [complex(r, x) for r in START_R for x in START_X]
+    grid = torch.tensor(values, dtype=torch.complex128, device=pressure.device)
     fields = model.in_parts(grid[:, None].expand(-1, pressure.shape[-2]))[:, None]
     amplitude = _linear_amplitude(fields, pressure)
     residual = _residual(_over(fields, amplitude, pressure) - 1, weights)
