@@ -1,23 +1,14 @@
-"""Lines of laser Doppler stations: segments, averages (5.1) and (5.2), intervals, reference."""
+"""Lines of laser Doppler stations: segments, the tone, doubts and refusals."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 import torch
 
 import torchliner as tl
-from torchliner.conversions import admittance_from_reflection
-from torchliner.eduction.choices import Choices
-from torchliner.eduction.line_average import (
-    monte_carlo,
-    monte_carlo_deviation,
-    segment_admittances,
-    station_interval,
-)
 
 FREQUENCY, RATE, SEGMENT = 1500.0, 20e3, 0.04
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -102,123 +93,6 @@ def test_a_station_depends_on_no_other(onera, line):
         assert torch.equal(line.interval.low[i], other.interval.low[j])
 
 
-def test_averages_are_those_of_the_paper(line):
-    """(5.1): mean of Z over segments. (5.2): mean over stations of the mean of 1/Z."""
-    for n in range(line.stations):
-        own = line.segment_impedance[n, : int(line.segments[n]), 0]
-        assert complex(line.impedance[n, 0]) == pytest.approx(complex(own.mean()))
-        assert complex(line.admittance[n, 0]) == pytest.approx(complex((1 / own).mean()))
-        assert float(line.segment_spread[n, 0].real) == pytest.approx(float(own.real.std()))
-    wanted = 1 / complex(line.admittance.mean())
-    assert complex(line.average.impedance[0]) == pytest.approx(wanted)
-    wide = line.impedance[:, 0]
-    assert float(line.average.spatial_spread[0].imag) == pytest.approx(float(wide.imag.std()))
-
-
-def test_monte_carlo_is_the_closed_form_and_its_spread_too(line):
-    """Means within four standard errors of the draws; the spread within four per cent."""
-    admittance, counts = segment_admittances(line), line.segments
-    draws = 20_000
-    drawn = monte_carlo(admittance, counts, draws, seed=1)[:, 0]
-    wide = complex(monte_carlo_deviation(admittance, counts)[0])
-    off = complex(drawn.mean()) - complex(line.admittance.mean())
-    assert abs(off.real) < 4 * wide.real / math.sqrt(draws)
-    assert abs(off.imag) < 4 * wide.imag / math.sqrt(draws)
-    assert float(drawn.real.std()) == pytest.approx(wide.real, rel=0.04)
-    assert float(drawn.imag.std()) == pytest.approx(wide.imag, rel=0.04)
-
-
-def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
-    """4 times the stations halve it; spread over segments and along the line stay."""
-    generator = torch.Generator().manual_seed(4)
-    values = torch.randn(64, 20, 1, 2, generator=generator, dtype=torch.float64)
-    admittance = torch.view_as_complex(values) * 0.1 + 0.5
-    counts = torch.full((64,), 20)
-    few, many = (complex(monte_carlo_deviation(admittance[:n], counts[:n])[0]) for n in (16, 64))
-    assert many.real / few.real == pytest.approx(0.5, rel=0.08)
-    assert monte_carlo(admittance, counts, 10, 0).shape == (10, 1)
-    # Shorter stations are drawn from their own segments alone.
-    padded = admittance.clone()
-    padded[3, 5:] = torch.nan
-    counts[3] = 5
-    assert torch.isfinite(monte_carlo(padded, counts, 2000, 0).real).all()
-
-
-def test_monte_carlo_in_parts_is_the_whole(monkeypatch, line):
-    whole = monte_carlo(segment_admittances(line), line.segments, 500, 3)
-    monkeypatch.setattr("torchliner.eduction.line_average.DRAWN", 30)
-    assert torch.equal(whole, monte_carlo(segment_admittances(line), line.segments, 500, 3))
-
-
-def segment_means(generator: np.random.Generator, segments: int) -> np.ndarray:
-    """Complex means of white noise under Hann windows that overlap by half."""
-    length = 64
-    white = generator.standard_normal(((segments + 1) * length // 2, 2)) @ [1, 1j]
-    window = np.hanning(length + 1)[:-1]
-    return np.array([
-        (window * white[i * length // 2 : i * length // 2 + length]).sum() / window.sum()
-        for i in range(segments)
-    ])  # fmt: skip
-
-
-def test_intervals_cover_with_overlapping_segments():
-    """19 segments, as of 10 s: 95 % hold R and X in 95 % of 600 trials, within three standard
-    errors (2.7 %); scripts/coverage.py runs the whole chain 2000 times."""
-    generator = np.random.default_rng(0)
-    inside = np.zeros(2)
-    chosen = Choices(draws=400)
-    for _ in range(600):
-        reflection = torch.from_numpy(0.3 + 0.1j + 0.02 * segment_means(generator, 19))[:, None]
-        found = station_interval(reflection, chosen)
-        true = (1 + (0.3 + 0.1j)) / (1 - (0.3 + 0.1j))
-        low, high = complex(found.low[0]), complex(found.high[0])
-        inside += low.real <= true.real <= high.real, low.imag <= true.imag <= high.imag
-    assert np.all(np.abs(inside / 600 - 0.95) < 0.027)
-
-
-def test_the_bias_of_short_segments_is_taken_off_the_bounds():
-    """The mean of Z over noisy segments is off by Z'' var/2; the bounds sit about the true Z."""
-    generator = np.random.default_rng(1)
-    true = (1 + 0.5) / (1 - 0.5)
-    off, middles = [], []
-    for _ in range(300):
-        noisy = 0.5 + 0.15 * generator.standard_normal(40)
-        found = station_interval(torch.from_numpy(noisy.astype(complex))[:, None], Choices())
-        off.append(complex(found.bias[0]).real)
-        middles.append(0.5 * (complex(found.low[0]) + complex(found.high[0])).real)
-    second_order = 0.5 * 4 / (1 - 0.5) ** 3 * 0.15**2
-    assert np.mean(off) == pytest.approx(second_order, rel=0.5)  # and higher orders
-    assert abs(np.mean(middles) - true) < 0.5 * np.mean(off)
-
-
-def test_no_interval_from_three_segments(onera):
-    found = educed([station(0, seconds=0.085)], onera)
-    assert int(found.segments[0]) == 3
-    assert found.interval is None
-    assert found.average.interval is None
-    assert any("no error bars: a station has 3 segments" in note for note in found.notes)
-
-
-def test_the_interval_of_the_line_is_that_of_independent_stations(onera):
-    """Alike stations: the standard error of the mean is a station's over the root of their number,
-    within a third (each is itself estimated from 19 segments)."""
-    found = educed([station(seed) for seed in range(16)], onera, draws=2000)
-    single = found.interval.standard_error[:, 0].real.square().mean().sqrt()
-    whole = float(found.average.interval.standard_error[0].real)
-    assert whole == pytest.approx(float(single) / 4, rel=0.33)
-    assert float(found.average.interval.runs[0]) > 5 * float(found.interval.runs[:, 0].mean())
-
-
-def test_equal_records_are_drawn_apart(onera):
-    """Two stations with the same bursts are two measurements: errors add as if independent."""
-    record = station(0)
-    again = dataclasses.replace(record, x=0.3, title="again")
-    found = educed([record, again], onera, draws=4000)
-    ratio = found.average.interval.standard_error[0].real
-    ratio = float(ratio / found.interval.standard_error[0, 0].real)
-    assert ratio == pytest.approx(2**-0.5, rel=0.12)  # Student's factor differs a little
-
-
 def test_the_tone_is_put_back(onera):
     """At 10 kHz linear interpolation leaves 0.72 of 1500 Hz; the corrected amplitude is right."""
     record = station(2, rate=10e3, tone=2.0, rms=0.3, seconds=1.0)
@@ -251,67 +125,6 @@ def test_only_the_tone_is_corrected(onera):
     found = educed([station(0)], onera, frequency=[1000.0, FREQUENCY])
     assert found.corrected.tolist() == [[False, True]]
     assert found.reflection.shape[-1] == 2
-
-
-def drifting(seed: int, seconds: float = 0.6):
-    """A tone whose phase wanders, and the loudspeaker's signal that wanders with it."""
-    generator = np.random.default_rng(seed)
-    clock = np.arange(int(seconds * 40e3)) / 40e3
-    wander = np.interp(clock, np.linspace(0, seconds, 13), generator.uniform(-9, 9, 13))
-    times = np.cumsum(generator.exponential(1 / RATE, int(1.2 * RATE * seconds)))
-    times = times[times < clock[-1] - 0.001]
-    angle = 2 * np.pi * FREQUENCY * times + np.interp(times, clock, wander)
-    velocity = noise(times, generator, 0.4) + 1.5 * np.cos(angle + 0.9)
-    loud = 3.0 * np.cos(2 * np.pi * FREQUENCY * clock + wander)
-    record = tl.BurstRecord(times, wall_normal=velocity, x=0.0, y=1e-3, z=0.0, frequency=FREQUENCY,
-                            title="wanders")  # fmt: skip
-    return record, tl.ReferenceChannel(loud, 40e3)
-
-
-def test_a_reference_sees_a_tone_that_wanders(onera):
-    """Coherence with a steady tone is lost, that with the loudspeaker is not; v comes out with its
-    amplitude and its lead over the reference (pi on top: v into the liner is -v)."""
-    record, channel = drifting(1)
-    plain = educed([record], onera, correction="none", segment=0.05)
-    referred = educed([record], onera, correction="none", reference=channel, segment=0.05)
-    assert float(referred.coherence[0, 0]) > 0.8
-    assert float(plain.velocity_level[0, 0]) < 0.7 * float(referred.velocity_level[0, 0])
-    lead = complex(referred.velocity_amplitude[0, 0] * -1)
-    assert np.angle(lead) == pytest.approx(0.9, abs=0.05)
-
-
-def test_a_given_phase_comes_from_the_reference(onera):
-    """x in phase with the loudspeaker: a wandering tone gives what a steady one gives with psi."""
-    steady = station(0, rms=0.2, phase=0.9, seconds=0.6)
-    clock = np.arange(26_000) / 40e3
-    loud = tl.ReferenceChannel(np.cos(2 * np.pi * FREQUENCY * clock), 40e3)
-    by_hand = educed([steady], onera, phase="given", reference_phase=0.4)
-    referred = educed([steady], onera, phase="given", reference_phase=0.4, reference=loud)
-    assert float((by_hand.reflection - referred.reflection).abs().max()) < 1e-3
-    other = educed([steady], onera, phase="given", reference_phase=1.4)
-    assert float((by_hand.impedance - other.impedance).abs().max()) > 0.05
-
-
-def test_self_consistent_with_a_reference_takes_the_part_that_follows_it(onera):
-    """For a steady tone the reference changes nothing but noise."""
-    steady = station(0, rms=0.3, seconds=0.6)
-    clock = np.arange(26_000) / 40e3
-    loud = tl.ReferenceChannel(np.cos(2 * np.pi * FREQUENCY * clock + 1.7), 40e3)
-    alone = educed([steady], onera, phase="self-consistent")
-    referred = educed([steady], onera, phase="self-consistent", reference=[loud])
-    assert float((alone.impedance - referred.impedance).abs().max()) < 0.01
-    assert float(referred.phase_held.min()) == 1.0
-
-
-def test_the_wall_filter_counts_silent_stations_as_wall(onera):
-    """Admittance 0 in (5.2): one silent station of two doubles Z."""
-    loud, silent = station(0, rms=0.2), station(1, tone=0.0, rms=0.2)
-    alone = educed([loud], onera)
-    both = educed([loud, silent], onera, wall_filter=0.5)
-    assert both.wall.tolist() == [[False], [True]]
-    wanted = 2 * complex(alone.average.impedance[0])
-    assert complex(both.average.impedance[0]) == pytest.approx(wanted, rel=1e-12)
-    assert any("1 of 2 stations have a squared coherence below 0.5" in n for n in both.notes)
 
 
 def test_flagged_stations_are_never_used_in_silence(onera):
@@ -434,31 +247,6 @@ def test_a_tone_that_is_lost_is_not_raised_from_noise(onera):
     assert float(found.attenuation.abs().max()) < 0.4
 
 
-def test_faulty_references_are_refused(onera):
-    good = station(0)
-    wave = np.cos(np.arange(4000) / 5)
-    with pytest.raises(ValueError, match=r"reference runs from 0 to 0\.0999.* s, the velocity from "
-                       r".* state start"):  # fmt: skip
-        educed([good], onera, reference=tl.ReferenceChannel(wave, 40e3))
-    with pytest.raises(ValueError, match="reference is constant, 2; it holds no tone"):
-        tl.ReferenceChannel(np.full(10, 2.0), 40e3)
-    wave[3] = np.nan
-    with pytest.raises(ValueError, match="1 values are nan or inf, the first is sample 3"):
-        tl.ReferenceChannel(wave, 40e3)
-    with pytest.raises(ValueError, match=r"shape \(2, 5\); one channel"):
-        tl.ReferenceChannel(np.random.default_rng(0).normal(size=(2, 5)), 40e3)
-    with pytest.raises(ValueError, match=r"sampling_rate \(Hz\) is 0"):
-        tl.ReferenceChannel(np.arange(5.0), 0.0)
-
-
-def test_admittance_at_walls_is_zero_in_the_draws(line):
-    wall = torch.tensor([[False], [True], [False]])
-    found = segment_admittances(dataclasses.replace(line, wall=wall))
-    assert bool((found[1] == 0).all())
-    plain = admittance_from_reflection(line.reflection)
-    assert torch.equal(torch.nan_to_num(found[0]), torch.nan_to_num(plain[0]))
-
-
 def test_a_dead_channel_is_flagged(onera):
     record = station(1)
     dead = dataclasses.replace(record, wall_normal=torch.full_like(record.wall_normal, 2.0))
@@ -476,22 +264,6 @@ def test_a_tone_that_wanders_past_the_correction_says_so(onera):
                for note in found.station_notes[0])  # fmt: skip
     steady = educed([station(0)], onera)
     assert not any("wanders" in note for note in steady.station_notes[0])
-
-
-def test_references_that_tell_no_phase_say_so(onera):
-    """Noise, and another tone: v does not follow; too few samples a period are refused."""
-    times = np.arange(26_000) / 40e3
-    random = np.random.default_rng(0).standard_normal(len(times))
-    for values in (random, np.cos(2 * np.pi * 700 * times)):
-        channel = tl.ReferenceChannel(values, 40e3)
-        found = educed([station(0)], onera, reference=channel, phase="given", reference_phase=0.0)
-        assert any("it tells nothing of the phase of the sound" in note
-                   for note in found.station_notes[0])  # fmt: skip
-    coarse = tl.ReferenceChannel(np.cos(2 * np.pi * FREQUENCY * np.arange(3000) / 6e3), 6e3)
-    with pytest.raises(ValueError, match="reference is sampled at 6000 Hz, less than 8 times"):
-        educed([station(0)], onera, reference=coarse)
-    with pytest.raises(TypeError, match="a reference is ndarray; make a ReferenceChannel"):
-        educed([station(0)], onera, reference=np.zeros(5))
 
 
 def test_more_that_is_refused(onera):
@@ -513,7 +285,3 @@ def test_tones_that_are_not_stated_are_corrected_one_at_a_time(onera):
     assert educed([record], onera, frequency=FREQUENCY).corrected.tolist() == [[True]]
     several = educed([record], onera, frequency=[FREQUENCY - 1, FREQUENCY])
     assert several.corrected.tolist() == [[False, False]]
-
-
-def test_one_station_has_no_spread_along_the_line(onera):
-    assert torch.isnan(educed([station(0)], onera).average.spatial_spread.real).all()
