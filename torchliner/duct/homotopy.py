@@ -49,9 +49,10 @@ def polish(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> Tensor:
     if bool(failed.any()):
         i = int(torch.nonzero(failed)[0])
         raise RuntimeError(
-            f"the wavenumber near alpha H = {complex(a[i]):.4g} at k H = {float(equation.kappa[i]):.4g} "
-            f"does not settle (first correction {float(root.first[i]):.2g}): a mode exactly at "
-            "cut-on has no single wavenumber, and too few points resolve none"
+            f"the wavenumber near alpha H = {complex(a[i]):.4g} at k H = "
+            f"{float(equation.kappa[i]):.4g} does not settle (first correction "
+            f"{float(root.first[i]):.2g}): a mode exactly at cut-on has no single wavenumber, and "
+            "too few points resolve none"
         )
     return root.a
 
@@ -84,9 +85,9 @@ def follow(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> Tensor:
             i = int(stuck[0])
             raise RuntimeError(
                 f"the mode at alpha H = {complex(paths.a[i]):.5g}, k H = "
-                f"{float(equation.kappa[i]):.4g} cannot be followed beyond {float(paths.s[i]):.4g} of the way to R = "
-                f"{complex(reflection[i]):.4g}: another mode meets it there; a slightly different "
-                "impedance or frequency goes round"
+                f"{float(equation.kappa[i]):.4g} cannot be followed beyond "
+                f"{float(paths.s[i]):.4g} of the way to R = {complex(reflection[i]):.4g}: another "
+                "mode meets it there; a slightly different impedance or frequency goes round"
             )
         open_ = open_[paths.s[open_] < 1]
     return paths.a
