@@ -156,3 +156,7 @@ def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert "presets: b2a, ufsc" in capsys.readouterr().out
     assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 0
     assert load_duct(tmp_path / "u.toml").case.height == 0.04
+    (tmp_path / "u.toml").write_text("edited")
+    assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 2
+    assert "u.toml exists; it is not overwritten" in capsys.readouterr().err
+    assert (tmp_path / "u.toml").read_text() == "edited"

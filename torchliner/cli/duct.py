@@ -14,6 +14,7 @@ from torchliner.cli.options import (
     refuse_inputs,
     require_ending,
     warnings_on_stderr,
+    write_copy,
 )
 
 if TYPE_CHECKING:
@@ -67,8 +68,7 @@ def run(options: argparse.Namespace) -> int:
         print("presets: " + ", ".join(duct_names()))
         return 0
     if getattr(options, "copy", None) is not None:
-        refuse_inputs((options.copy,), ())
-        options.copy.write_text(duct_text(options.duct), encoding="utf-8")
+        write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return 0
     setup = _setup(options)
