@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -123,8 +124,32 @@ def test_a_frequency_at_cut_on_is_solved():
 
 
 def test_near_ends_are_named():
-    with pytest.warns(tl.DataWarning, match=r"lies 50 mm from an end .* 4\.3 % of the first"):
-        DuctSolver(case_of(start=-0.05), FREQUENCY)
+    """Mode 1 decays by sqrt((pi/H)^2 - k^2): 56.5 1/m at 1500 Hz, without flow."""
+    share = math.exp(-0.05 * math.sqrt((math.pi / 0.05) ** 2 - (2 * math.pi * 1500 / SPEED) ** 2))
+    said = rf"50 mm from the upstream end: at 1500 Hz {100 * share:.2g} % .* at least 111 mm beyond"
+    with pytest.warns(tl.DataWarning, match=said):
+        DuctSolver(case_of(start=-0.05), FREQUENCY, keep="walls")
+    with pytest.warns(tl.DataWarning, match="50 mm from the downstream end"):
+        DuctSolver(case_of(end=0.2), FREQUENCY, keep="walls")
+
+
+def test_ends_are_near_just_below_cut_on():
+    """M 0.3, 3200 Hz, cut-on 3274 Hz: 14 1/m in place of the 63 1/m at low frequency, so a fifth of
+    mode 1 is left after 120 mm. Cut-on frequencies in the same list change nothing."""
+    profile = UniformProfile(0.3, HEIGHT)
+    case = DuctCase(profile, -0.12, 0.27, (0.0, 0.15), slip_condition="ingard-myers")
+    with pytest.warns(tl.DataWarning, match=r"lies 120 mm .* at 3200 Hz 19 % of mode 1"):
+        DuctSolver(case, 3200.0, keep="walls")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        DuctSolver(case, [900.0, 3200.0, 3600.0], keep="walls")
+    near, runs = (str(one.message) for one in told)
+    assert "at 3200 Hz 19 % of mode 1" in near
+    assert "at 3600 Hz mode 1 runs too" in runs
+    assert {one.filename for one in told} == {__file__}
+    DuctSolver(case, 1500.0, keep="walls")  # quiet
+    b2a = tl.load_duct("b2a")
+    DuctSolver(b2a.case, b2a.frequency, keep="walls")  # quiet
 
 
 def test_negative_resistance_warns():
