@@ -96,6 +96,14 @@ def test_meshes_built():
     assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
 
 
+@pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell", "edge_cell"])
+def test_sizes_that_make_no_mesh(name, size):
+    """Doubling from 0 or below would never end."""
+    with pytest.raises(ValueError, match=rf"mesh {name} \((m|Hz)\) is {size:g}; it must be finite"):
+        build_mesh(case_of(), **{"frequency": FREQUENCY, name: size})
+
+
 def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
     case = case_of(profile=PLUG, slip_condition="continuous-velocity")
