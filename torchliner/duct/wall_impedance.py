@@ -68,6 +68,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
     if slip > 0 and slip_condition is None:
         raise ValueError(
             f"the flow slips along the lined wall at Mach {slip:.3g}; say which condition holds "
-            "there: slip_condition='ingard-myers' (continuity of displacement) or 'velocity'"
+            "there: slip_condition='ingard-myers' (continuity of displacement) or "
+            "'continuous-velocity'"
         )
     return slip > 0 and slip_condition == "ingard-myers"
