@@ -78,6 +78,44 @@ def test_an_impedance_profile_is_linear_in_the_admittance():
         impedance_along([0.1, 0.1], [1.0, 2.0])
 
 
+def test_an_impedance_profile_with_rigid_stations():
+    """Admittance 0 there and between two of them; 0 and nan have none."""
+    for hard in (np.inf, complex(2.0, np.inf), complex(-np.inf, 1.0)):
+        along = impedance_along([0.0, 0.1, 0.2], [1.0, hard, np.inf])
+        found = along(torch.tensor([0.0, 0.05, 0.1, 0.15, 0.3]).double(), torch.tensor([500.0]))[0]
+        assert found[:2].tolist() == pytest.approx([1.0, 2.0])
+        assert torch.isinf(found[2:].real).all()
+    for fault in (0.0, np.nan):
+        said = rf"the impedance profile is {fault:g} at x = 0\.1 m.*small resistance"
+        with pytest.raises(ValueError, match=said):
+            impedance_along([0.0, 0.1], [1.0, fault])
+
+
+def test_a_rigid_profile_from_a_file_is_a_rigid_duct(tmp_path):
+    (tmp_path / "z.csv").write_text("x,R,X\n0.0,inf,0\n0.15,0,inf\n")
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    setup = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
+    field = tl.DuctSolver(setup.case, setup.frequency, keep="walls").solve(setup.impedance)
+    assert float(field.transmission.abs()) == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("", r"z\.csv holds no rows below its header line; x \(m\), resistance"),
+        ("0.0,1.0\n", r"z\.csv has 2 columns; x \(m\), resistance, reactance are needed"),
+        ("0.0,1,0\ninf,1,0\n", r"z\.csv: row 2 holds inf in column 1 of x \(m\)"),
+        ("0.0,1,nan\n", r"z\.csv: row 1 holds nan in column 3"),
+        ("0.0,0,0\n", r"mine\.toml: the impedance profile is 0 at x = 0 m"),
+    ],
+)
+def test_tables_with_faults(tmp_path, rows, message):
+    (tmp_path / "z.csv").write_text("x,R,X\n" + rows)
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    with pytest.raises(ValueError, match=message):
+        load_duct(path)
+
+
 def test_a_profile_from_a_file(tmp_path):
     (tmp_path / "z.csv").write_text("x,R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
     path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -253,10 +254,11 @@ def _impedance(
         values = [math.inf if pair == "rigid" else complex(*pair) for pair in sound.impedance]
         return torch.tensor(values, dtype=torch.complex128)
     assert sound.impedance_file is not None
-    x, resistance, reactance = _columns(
-        path.parent / sound.impedance_file, 3, "x (m), resistance, reactance"
-    )
-    return impedance_along(x, resistance + 1j * reactance)
+    file = path.parent / sound.impedance_file
+    x, resistance, reactance = _columns(file, 3, "x (m), resistance, reactance", infinite=(1, 2))
+    walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
+    walls.real, walls.imag = resistance, reactance
+    return impedance_along(x, walls)
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
@@ -264,35 +266,60 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
     Args:
         x: m, increasing, (N,).
-        impedance: Z there, (N,).
+        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
     Raises:
-        ValueError: x does not increase, or lengths differ.
+        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no
+            bound to interpolate from.
     """
     places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
     if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
         raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
     if (np.diff(places) <= 0).any():
         raise ValueError("the stations of an impedance profile must increase along x")
-    admittance = 1 / values
+    for value, fault in ((values == 0, "0"), (np.isnan(values), "nan")):
+        if value.any():
+            raise ValueError(
+                f"the impedance profile is {fault} at x = {places[value][0]:g} m, which has no "
+                "admittance to interpolate; write a small resistance, as 0.001, for a soft wall "
+                "and inf for a rigid one"
+            )
+    rigid = np.isinf(values)
+    admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
 
     def along(at: Tensor, frequency: Tensor) -> Tensor:
         wanted = at.detach().cpu().numpy()
         found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
             wanted, places, admittance.imag
         )
-        return torch.as_tensor(1 / found).expand(len(frequency), len(wanted))
+        hard = found == 0
+        z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
+        return torch.as_tensor(z).expand(len(frequency), len(wanted))
 
     return along
 
 
-def _columns(path: Path, count: int, names: str) -> Sequence[np.ndarray]:
-    """Columns of a CSV with one header line."""
+def _columns(
+    path: Path, count: int, names: str, infinite: Sequence[int] = ()
+) -> Sequence[np.ndarray]:
+    """Columns of a CSV with one header line; those numbered ``infinite`` may hold inf."""
     if not path.exists():
         raise ValueError(f"{path}: no such file; a CSV of {names} is needed")
     try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of no rows, which is said below
+            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path} is no CSV of numbers below one header line: {error}") from error
-    if table.shape[1] != count or not np.isfinite(table).all():
-        raise ValueError(f"{path} has {table.shape[1]} columns; {names}, all finite, are needed")
+    if table.size == 0:
+        raise ValueError(f"{path} holds no rows below its header line; {names} are needed")
+    if table.shape[1] != count:
+        raise ValueError(f"{path} has {table.shape[1]} columns; {names} are needed")
+    for number, column in enumerate(table.T):
+        bad = np.isnan(column) if number in infinite else ~np.isfinite(column)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise ValueError(
+                f"{path}: row {row + 1} holds {column[row]} in column {number + 1} of {names}; a "
+                "number is needed there"
+            )
     return list(table.T)
