@@ -189,6 +189,16 @@ def test_faulty_commands_end_with_two(capsys, words, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("quiet", [False, True])
+def test_doubts_of_the_flow_are_one_line_or_none(capsys, quiet):
+    """Raised while the duct is read, before anything is solved."""
+    words = ["duct", "modes", "b2a", "--shear", "0.04", "--count", "1"]
+    assert main([*words, *(["--quiet"] if quiet else [])]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == (0 if quiet else 1)
+    assert quiet or said[0].startswith("warning: profile shear is 0.04, below 0.05: waves on")
+
+
 def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert main(["duct", "solve"]) == 0
     assert "presets: b2a, ufsc" in capsys.readouterr().out

@@ -71,8 +71,9 @@ def run(options: argparse.Namespace) -> int:
         write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return 0
-    setup = _setup(options)
-    return {"solve": _solve, "modes": _modes}[options.task](options, setup)
+    with warnings_on_stderr(options.quiet):
+        setup = _setup(options)
+        return {"solve": _solve, "modes": _modes}[options.task](options, setup)
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
@@ -116,19 +117,18 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
     refuse_inputs((options.output, options.field), (options.duct,), options.figure)
-    with warnings_on_stderr(options.quiet):
-        keep = "all" if options.field is not None else "walls"
-        solver = DuctSolver(setup.case, setup.frequency, keep=keep)
-        field = solver.solve(setup.impedance)
-        found = plain_duct(setup, field)
-        if options.output is not None and options.output.suffix.lower() != ".csv":
-            solved_line(setup, field).write(options.output)
-        elif options.output is not None:
-            write_rows(found["microphones"], options.output)
-        if options.figure is not None:
-            draw_walls([(setup, field)], options.figure)
-        if options.field is not None:
-            draw_field(setup, field, options.field)
+    keep = "all" if options.field is not None else "walls"
+    solver = DuctSolver(setup.case, setup.frequency, keep=keep)
+    field = solver.solve(setup.impedance)
+    found = plain_duct(setup, field)
+    if options.output is not None and options.output.suffix.lower() != ".csv":
+        solved_line(setup, field).write(options.output)
+    elif options.output is not None:
+        write_rows(found["microphones"], options.output)
+    if options.figure is not None:
+        draw_walls([(setup, field)], options.figure)
+    if options.field is not None:
+        draw_field(setup, field, options.field)
     if options.json:
         print_json(found)
     else:
@@ -142,11 +142,10 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), (options.duct,), options.figure)
-    with warnings_on_stderr(options.quiet):
-        modes = modes_of(setup, options.count)
-        rows = mode_rows(setup, modes)
-        if options.figure is not None:
-            draw_modes(modes, options.figure)
+    modes = modes_of(setup, options.count)
+    rows = mode_rows(setup, modes)
+    if options.figure is not None:
+        draw_modes(modes, options.figure)
     if options.output is not None:
         write_rows(rows, options.output)
     if options.json:
