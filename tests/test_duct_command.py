@@ -60,6 +60,18 @@ def test_mistakes_of_a_file_are_named(tmp_path, change, message):
         load_duct(write(tmp_path, change))
 
 
+def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
+    thin = write(tmp_path, ("shear = 0.1 ", "allow_thin = true\nshear = 0.02 "))
+    assert load_duct(thin).case.profile.shear == 0.02
+    words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
+    assert main(words) == 2
+    assert (
+        "thicken it (or pass allow_thin=True to study it: allow_thin = true in"
+        in capsys.readouterr().err
+    )
+    assert main([*words, "--allow-thin"]) == 0
+
+
 def test_unknown_names_and_changes(tmp_path):
     with pytest.raises(ValueError, match=r"unknown duct 'b2'.*b2a.*ends in \.toml"):
         load_duct("b2")

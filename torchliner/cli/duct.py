@@ -55,6 +55,8 @@ def _add_duct(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bulk-mach", type=float, metavar="M")
     parser.add_argument("--profile", choices=["uniform", "tanh", "parabolic", "law-of-the-wall"])
     parser.add_argument("--shear", type=float, metavar="D", help="of --profile tanh, half heights")
+    parser.add_argument("--allow-thin", action="store_const", const=True,
+                        help="take a shear below 0.03 too, to study it")  # fmt: skip
     parser.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
     parser.add_argument("--source-side", choices=["upstream", "downstream"])
     parser.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
@@ -79,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
 def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.duct.catalogue import load_duct
 
-    names = ("bulk_mach", "profile", "shear", "level", "source_side")
+    names = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
     changes: dict[str, Any] = {key: getattr(options, key) for key in names}
     changes = {key: value for key, value in changes.items() if value is not None}
     if options.profile is not None and options.profile != "tanh":

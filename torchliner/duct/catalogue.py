@@ -72,6 +72,7 @@ class FlowTable(Strict):
     profile: Literal["uniform", "tanh", "parabolic", "law-of-the-wall", "table"] = "uniform"
     bulk_mach: float = Field(ge=0, lt=1)
     shear: float | None = Field(None, gt=0)
+    allow_thin: bool = False
     file: str | None = None
     slip_condition: Literal["ingard-myers", "continuous-velocity"] | None = None
 
@@ -225,7 +226,10 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
     if flow.profile == "parabolic":
         return ParabolicProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
     if flow.profile == "tanh":
-        return TanhProfile(flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed)
+        return TanhProfile(
+            flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed,
+            allow_thin=flow.allow_thin,
+        )  # fmt: skip
     if flow.profile == "law-of-the-wall":
         return LawOfTheWallProfile(
             flow.bulk_mach, height, sound_speed=fluid.sound_speed,
