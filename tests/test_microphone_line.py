@@ -187,6 +187,14 @@ x [mm];phase [deg];SPL [dB];frequency [kHz]
 """
 
 
+@pytest.mark.parametrize("margin", [-5e-3, math.nan, math.inf])
+@pytest.mark.parametrize("about", [{}, {"liner_start": 0.0, "liner_end": 0.132}])
+def test_margins_that_are_none(margin, about):
+    """Below 0 it would take in microphones beside the liner."""
+    with pytest.raises(ValueError, match=rf"margin is {1e3 * margin:g} mm; it must be finite and"):
+        line_of(**about).over_liner(margin)
+
+
 def test_a_table_by_hand(tmp_path):
     """Columns and rows in any order, decimal commas, kHz; the gas from its temperature."""
     path = tmp_path / "b2a.csv"
