@@ -75,9 +75,9 @@ def kumaresan_tufts(
     length = line.microphones // 2 if order is None else order
     if order is None and rank > length > 0:
         raise ValueError(
-            f"{line.name}: {line.microphones} microphones allow an order of {length}, half of them, "
-            f"which is below the rank, {rank}; use at least {2 * rank} microphones, or keep fewer "
-            "waves (rank)"
+            f"{line.name}: {line.microphones} microphones allow an order of {length}, half of "
+            f"them, which is below the rank, {rank}; use at least {2 * rank} microphones, or keep "
+            "fewer waves (rank)"
         )
 
     def educe(pressure: Tensor) -> WallEduction:

@@ -129,8 +129,8 @@ class MicrophoneLine:
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
         notes = unit_doubts(
-            name, levels, phases, float(line.frequency.max()) / line.fluid.sound_speed,
-            float(line.x[-1] - line.x[0]),
+            name, levels, phases.reshape(line.pressure.shape),
+            line.frequency / line.fluid.sound_speed, float(line.x[-1] - line.x[0]),
         )  # fmt: skip
         for note in notes:
             warnings.warn(note, DataWarning, stacklevel=2)
