@@ -145,24 +145,41 @@ def test_a_profile_from_a_file(tmp_path):
 
 
 def test_solve_prints_what_it_writes(tmp_path, capsys):
-    """JSON, CSV, HDF5 and pictures; the HDF5 is a line of microphones that kt reads."""
+    """JSON, CSV, HDF5 and pictures; both files are lines of microphones that kt reads."""
     words = ["duct", "solve", "b2a", *SMALL, "--quiet"]
     out = [tmp_path / name for name in ("m.csv", "m.h5")]
     pictures = ["--figure", str(tmp_path / "wall.png"), "--field", str(tmp_path / "field.png")]
     assert main([*words, "--json", "-o", str(out[0]), *pictures]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["microphones"][0]["x (m)"] == -0.027
-    assert len(out[0].read_text().splitlines()) == 19
     assert main([*words, "-o", str(out[1])]) == 0
     text = capsys.readouterr().out
     assert f"{told['microphones'][3]['SPL (dB)']:.3f}" in text
-    line = tl.read_microphones(out[1])
     levels = [row["SPL (dB)"] for row in told["microphones"]]
-    assert line.level[:, 0].tolist() == pytest.approx(levels)
-    assert line.liner_end == 0.15
+    for line in map(tl.read_microphones, out):
+        assert line.level[:, 0].tolist() == pytest.approx(levels)
+        assert (line.liner_end, line.source_side, line.duct_height) == (0.15, "upstream", 0.05)
+    educed = [kt_impedance(path, capsys) for path in out]
+    assert abs(educed[0] - educed[1]) < 1e-9
+    assert abs(educed[0] - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
+    assert told["plane_mode"][0]["transmission"] < 1
     for name in ("wall.png", "field.png"):
         assert (tmp_path / name).stat().st_size > 10_000
-    assert told["plane_mode"][0]["transmission"] < 1
+
+
+def kt_impedance(path, capsys):
+    assert main(["kt", str(path), "--quiet", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)["lines"][0]["rows"][0]
+    return complex(row["resistance"], row["reactance"])
+
+
+def test_written_microphones_know_their_gas(tmp_path):
+    """kt takes k from the sound speed of the file."""
+    path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 330.0\n\n[sound]"))
+    words = ["duct", "solve", str(path), *SMALL, "--quiet", "-o"]
+    for name in ("m.csv", "m.h5"):
+        assert main([*words, str(tmp_path / name)]) == 0
+        assert tl.read_microphones(tmp_path / name).fluid.sound_speed == 330.0
 
 
 def test_a_rigid_duct_transmits_all(capsys):

@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
     )  # fmt: skip
     _add_duct(solve)
-    solve.add_argument("-o", "--output", type=Path, help="microphones as .csv, or .h5/.nc")
+    solve.add_argument(
+        "-o", "--output", type=Path, help="microphones as .csv, .h5 or .nc, for torchliner kt"
+    )
     solve.add_argument("--figure", type=Path, help="SPL and phase along the wall")
     solve.add_argument("--field", type=Path, metavar="PICTURE", help="draw |p| and |v| in the duct")
     solve.add_argument("--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit")
@@ -114,7 +116,6 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
         plain_duct,
         solved_line,
     )
-    from torchliner.report.numbers import write_rows
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
@@ -123,10 +124,8 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     solver = DuctSolver(setup.case, setup.frequency, keep=keep)
     field = solver.solve(setup.impedance)
     found = plain_duct(setup, field)
-    if options.output is not None and options.output.suffix.lower() != ".csv":
+    if options.output is not None:
         solved_line(setup, field).write(options.output)
-    elif options.output is not None:
-        write_rows(found["microphones"], options.output)
     if options.figure is not None:
         draw_walls([(setup, field)], options.figure)
     if options.field is not None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +16,7 @@ from torch import Tensor
 from torchliner import toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
+from torchliner.duct.csv_columns import read_columns
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
     MeanFlow,
@@ -45,6 +45,7 @@ class DuctSetup:
         microphones: x, m, (N,); may be empty.
         wall: of the microphones, ``opposite`` or ``lined``.
         facts: what the file says, for results.
+        fluid: gas.
     """
 
     name: str
@@ -55,6 +56,7 @@ class DuctSetup:
     microphones: Tensor
     wall: str
     facts: dict[str, Any]
+    fluid: Fluid
 
 
 class DuctTable(Strict):
@@ -208,6 +210,7 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         microphones=file.microphones.places(),
         wall=file.microphones.wall,
         facts=file.model_dump(),
+        fluid=fluid,
     )
 
 
@@ -237,7 +240,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
         )  # fmt: skip
     if flow.file is None:
         raise ValueError("flow profile 'table' needs file, a CSV of y (m) and U (any unit)")
-    y, speed = _columns(path.parent / flow.file, 2, "y (m), U")
+    y, speed = read_columns(path.parent / flow.file, 2, "y (m), U")
     return TabulatedProfile(
         y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
     )
@@ -259,7 +262,9 @@ def _impedance(
         return torch.tensor(values, dtype=torch.complex128)
     assert sound.impedance_file is not None
     file = path.parent / sound.impedance_file
-    x, resistance, reactance = _columns(file, 3, "x (m), resistance, reactance", infinite=(1, 2))
+    x, resistance, reactance = read_columns(
+        file, 3, "x (m), resistance, reactance", infinite=(1, 2)
+    )
     walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = resistance, reactance
     return impedance_along(x, walls)
@@ -300,30 +305,3 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
         return torch.as_tensor(z).expand(len(frequency), len(wanted))
 
     return along
-
-
-def _columns(
-    path: Path, count: int, names: str, infinite: Sequence[int] = ()
-) -> Sequence[np.ndarray]:
-    """Columns of a CSV with one header line; those numbered ``infinite`` may hold inf."""
-    if not path.exists():
-        raise ValueError(f"{path}: no such file; a CSV of {names} is needed")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no rows, which is said below
-            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except ValueError as error:
-        raise ValueError(f"{path} is no CSV of numbers below one header line: {error}") from error
-    if table.size == 0:
-        raise ValueError(f"{path} holds no rows below its header line; {names} are needed")
-    if table.shape[1] != count:
-        raise ValueError(f"{path} has {table.shape[1]} columns; {names} are needed")
-    for number, column in enumerate(table.T):
-        bad = np.isnan(column) if number in infinite else ~np.isfinite(column)
-        if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise ValueError(
-                f"{path}: row {row + 1} holds {column[row]} in column {number + 1} of {names}; a "
-                "number is needed there"
-            )
-    return list(table.T)
