@@ -11,6 +11,7 @@ import pytest
 import torch
 
 import torchliner as tl
+from torchliner.duct import lee_swept
 from torchliner.duct.case import DuctCase
 from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.lee import DuctSolver, solve_duct
@@ -203,8 +204,12 @@ def test_solver_refusals():
         DuctSolver(case, FREQUENCY, build_mesh(case_of(), FREQUENCY))
     with pytest.raises(ValueError, match="unknown keep 'nothing'"):
         DuctSolver(case, FREQUENCY, keep="nothing")
-    with pytest.raises(ValueError, match=r"take .* GB for 1 frequencies, above .* keep='walls'"):
+    said = r"waves of \d+ unknowns take .* GB for 1 frequencies, above .* keep='walls'"
+    with pytest.raises(ValueError, match=said):
         DuctSolver(case, FREQUENCY, memory=1e5)
+    said = r"waves of \d+ unknowns take .* GB for 1 frequencies, above .* GB; take fewer freq"
+    with pytest.raises(ValueError, match=said):
+        DuctSolver(case, FREQUENCY, keep="walls", memory=1e5)
     field = DuctSolver(case, FREQUENCY, keep="walls").solve(B2A)
     with pytest.raises(ValueError, match="keep='all' to read fields inside"):
         field.at(0.0, 0.0)
@@ -217,6 +222,23 @@ def test_solver_refusals():
         field.wall_pressure(-1.0)
     with pytest.raises(ValueError, match="unknown wall 'upper'"):
         field.wall_pressure(0.0, "upper")
+
+
+@pytest.mark.parametrize("keep", ["walls", "all"])
+def test_memory_is_what_is_kept(keep, monkeypatch):
+    """One frequency swept at a time: the guard's bytes are those of the tensors, one sweep more."""
+    monkeypatch.setattr(lee_swept, "AT_ONCE", 1)
+    case, frequency = case_of(), [800.0, 1000.0, 1200.0]
+    mesh = build_mesh(case, 1200.0, degree=2)
+    swept = DuctSolver(case, frequency, mesh, keep=keep)._swept
+    held = [t for part in swept.parts for t in (part.upper, part.lower, *part.incoming)]
+    size = sum(t.numel() * t.element_size() for t in [*held, swept.response.wall])
+    if keep == "walls":
+        every = DuctSolver(case, frequency[:1], mesh)._swept.parts[0].incoming
+        size += sum(t.numel() * t.element_size() for t in every)
+    DuctSolver(case, frequency, mesh, keep=keep, memory=1.01 * size)
+    with pytest.raises(ValueError, match="unknowns take"):
+        DuctSolver(case, frequency, mesh, keep=keep, memory=0.97 * size)
 
 
 def test_resonance_is_singular():

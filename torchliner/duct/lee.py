@@ -19,7 +19,7 @@ from torchliner.duct.lee_walls import Wall, wall_of
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 
-MEMORY = 2 * 2**30  # bytes that the waves of all columns may take
+MEMORY = 2 * 2**30  # bytes that the waves may take
 
 
 class DuctSolver:
@@ -36,7 +36,7 @@ class DuctSolver:
         mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what
             pressures and velocities along both walls need.
-        memory: bytes that the kept waves may take.
+        memory: bytes that the waves may take, those kept and those of the sweep in hand.
     Raises:
         ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a
             missing slip condition.
