@@ -15,7 +15,7 @@ import warnings
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import FEEDS, DataWarning, require_choice
 from torchliner.duct.dispersion import CONDITIONS, impedance_from_wavenumber
 from torchliner.eduction.exponentials import find_exponentials
 from torchliner.eduction.line_from_source import (
@@ -161,7 +161,7 @@ def _result_notes(result: WallEduction, name: str) -> tuple[str, ...]:
             f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a "
             f"source {result.source_side}, first at {where[0]:g} Hz; they are nan"
         )
-    active = result.impedance.real < 0
+    active = result.impedance.real < FEEDS
     if bool(active.any()):
         notes.append(
             f"{name}: the resistance is negative at {int(active.sum())} of {lost.numel()} values, "
