@@ -35,7 +35,7 @@ def case_of(**about):
         ({"end": math.nan}, "duct end is nan m; it must be finite"),
         (
             {"liner": (0.0, 0.4)},
-            r"patch from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m",
+            r"from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m; move its edges",
         ),
         ({"liner": (-0.21, 0.1)}, r"from x = -0\.21 to 0\.1 m lies outside"),
         ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
@@ -46,12 +46,23 @@ def case_of(**about):
         ({"source": "left"}, "unknown source 'left'"),
         ({"density": 0.0}, "density .* is 0"),
         ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
+        ({"incident": math.nan}, r"incident \(Pa\) is nan; it must be finite"),
+        ({"incident": complex(1, math.inf)}, r"incident \(Pa\) is \(1\+infj\)"),
+        ({"end_reflection": math.nan}, "end_reflection is nan; it must be finite"),
+        ({"source_reflection": torch.tensor([0.1, math.inf])}, r"source_reflection is tensor\(\["),
         ({"incident_at": math.inf}, "incident_at is inf m; it must be finite"),
     ],
 )
 def test_cases_refused(about, match):
     with pytest.raises(ValueError, match=match):
         case_of(**about)
+
+
+@pytest.mark.parametrize("name", ["end_reflection", "source_reflection"])
+def test_ends_that_gain_are_doubted(name):
+    with pytest.warns(tl.DataWarning, match=f"{name} has a modulus of 1.3, above 1: such an end"):
+        case_of(**{name: torch.tensor([0.5, 1.3j])})
+    case_of(**{name: np.exp(0.3j)})  # quiet
 
 
 def test_supersonic_flow_is_refused_by_the_profile():
