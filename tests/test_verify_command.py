@@ -42,6 +42,11 @@ def test_an_error_that_grows_is_no_order():
     assert first([*rows[:3], below])["passed"]
 
 
+def test_the_ending_is_checked_first(capsys):
+    assert main(["verify", "-o", "x.txt"]) == 2
+    assert "--output x.txt ends in '.txt'; it must be one of .csv" in capsys.readouterr().err
+
+
 def test_a_failed_check_is_said_and_counted(capsys, monkeypatch):
     monkeypatch.setattr(verify, "PUBLISHED", 21.5 - 2.5j)
     assert main(["verify", "--degrees", "1"]) == 1
