@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import cmath
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,6 +105,9 @@ def _pair(text: str, option: str) -> tuple[float, float]:
         value = complex(text.replace(" ", ""))
     except ValueError:
         raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
+    if not cmath.isfinite(value):
+        hard = "'rigid' for a hard wall, or " if option == "--impedance" else ""
+        raise ValueError(f"{option} {text!r} is not finite; write {hard}a value such as 2.33-0.30j")
     return value.real, value.imag
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, field_validator
 from torch import Tensor
 
 from torchliner import toml_files
@@ -72,11 +72,18 @@ class FlowTable(Strict):
     """Table ``[flow]``."""
 
     profile: Literal["uniform", "tanh", "parabolic", "law-of-the-wall", "table"] = "uniform"
-    bulk_mach: float = Field(ge=0, lt=1)
+    bulk_mach: float
     shear: float | None = Field(None, gt=0)
     allow_thin: bool = False
     file: str | None = None
     slip_condition: Literal["ingard-myers", "continuous-velocity"] | None = None
+
+    @field_validator("bulk_mach")
+    @classmethod
+    def _subsonic(cls, value: float) -> float:
+        if not 0 <= value < 1:
+            raise ValueError("it must be at least 0 and below 1 (a Mach number, not m/s)")
+        return value
 
 
 class SoundTable(Strict):
@@ -201,13 +208,20 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         source_reflection=complex(*sound.source_reflection), density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if _slips(profile) else None),
     )  # fmt: skip
+    microphones = file.microphones.places()
+    for number, x in enumerate(microphones.tolist()):
+        if not case.start <= x <= case.end:
+            raise ValueError(
+                f"microphone {number} at x = {x:g} m lies outside the duct, {case.start:g} to "
+                f"{case.end:g} m; move it, or the duct's ends (start, end)"
+            )
     return DuctSetup(
         name=file.name or path.stem,
         case=case,
         frequency=torch.tensor(sound.frequency, dtype=torch.float64),
         level=sound.level,
         impedance=impedance,
-        microphones=file.microphones.places(),
+        microphones=microphones,
         wall=file.microphones.wall,
         facts=file.model_dump(),
         fluid=fluid,
