@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -235,7 +236,10 @@ def test_faulty_commands_end_with_two(capsys, words, message):
 def test_doubts_of_the_flow_are_one_line_or_none(capsys, quiet):
     """Raised while the duct is read, before anything is solved."""
     words = ["duct", "modes", "b2a", "--shear", "0.04", "--count", "1"]
-    assert main([*words, *(["--quiet"] if quiet else [])]) == 0
+    with warnings.catch_warnings(record=True) as raw:
+        warnings.simplefilter("always")
+        assert main([*words, *(["--quiet"] if quiet else [])]) == 0
+    assert raw == []
     said = capsys.readouterr().err.splitlines()
     assert len(said) == (0 if quiet else 1)
     assert quiet or said[0].startswith("warning: profile shear is 0.04, below 0.05: waves on")
