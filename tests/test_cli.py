@@ -195,14 +195,22 @@ def test_convert_array_and_scale(capsys, tmp_path):
     assert plane.height == pytest.approx(1e-3)  # of the plane as written
 
 
-def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        ("eduction.velocity.educe", ["educe", SLIT]),
+        ("duct.lee.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
+        ("report.verify.order_rows", ["verify"]),
+    ],
+)
+def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch, where, words):
     """Ctrl-C in the middle: one line, no traceback."""
 
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("torchliner.eduction.velocity.educe", stop)
-    code, _, err = run(capsys, "educe", SLIT)
+    monkeypatch.setattr(f"torchliner.{where}", stop)
+    code, _, err = run(capsys, *words)
     assert code == INTERRUPTED
     assert err.strip().endswith("interrupted")
 

@@ -407,3 +407,20 @@ def test_other_refusals():
 def test_an_active_wall_is_warned_of():
     with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.2 at least, in 1 of 2"):
         wavenumber_from_impedance(exact(1.0, -0.2 + 1j), FREQUENCY, **DUCT)
+    wavenumber_from_impedance(exact(-1e-12 + 1j), FREQUENCY, **DUCT)  # rounding: quiet
+
+
+@pytest.mark.parametrize(
+    ("about", "match"),
+    [
+        ({"mach": 1.0}, r"mach is 1; its size must be below 1 \(a Mach number, not m/s\)"),
+        ({"mach": math.nan}, "mach is nan"),
+        ({"height": 0.0}, r"height \(m\) is 0; it must be finite and above 0"),
+        ({"height": -0.05}, r"height \(m\) is -0\.05"),
+        ({"sound_speed": 0.0}, r"sound_speed \(m/s\) is 0"),
+        ({"mode": 0}, "mode is 0; the plane wave, 0, runs at every frequency"),
+    ],
+)
+def test_ducts_without_a_cut_on(about, match):
+    with pytest.raises(ValueError, match=match):
+        cut_on_frequency(**{"height": HEIGHT, **about})

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+import warnings
 
 import numpy as np
 import pytest
 import torch
 
 import torchliner as tl
+from torchliner.duct import lee_swept
 from torchliner.duct.case import DuctCase
 from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.lee import DuctSolver, solve_duct
@@ -32,7 +35,7 @@ def case_of(**about):
         ({"end": math.nan}, "duct end is nan m; it must be finite"),
         (
             {"liner": (0.0, 0.4)},
-            r"patch from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m",
+            r"from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m; move its edges",
         ),
         ({"liner": (-0.21, 0.1)}, r"from x = -0\.21 to 0\.1 m lies outside"),
         ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
@@ -43,12 +46,23 @@ def case_of(**about):
         ({"source": "left"}, "unknown source 'left'"),
         ({"density": 0.0}, "density .* is 0"),
         ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
+        ({"incident": math.nan}, r"incident \(Pa\) is nan; it must be finite"),
+        ({"incident": complex(1, math.inf)}, r"incident \(Pa\) is \(1\+infj\)"),
+        ({"end_reflection": math.nan}, "end_reflection is nan; it must be finite"),
+        ({"source_reflection": torch.tensor([0.1, math.inf])}, r"source_reflection is tensor\(\["),
         ({"incident_at": math.inf}, "incident_at is inf m; it must be finite"),
     ],
 )
 def test_cases_refused(about, match):
     with pytest.raises(ValueError, match=match):
         case_of(**about)
+
+
+@pytest.mark.parametrize("name", ["end_reflection", "source_reflection"])
+def test_ends_that_gain_are_doubted(name):
+    with pytest.warns(tl.DataWarning, match=f"{name} has a modulus of 1.3, above 1: such an end"):
+        case_of(**{name: torch.tensor([0.5, 1.3j])})
+    case_of(**{name: np.exp(0.3j)})  # quiet
 
 
 def test_supersonic_flow_is_refused_by_the_profile():
@@ -95,6 +109,14 @@ def test_meshes_built():
     assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
 
 
+@pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell", "edge_cell"])
+def test_sizes_that_make_no_mesh(name, size):
+    """Doubling from 0 or below would never end."""
+    with pytest.raises(ValueError, match=rf"mesh {name} \((m|Hz)\) is {size:g}; it must be finite"):
+        build_mesh(case_of(), **{"frequency": FREQUENCY, name: size})
+
+
 def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
     case = case_of(profile=PLUG, slip_condition="continuous-velocity")
@@ -123,13 +145,38 @@ def test_a_frequency_at_cut_on_is_solved():
 
 
 def test_near_ends_are_named():
-    with pytest.warns(tl.DataWarning, match=r"lies 50 mm from an end .* 4\.3 % of the first"):
-        DuctSolver(case_of(start=-0.05), FREQUENCY)
+    """Mode 1 decays by sqrt((pi/H)^2 - k^2): 56.5 1/m at 1500 Hz, without flow."""
+    share = math.exp(-0.05 * math.sqrt((math.pi / 0.05) ** 2 - (2 * math.pi * 1500 / SPEED) ** 2))
+    said = rf"50 mm from the upstream end: at 1500 Hz {100 * share:.2g} % .* at least 111 mm beyond"
+    with pytest.warns(tl.DataWarning, match=said):
+        DuctSolver(case_of(start=-0.05), FREQUENCY, keep="walls")
+    with pytest.warns(tl.DataWarning, match="50 mm from the downstream end"):
+        DuctSolver(case_of(end=0.2), FREQUENCY, keep="walls")
+
+
+def test_ends_are_near_just_below_cut_on():
+    """M 0.3, 3200 Hz, cut-on 3274 Hz: 14 1/m in place of the 63 1/m at low frequency, so a fifth of
+    mode 1 is left after 120 mm. Cut-on frequencies in the same list change nothing."""
+    profile = UniformProfile(0.3, HEIGHT)
+    case = DuctCase(profile, -0.12, 0.27, (0.0, 0.15), slip_condition="ingard-myers")
+    with pytest.warns(tl.DataWarning, match=r"lies 120 mm .* at 3200 Hz 19 % of mode 1"):
+        DuctSolver(case, 3200.0, keep="walls")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        DuctSolver(case, [900.0, 3200.0, 3600.0], keep="walls")
+    near, runs = (str(one.message) for one in told)
+    assert "at 3200 Hz 19 % of mode 1" in near
+    assert "at 3600 Hz mode 1 runs too" in runs
+    assert {one.filename for one in told} == {__file__}
+    DuctSolver(case, 1500.0, keep="walls")  # quiet
+    b2a = tl.load_duct("b2a")
+    DuctSolver(b2a.case, b2a.frequency, keep="walls")  # quiet
 
 
 def test_negative_resistance_warns():
     with pytest.warns(tl.DataWarning, match=r"resistance of -0\.1, below 0"):
         solve_duct(case_of(), FREQUENCY, -0.1 + 1j)
+    solve_duct(case_of(), FREQUENCY, -1e-12 + 1j)  # rounding: quiet
 
 
 @pytest.mark.parametrize(
@@ -149,8 +196,11 @@ def test_walls_refused(impedance, match):
 
 
 def test_slip_needs_a_condition():
-    with pytest.raises(ValueError, match=r"slips along the lined wall at Mach 0\.3; say which"):
+    said = r"slips along the lined wall at Mach 0\.3; say which .*'ingard-myers'.*'(.*)'"
+    with pytest.raises(ValueError, match=said) as refused:
         DuctSolver(case_of(profile=PLUG), FREQUENCY)
+    remedy = re.search(said, str(refused.value)).group(1)
+    DuctSolver(case_of(profile=PLUG, slip_condition=remedy), FREQUENCY, keep="walls")
     DuctSolver(case_of(profile=PLUG, liner=()), FREQUENCY, keep="walls")
 
 
@@ -166,8 +216,12 @@ def test_solver_refusals():
         DuctSolver(case, FREQUENCY, build_mesh(case_of(), FREQUENCY))
     with pytest.raises(ValueError, match="unknown keep 'nothing'"):
         DuctSolver(case, FREQUENCY, keep="nothing")
-    with pytest.raises(ValueError, match=r"take .* GB for 1 frequencies, above .* keep='walls'"):
+    said = r"waves of \d+ unknowns take .* GB for 1 frequencies, above .* keep='walls'"
+    with pytest.raises(ValueError, match=said):
         DuctSolver(case, FREQUENCY, memory=1e5)
+    said = r"waves of \d+ unknowns take .* GB for 1 frequencies, above .* GB; take fewer freq"
+    with pytest.raises(ValueError, match=said):
+        DuctSolver(case, FREQUENCY, keep="walls", memory=1e5)
     field = DuctSolver(case, FREQUENCY, keep="walls").solve(B2A)
     with pytest.raises(ValueError, match="keep='all' to read fields inside"):
         field.at(0.0, 0.0)
@@ -180,6 +234,23 @@ def test_solver_refusals():
         field.wall_pressure(-1.0)
     with pytest.raises(ValueError, match="unknown wall 'upper'"):
         field.wall_pressure(0.0, "upper")
+
+
+@pytest.mark.parametrize("keep", ["walls", "all"])
+def test_memory_is_what_is_kept(keep, monkeypatch):
+    """One frequency swept at a time: the guard's bytes are those of the tensors, one sweep more."""
+    monkeypatch.setattr(lee_swept, "AT_ONCE", 1)
+    case, frequency = case_of(), [800.0, 1000.0, 1200.0]
+    mesh = build_mesh(case, 1200.0, degree=2)
+    swept = DuctSolver(case, frequency, mesh, keep=keep)._swept
+    held = [t for part in swept.parts for t in (part.upper, part.lower, *part.incoming)]
+    size = sum(t.numel() * t.element_size() for t in [*held, swept.response.wall])
+    if keep == "walls":
+        every = DuctSolver(case, frequency[:1], mesh)._swept.parts[0].incoming
+        size += sum(t.numel() * t.element_size() for t in every)
+    DuctSolver(case, frequency, mesh, keep=keep, memory=1.01 * size)
+    with pytest.raises(ValueError, match="unknowns take"):
+        DuctSolver(case, frequency, mesh, keep=keep, memory=0.97 * size)
 
 
 def test_resonance_is_singular():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def write(tmp_path, change):
     ("change", "message"),
     [
         (("height = 0.050", "heigth = 0.05"), r"duct\.heigth: no such key.*height"),
-        (("bulk_mach = 0.3", "bulk_mach = 1.2"), r"flow\.bulk_mach = 1\.2: input should be less"),
+        (("bulk_mach = 0.3", "bulk_mach = 1.2"), r"flow\.bulk_mach = 1\.2: it must be .* not m/s"),
         (("[[0.0, 0.150]]", "[[0.0, 0.550]]"), "lies outside the duct, -0.3 to 0.45 m"),
         (("[[0.0, 0.150]]", "[[0.15, 0.0]]"), "has the length -0.15 m"),
         (("end = 0.450", "end = -0.450"), r"duct length, end - start \(m\) is -0\.15"),
@@ -50,6 +51,10 @@ def write(tmp_path, change):
         (("impedance = [[2.33, -0.30]]", ""), "sound needs either impedance or impedance_file"),
         (("shear = 0.1 ", "shear = 0.02 "), "profile shear is 0.02, below 0.03"),
         (("step = 0.012", "step = 1e-9"), "microphones from -0.027 to 0.177 m in steps of 1e-09 m"),
+        (
+            ("last = 0.177", "last = 0.477"),
+            r"microphone 40 at x = 0\.453 m lies outside the duct, -",
+        ),
         (("step = 0.012", ""), "microphones need first, last and step"),
         (("[flow]", "[flow"), "is not valid TOML"),
         (("frequency = [1500.0]", "frequency = []"), r"sound\.frequency"),
@@ -60,12 +65,24 @@ def test_mistakes_of_a_file_are_named(tmp_path, change, message):
         load_duct(write(tmp_path, change))
 
 
+def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
+    thin = write(tmp_path, ("shear = 0.1 ", "allow_thin = true\nshear = 0.02 "))
+    assert load_duct(thin).case.profile.shear == 0.02
+    words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
+    assert main(words) == 2
+    assert (
+        "thicken it (or pass allow_thin=True to study it: allow_thin = true in"
+        in capsys.readouterr().err
+    )
+    assert main([*words, "--allow-thin"]) == 0
+
+
 def test_unknown_names_and_changes(tmp_path):
     with pytest.raises(ValueError, match=r"unknown duct 'b2'.*b2a.*ends in \.toml"):
         load_duct("b2")
     with pytest.raises(ValueError, match="no key 'mach' to change"):
         load_duct("b2a", mach=0.1)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"none\.toml: no such file"):
         load_duct(tmp_path / "none.toml")
 
 
@@ -76,6 +93,44 @@ def test_an_impedance_profile_is_linear_in_the_admittance():
     assert (1 / found[1]).tolist() == pytest.approx([1, 1, 2 + 0.5j, 3 + 1j, 3 + 1j])
     with pytest.raises(ValueError, match="must increase along x"):
         impedance_along([0.1, 0.1], [1.0, 2.0])
+
+
+def test_an_impedance_profile_with_rigid_stations():
+    """Admittance 0 there and between two of them; 0 and nan have none."""
+    for hard in (np.inf, complex(2.0, np.inf), complex(-np.inf, 1.0)):
+        along = impedance_along([0.0, 0.1, 0.2], [1.0, hard, np.inf])
+        found = along(torch.tensor([0.0, 0.05, 0.1, 0.15, 0.3]).double(), torch.tensor([500.0]))[0]
+        assert found[:2].tolist() == pytest.approx([1.0, 2.0])
+        assert torch.isinf(found[2:].real).all()
+    for fault in (0.0, np.nan):
+        said = rf"the impedance profile is {fault:g} at x = 0\.1 m.*small resistance"
+        with pytest.raises(ValueError, match=said):
+            impedance_along([0.0, 0.1], [1.0, fault])
+
+
+def test_a_rigid_profile_from_a_file_is_a_rigid_duct(tmp_path):
+    (tmp_path / "z.csv").write_text("x,R,X\n0.0,inf,0\n0.15,0,inf\n")
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    setup = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
+    field = tl.DuctSolver(setup.case, setup.frequency, keep="walls").solve(setup.impedance)
+    assert float(field.transmission.abs()) == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("", r"z\.csv holds no rows below its header line; x \(m\), resistance"),
+        ("0.0,1.0\n", r"z\.csv has 2 columns; x \(m\), resistance, reactance are needed"),
+        ("0.0,1,0\ninf,1,0\n", r"z\.csv: row 2 holds inf in column 1 of x \(m\)"),
+        ("0.0,1,nan\n", r"z\.csv: row 1 holds nan in column 3"),
+        ("0.0,0,0\n", r"mine\.toml: the impedance profile is 0 at x = 0 m"),
+    ],
+)
+def test_tables_with_faults(tmp_path, rows, message):
+    (tmp_path / "z.csv").write_text("x,R,X\n" + rows)
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    with pytest.raises(ValueError, match=message):
+        load_duct(path)
 
 
 def test_a_profile_from_a_file(tmp_path):
@@ -95,24 +150,41 @@ def test_a_profile_from_a_file(tmp_path):
 
 
 def test_solve_prints_what_it_writes(tmp_path, capsys):
-    """JSON, CSV, HDF5 and pictures; the HDF5 is a line of microphones that kt reads."""
+    """JSON, CSV, HDF5 and pictures; both files are lines of microphones that kt reads."""
     words = ["duct", "solve", "b2a", *SMALL, "--quiet"]
     out = [tmp_path / name for name in ("m.csv", "m.h5")]
     pictures = ["--figure", str(tmp_path / "wall.png"), "--field", str(tmp_path / "field.png")]
     assert main([*words, "--json", "-o", str(out[0]), *pictures]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["microphones"][0]["x (m)"] == -0.027
-    assert len(out[0].read_text().splitlines()) == 19
     assert main([*words, "-o", str(out[1])]) == 0
     text = capsys.readouterr().out
     assert f"{told['microphones'][3]['SPL (dB)']:.3f}" in text
-    line = tl.read_microphones(out[1])
     levels = [row["SPL (dB)"] for row in told["microphones"]]
-    assert line.level[:, 0].tolist() == pytest.approx(levels)
-    assert line.liner_end == 0.15
+    for line in map(tl.read_microphones, out):
+        assert line.level[:, 0].tolist() == pytest.approx(levels)
+        assert (line.liner_end, line.source_side, line.duct_height) == (0.15, "upstream", 0.05)
+    educed = [kt_impedance(path, capsys) for path in out]
+    assert abs(educed[0] - educed[1]) < 1e-9
+    assert abs(educed[0] - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
+    assert told["plane_mode"][0]["transmission"] < 1
     for name in ("wall.png", "field.png"):
         assert (tmp_path / name).stat().st_size > 10_000
-    assert told["plane_mode"][0]["transmission"] < 1
+
+
+def kt_impedance(path, capsys):
+    assert main(["kt", str(path), "--quiet", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)["lines"][0]["rows"][0]
+    return complex(row["resistance"], row["reactance"])
+
+
+def test_written_microphones_know_their_gas(tmp_path):
+    """kt takes k from the sound speed of the file."""
+    path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 330.0\n\n[sound]"))
+    words = ["duct", "solve", str(path), *SMALL, "--quiet", "-o"]
+    for name in ("m.csv", "m.h5"):
+        assert main([*words, str(tmp_path / name)]) == 0
+        assert tl.read_microphones(tmp_path / name).fluid.sound_speed == 330.0
 
 
 def test_a_rigid_duct_transmits_all(capsys):
@@ -140,7 +212,16 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     [
         (["solve", "b2"], "unknown duct 'b2'"),
         (["solve", "b2a", "--impedance", "two"], "--impedance 'two' cannot be read"),
-        (["solve", "b2a", "--bulk-mach", "1.5"], "bulk_mach = 1.5"),
+        (
+            ["solve", "b2a", "--impedance", "inf"],
+            "'inf' is not finite; write 'rigid' for a hard wa",
+        ),
+        (["solve", "b2a", "--impedance", "nan+1j"], "'nan+1j' is not finite; write 'rigid'"),
+        (["solve", "b2a", "--end-reflection", "inf"], "'inf' is not finite; write a value such as"),
+        (
+            ["solve", "b2a", "--bulk-mach", "1"],
+            "bulk_mach = 1.0: it must be at least 0 and below 1 (a Mach number, not m/s)",
+        ),
         (["solve", "b2a", "-o", "x.txt"], "--output x.txt ends in '.txt'"),
         (["solve", "b2a", "--frequency", "-5"], "frequency (Hz) is -5"),
         (["modes", "b2a", "--count", "0"], "count is 0"),
@@ -151,8 +232,25 @@ def test_faulty_commands_end_with_two(capsys, words, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("quiet", [False, True])
+def test_doubts_of_the_flow_are_one_line_or_none(capsys, quiet):
+    """Raised while the duct is read, before anything is solved."""
+    words = ["duct", "modes", "b2a", "--shear", "0.04", "--count", "1"]
+    with warnings.catch_warnings(record=True) as raw:
+        warnings.simplefilter("always")
+        assert main([*words, *(["--quiet"] if quiet else [])]) == 0
+    assert raw == []
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == (0 if quiet else 1)
+    assert quiet or said[0].startswith("warning: profile shear is 0.04, below 0.05: waves on")
+
+
 def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert main(["duct", "solve"]) == 0
     assert "presets: b2a, ufsc" in capsys.readouterr().out
     assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 0
     assert load_duct(tmp_path / "u.toml").case.height == 0.04
+    (tmp_path / "u.toml").write_text("edited")
+    assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 2
+    assert "u.toml exists; it is not overwritten" in capsys.readouterr().err
+    assert (tmp_path / "u.toml").read_text() == "edited"

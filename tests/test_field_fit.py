@@ -126,7 +126,8 @@ def test_a_stated_far_end_is_returned_as_stated():
 
 
 def test_an_end_that_gains_is_doubted():
-    line, _ = solved(end_reflection=(1.3, 0.0))
+    with pytest.warns(tl.DataWarning, match="end_reflection has a modulus of 1.3, above 1"):
+        line, _ = solved(end_reflection=(1.3, 0.0))
     _, blind = solved()
     with pytest.warns(tl.DataWarning, match=r"at 900 Hz the far end would reflect 1\.3 times what"):
         fit_field(line, blind)

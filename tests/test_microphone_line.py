@@ -126,10 +126,30 @@ def test_levels_are_no_pressures():
         MicrophoneLine.from_levels(
             line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about
         )
+    long = line_of(frequency=(900.0, 3000.0))
+    unwrapped = torch.as_tensor(np.unwrap(long.phase.numpy(), axis=0, period=360))
+    given = (long.x, long.level, torch.deg2rad(unwrapped), long.frequency)
+    with pytest.warns(
+        tl.DataWarning, match=r"change by 5\.\d* in sum, .* 7\.25 rad, 415 degrees; a"
+    ):
+        MicrophoneLine.from_levels(*given[:2], given[2] - 4, given[3], **about)
     with pytest.raises(ValueError, match="a level is 100000 dB, above 194 dB"):
         MicrophoneLine.from_levels([0, 1], [1e5, 1.0], [0.0, 0.0], 900.0, **about)
     with pytest.raises(ValueError, match=r"level has shape \(2,\), phase \(1,\)"):
         MicrophoneLine.from_levels([0, 1], [90.0, 80.0], [0.0], 900.0, **about)
+
+
+@pytest.mark.parametrize("reflection", [0.0, 0.95, 0.95j, -0.95])
+@pytest.mark.parametrize("hertz", [(200.0,), (1450.0,), (3000.0,), (500.0, 9000.0)])
+def test_degrees_are_not_doubted(hertz, reflection):
+    """Travelling and standing waves, wrapped and not, few and many wavelengths on the line."""
+    x = torch.tensor(PLACES, dtype=torch.float64)[:, None]
+    k = 2 * math.pi * torch.tensor(hertz, dtype=torch.float64) / 343.2
+    p = torch.exp(-1j * k / 1.3 * x) + reflection * torch.exp(1j * k / 0.7 * x)
+    level, phase = 120 + 20 * p.abs().log10(), torch.rad2deg(p.angle()) + 40
+    for phases in (phase, torch.as_tensor(np.unwrap(phase.numpy(), axis=0, period=360))):
+        found = MicrophoneLine.from_levels(x[:, 0], level, phases, hertz, duct_height=0.05)
+        assert found.notes == ()
 
 
 # --- files --------------------------------------------------------------------------------------
@@ -185,6 +205,14 @@ x [mm];phase [deg];SPL [dB];frequency [kHz]
 0;10;130;1,5
 24;-91;129;1,5
 """
+
+
+@pytest.mark.parametrize("margin", [-5e-3, math.nan, math.inf])
+@pytest.mark.parametrize("about", [{}, {"liner_start": 0.0, "liner_end": 0.132}])
+def test_margins_that_are_none(margin, about):
+    """Below 0 it would take in microphones beside the liner."""
+    with pytest.raises(ValueError, match=rf"margin is {1e3 * margin:g} mm; it must be finite and"):
+        line_of(**about).over_liner(margin)
 
 
 def test_a_table_by_hand(tmp_path):

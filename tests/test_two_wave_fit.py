@@ -17,8 +17,8 @@ from torchliner.duct.dispersion import (
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
-from torchliner.eduction.two_wave_fit import two_wave_fit
-from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.eduction.two_wave_fit import _fit_notes, two_wave_fit
+from torchliner.eduction.wall_pressure import _result_notes, kumaresan_tufts
 from torchliner.eduction.wave_sorting import sort_waves
 from torchliner.records import MicrophoneLine
 
@@ -155,6 +155,15 @@ def test_batch_is_the_loop():
             # Steps end where they are below 1e-10 of k.
             error = abs(complex(alone.impedance[0] / together.impedance[i, f]) - 1)
             assert error < 1e-8
+
+
+@pytest.mark.parametrize("notes", [_fit_notes, _result_notes])
+def test_rounding_is_no_negative_resistance(notes):
+    """A wall without loss is educed as one with a resistance of 0 but for the last digits."""
+    found = two_wave_fit(line_of(both_ways()[0]))
+    for resistance, said in ((-1e-10, 0), (-1e-8, 1)):
+        walls = torch.full_like(found.impedance, complex(resistance, 1.0))
+        assert len(notes(dataclasses.replace(found, impedance=walls), "line")) == said
 
 
 def test_refusals_and_doubts():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
+
+import pytest
 
 from torchliner.cli.main import main
 from torchliner.report import verify
 
 
 def test_all_checks_hold(tmp_path, capsys):
-    """Low degrees here; degree 4 is held in test_lee.py."""
+    """Low degrees here; test_lee.py holds degrees 3 and 4."""
     out = tmp_path / "orders.csv"
     assert main(["verify", "--degrees", "1", "2", "--json", "-o", str(out)]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -17,6 +21,30 @@ def test_all_checks_hold(tmp_path, capsys):
     assert len(told["orders"]) == 16
     assert told["orders"][3]["error"] < told["orders"][0]["error"] / 50
     assert len(out.read_text().splitlines()) == 17
+
+
+def test_an_error_that_grows_is_no_order():
+    """Refined once too often: the last step counts, not the last good one."""
+    errors = [1e-1, 2.5e-2, 6e-3, 5e-2]
+    orders = [math.nan, *(math.log2(a / b) for a, b in itertools.pairwise(errors))]
+    rows = [
+        {"flow": "no flow", "degree": 1, "error": error, "order": order}
+        for error, order in zip(errors, orders, strict=True)
+    ]
+
+    def first(some):
+        return next(check for check in verify.checks(some) if "no flow" in check["check"])
+
+    assert first(rows[:3])["passed"]
+    assert first(rows)["value"] == pytest.approx(2 + math.log2(5e-2 / 6e-3))
+    assert not first(rows)["passed"]
+    below = {"flow": "no flow", "degree": 1, "error": 5e-12, "order": -3.0}
+    assert first([*rows[:3], below])["passed"]
+
+
+def test_the_ending_is_checked_first(capsys):
+    assert main(["verify", "-o", "x.txt"]) == 2
+    assert "--output x.txt ends in '.txt'; it must be one of .csv" in capsys.readouterr().err
 
 
 def test_a_failed_check_is_said_and_counted(capsys, monkeypatch):

@@ -260,7 +260,11 @@ def test_single_precision_data():
     [
         ({"order": 7}, "12 microphones are fewer than twice the order, 7; lower the order to 6"),
         ({"order": 0}, "fewer than twice the order, 0"),
-        ({"rank": 7}, "rank is 7; it must be 1 to the order, 6"),
+        (
+            {"rank": 7},
+            "12 microphones allow an order of 6, half of them, which is below the rank, 7",
+        ),
+        ({"rank": 7, "order": 6}, "rank is 7; it must be 1 to the order, 6"),
         ({"rank": 0}, "rank is 0"),
         ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
         ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
@@ -274,6 +278,16 @@ def test_refusals(options, match):
     line = line_of(wave("upstream")[0], liner_start=-0.01, liner_end=0.15)
     with pytest.raises(ValueError, match=match):
         kumaresan_tufts(line, **options)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_microphones_are_named(count):
+    """Neither rank nor order was given; both follow from the microphones."""
+    line = line_of(wave("upstream")[0]).select(range(count))
+    said = f"{count} microphones allow an order of 1, half of them, .* 2; use at least 4 micro"
+    with pytest.raises(ValueError, match=said):
+        kumaresan_tufts(line)
+    assert kumaresan_tufts(line, rank=1).order == 1
 
 
 def test_unequal_spacing_names_the_microphone():

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from torchliner.words import did_you_mean
 
+FEEDS = -1e-9  # resistance below which a wall feeds sound; nearer to 0 it is rounding
+
 
 class DataWarning(UserWarning):
     """The answer stands, but the data make it doubtful; the text says by how much."""

@@ -75,6 +75,8 @@ def read_text(path: Path) -> str:
     """
     try:
         return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
 
@@ -123,4 +125,5 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: no such key{did_you_mean(key, known)}"
     if mistake["type"] == "missing":
         return f"{place}: missing"
-    return f"{place} = {mistake['input']!r}: {mistake['msg'][0].lower()}{mistake['msg'][1:]}"
+    said = mistake["msg"].removeprefix("Value error, ")  # of our own checks
+    return f"{place} = {mistake['input']!r}: {said[0].lower()}{said[1:]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import cmath
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from torchliner.cli.options import (
     refuse_inputs,
     require_ending,
     warnings_on_stderr,
+    write_copy,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
     )  # fmt: skip
     _add_duct(solve)
-    solve.add_argument("-o", "--output", type=Path, help="microphones as .csv, or .h5/.nc")
+    solve.add_argument(
+        "-o", "--output", type=Path, help="microphones as .csv, .h5 or .nc, for torchliner kt"
+    )
     solve.add_argument("--figure", type=Path, help="SPL and phase along the wall")
     solve.add_argument("--field", type=Path, metavar="PICTURE", help="draw |p| and |v| in the duct")
     solve.add_argument("--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit")
@@ -54,6 +58,8 @@ def _add_duct(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bulk-mach", type=float, metavar="M")
     parser.add_argument("--profile", choices=["uniform", "tanh", "parabolic", "law-of-the-wall"])
     parser.add_argument("--shear", type=float, metavar="D", help="of --profile tanh, half heights")
+    parser.add_argument("--allow-thin", action="store_const", const=True,
+                        help="take a shear below 0.03 too, to study it")  # fmt: skip
     parser.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
     parser.add_argument("--source-side", choices=["upstream", "downstream"])
     parser.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
@@ -67,18 +73,18 @@ def run(options: argparse.Namespace) -> int:
         print("presets: " + ", ".join(duct_names()))
         return 0
     if getattr(options, "copy", None) is not None:
-        refuse_inputs((options.copy,), ())
-        options.copy.write_text(duct_text(options.duct), encoding="utf-8")
+        write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return 0
-    setup = _setup(options)
-    return {"solve": _solve, "modes": _modes}[options.task](options, setup)
+    with warnings_on_stderr(options.quiet):
+        setup = _setup(options)
+        return {"solve": _solve, "modes": _modes}[options.task](options, setup)
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.duct.catalogue import load_duct
 
-    names = ("bulk_mach", "profile", "shear", "level", "source_side")
+    names = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
     changes: dict[str, Any] = {key: getattr(options, key) for key in names}
     changes = {key: value for key, value in changes.items() if value is not None}
     if options.profile is not None and options.profile != "tanh":
@@ -99,6 +105,9 @@ def _pair(text: str, option: str) -> tuple[float, float]:
         value = complex(text.replace(" ", ""))
     except ValueError:
         raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
+    if not cmath.isfinite(value):
+        hard = "'rigid' for a hard wall, or " if option == "--impedance" else ""
+        raise ValueError(f"{option} {text!r} is not finite; write {hard}a value such as 2.33-0.30j")
     return value.real, value.imag
 
 
@@ -111,24 +120,20 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
         plain_duct,
         solved_line,
     )
-    from torchliner.report.numbers import write_rows
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
     refuse_inputs((options.output, options.field), (options.duct,), options.figure)
-    with warnings_on_stderr(options.quiet):
-        keep = "all" if options.field is not None else "walls"
-        solver = DuctSolver(setup.case, setup.frequency, keep=keep)
-        field = solver.solve(setup.impedance)
-        found = plain_duct(setup, field)
-        if options.output is not None and options.output.suffix.lower() != ".csv":
-            solved_line(setup, field).write(options.output)
-        elif options.output is not None:
-            write_rows(found["microphones"], options.output)
-        if options.figure is not None:
-            draw_walls([(setup, field)], options.figure)
-        if options.field is not None:
-            draw_field(setup, field, options.field)
+    keep = "all" if options.field is not None else "walls"
+    solver = DuctSolver(setup.case, setup.frequency, keep=keep)
+    field = solver.solve(setup.impedance)
+    found = plain_duct(setup, field)
+    if options.output is not None:
+        solved_line(setup, field).write(options.output)
+    if options.figure is not None:
+        draw_walls([(setup, field)], options.figure)
+    if options.field is not None:
+        draw_field(setup, field, options.field)
     if options.json:
         print_json(found)
     else:
@@ -142,11 +147,10 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), (options.duct,), options.figure)
-    with warnings_on_stderr(options.quiet):
-        modes = modes_of(setup, options.count)
-        rows = mode_rows(setup, modes)
-        if options.figure is not None:
-            draw_modes(modes, options.figure)
+    modes = modes_of(setup, options.count)
+    rows = mode_rows(setup, modes)
+    if options.figure is not None:
+        draw_modes(modes, options.figure)
     if options.output is not None:
         write_rows(rows, options.output)
     if options.json:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import add_output_options, print_json
+from torchliner.cli.options import add_output_options, print_json, write_copy
 
 FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
 SPEEDS = (0.0, 1.0, 3.0, 5.0)
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--copy writes one preset; name one")
     liners = {name: catalogue.load_liner(name) for name in options.liners}
     if options.copy is not None:
-        _copy(options.liners[0], options.copy)
+        write_copy(catalogue.preset_text(options.liners[0]), options.copy)
     found: list[dict[str, Any]] = []
     for liner in liners.values():
         frequency = [f for f in options.frequency if _inside(liner, f)]
@@ -92,16 +92,6 @@ def _print(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[floa
         row = table[first : first + len(speeds)]
         cells = "".join(f"{format_complex(cell['impedance']):>18s}" for cell in row)
         print(f"{row[0]['frequency']:8.1f}{cells}")
-
-
-def _copy(name: str, path: Path) -> None:
-    from torchliner.io.hdf5 import written_whole
-    from torchliner.liners.catalogue import preset_text
-
-    if path.exists():
-        raise ValueError(f"{path} exists; it is not overwritten")
-    with written_whole(path) as temporary:
-        temporary.write_text(preset_text(name), encoding="utf-8")
 
 
 def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:

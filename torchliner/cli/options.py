@@ -101,6 +101,20 @@ def refuse_inputs(
         taken.add(path.resolve())
 
 
+def write_copy(text: str, path: Path) -> None:
+    """Write a preset's text to a new file.
+
+    Raises:
+        ValueError: the file exists: it may hold edits.
+    """
+    from torchliner.io.hdf5 import written_whole
+
+    if path.exists():
+        raise ValueError(f"{path} exists; it is not overwritten")
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def progress_bar(total: int, label: str, quiet: bool, unit: str = "sample") -> Iterator[Any]:
     """A callable that takes steps done; silent unless standard error is a terminal."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from torchliner.cli.options import add_output_options, print_json, refuse_inputs
+from torchliner.cli.options import add_output_options, print_json, refuse_inputs, require_ending
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +21,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.numbers import write_rows
     from torchliner.report.verify import checks, format_verification, order_rows
 
+    require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), ())
     rows = order_rows(options.degrees)
     found = checks(rows)

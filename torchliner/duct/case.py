@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import DataWarning, require_choice, require_positive
 from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
 
+GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding
 SOURCES = ("upstream", "downstream")
 
 
@@ -43,7 +46,10 @@ class DuctCase:
             edge, the hydrodynamic wave of the vortex sheet grows beyond all bounds.
     Raises:
         ValueError: an end before the start, a patch outside the duct or of no length, patches that
-            overlap, a density not above 0, an unknown word.
+            overlap, a density not above 0, an amplitude or reflection that is not finite, an
+            unknown word.
+    Warns:
+        DataWarning: an end that reflects more than it gets.
     """
 
     profile: MeanFlow
@@ -78,6 +84,16 @@ class DuctCase:
                 )
         if not math.isfinite(self.place_of_incidence(self.source)):
             raise ValueError(f"incident_at is {self.incident_at} m; it must be finite")
+        _largest("incident (Pa)", self.incident)
+        for name in ("end_reflection", "source_reflection"):
+            most = _largest(name, getattr(self, name))
+            if most > GAINS:
+                warnings.warn(
+                    f"{name} has a modulus of {most:.4g}, above 1: such an end sends back more "
+                    "than it gets, and fields may have no bound",
+                    DataWarning,
+                    stacklevel=3,
+                )
 
     def _check_patch(self, start: float, end: float) -> None:
         if not end > start:
@@ -88,7 +104,7 @@ class DuctCase:
         if start < self.start or end > self.end:
             raise ValueError(
                 f"the lined patch from x = {start:g} to {end:g} m lies outside the duct, "
-                f"{self.start:g} to {self.end:g} m"
+                f"{self.start:g} to {self.end:g} m; move its edges, or the duct's ends (start, end)"
             )
 
     @property
@@ -108,6 +124,15 @@ class DuctCase:
     def wavenumber(self, frequency: torch.Tensor) -> torch.Tensor:
         """k = omega/c, 1/m."""
         return 2 * math.pi / self.profile.sound_speed * frequency
+
+
+def _largest(name: str, value: Any) -> float:
+    """Modulus of a complex number, array or tensor, all of it finite."""
+    values = value.detach() if isinstance(value, torch.Tensor) else np.asarray(value, np.complex128)
+    sizes = torch.as_tensor(values).abs()
+    if not bool(torch.isfinite(sizes).all()):
+        raise ValueError(f"{name} is {value}; it must be finite")
+    return float(sizes.max()) if sizes.numel() else 0.0
 
 
 def _patches(liner: Any) -> tuple[tuple[float, float], ...]:

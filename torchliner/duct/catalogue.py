@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, field_validator
 from torch import Tensor
 
 from torchliner import toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
+from torchliner.duct.csv_columns import read_columns
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
     MeanFlow,
@@ -44,6 +45,7 @@ class DuctSetup:
         microphones: x, m, (N,); may be empty.
         wall: of the microphones, ``opposite`` or ``lined``.
         facts: what the file says, for results.
+        fluid: gas.
     """
 
     name: str
@@ -54,6 +56,7 @@ class DuctSetup:
     microphones: Tensor
     wall: str
     facts: dict[str, Any]
+    fluid: Fluid
 
 
 class DuctTable(Strict):
@@ -69,10 +72,18 @@ class FlowTable(Strict):
     """Table ``[flow]``."""
 
     profile: Literal["uniform", "tanh", "parabolic", "law-of-the-wall", "table"] = "uniform"
-    bulk_mach: float = Field(ge=0, lt=1)
+    bulk_mach: float
     shear: float | None = Field(None, gt=0)
+    allow_thin: bool = False
     file: str | None = None
     slip_condition: Literal["ingard-myers", "continuous-velocity"] | None = None
+
+    @field_validator("bulk_mach")
+    @classmethod
+    def _subsonic(cls, value: float) -> float:
+        if not 0 <= value < 1:
+            raise ValueError("it must be at least 0 and below 1 (a Mach number, not m/s)")
+        return value
 
 
 class SoundTable(Strict):
@@ -197,15 +208,23 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         source_reflection=complex(*sound.source_reflection), density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if _slips(profile) else None),
     )  # fmt: skip
+    microphones = file.microphones.places()
+    for number, x in enumerate(microphones.tolist()):
+        if not case.start <= x <= case.end:
+            raise ValueError(
+                f"microphone {number} at x = {x:g} m lies outside the duct, {case.start:g} to "
+                f"{case.end:g} m; move it, or the duct's ends (start, end)"
+            )
     return DuctSetup(
         name=file.name or path.stem,
         case=case,
         frequency=torch.tensor(sound.frequency, dtype=torch.float64),
         level=sound.level,
         impedance=impedance,
-        microphones=file.microphones.places(),
+        microphones=microphones,
         wall=file.microphones.wall,
         facts=file.model_dump(),
+        fluid=fluid,
     )
 
 
@@ -224,7 +243,10 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
     if flow.profile == "parabolic":
         return ParabolicProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
     if flow.profile == "tanh":
-        return TanhProfile(flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed)
+        return TanhProfile(
+            flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed,
+            allow_thin=flow.allow_thin,
+        )  # fmt: skip
     if flow.profile == "law-of-the-wall":
         return LawOfTheWallProfile(
             flow.bulk_mach, height, sound_speed=fluid.sound_speed,
@@ -232,7 +254,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
         )  # fmt: skip
     if flow.file is None:
         raise ValueError("flow profile 'table' needs file, a CSV of y (m) and U (any unit)")
-    y, speed = _columns(path.parent / flow.file, 2, "y (m), U")
+    y, speed = read_columns(path.parent / flow.file, 2, "y (m), U")
     return TabulatedProfile(
         y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
     )
@@ -253,10 +275,13 @@ def _impedance(
         values = [math.inf if pair == "rigid" else complex(*pair) for pair in sound.impedance]
         return torch.tensor(values, dtype=torch.complex128)
     assert sound.impedance_file is not None
-    x, resistance, reactance = _columns(
-        path.parent / sound.impedance_file, 3, "x (m), resistance, reactance"
+    file = path.parent / sound.impedance_file
+    x, resistance, reactance = read_columns(
+        file, 3, "x (m), resistance, reactance", infinite=(1, 2)
     )
-    return impedance_along(x, resistance + 1j * reactance)
+    walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
+    walls.real, walls.imag = resistance, reactance
+    return impedance_along(x, walls)
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
@@ -264,35 +289,33 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
     Args:
         x: m, increasing, (N,).
-        impedance: Z there, (N,).
+        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
     Raises:
-        ValueError: x does not increase, or lengths differ.
+        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no
+            bound to interpolate from.
     """
     places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
     if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
         raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
     if (np.diff(places) <= 0).any():
         raise ValueError("the stations of an impedance profile must increase along x")
-    admittance = 1 / values
+    for value, fault in ((values == 0, "0"), (np.isnan(values), "nan")):
+        if value.any():
+            raise ValueError(
+                f"the impedance profile is {fault} at x = {places[value][0]:g} m, which has no "
+                "admittance to interpolate; write a small resistance, as 0.001, for a soft wall "
+                "and inf for a rigid one"
+            )
+    rigid = np.isinf(values)
+    admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
 
     def along(at: Tensor, frequency: Tensor) -> Tensor:
         wanted = at.detach().cpu().numpy()
         found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
             wanted, places, admittance.imag
         )
-        return torch.as_tensor(1 / found).expand(len(frequency), len(wanted))
+        hard = found == 0
+        z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
+        return torch.as_tensor(z).expand(len(frequency), len(wanted))
 
     return along
-
-
-def _columns(path: Path, count: int, names: str) -> Sequence[np.ndarray]:
-    """Columns of a CSV with one header line."""
-    if not path.exists():
-        raise ValueError(f"{path}: no such file; a CSV of {names} is needed")
-    try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except ValueError as error:
-        raise ValueError(f"{path} is no CSV of numbers below one header line: {error}") from error
-    if table.shape[1] != count or not np.isfinite(table).all():
-        raise ValueError(f"{path} has {table.shape[1]} columns; {names}, all finite, are needed")
-    return list(table.T)

@@ -22,7 +22,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice, require_complex
+from torchliner.checks import FEEDS, DataWarning, require_choice, require_complex, require_positive
 from torchliner.duct.continuation import Values, follow_roots
 from torchliner.duct.relation import CONDITIONS, DIRECTIONS, Duct, duct_of, relation
 
@@ -130,12 +130,22 @@ def wavenumber_from_impedance(
 def cut_on_frequency(
     height: float, mach: float = 0.0, sound_speed: float = 343.2, mode: int = 1
 ) -> float:
-    """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H)."""
+    """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H).
+
+    Raises:
+        ValueError: a height or sound speed not above 0, M not between -1 and 1, a mode below 1.
+    """
+    require_positive("height (m)", height)
+    require_positive("sound_speed (m/s)", sound_speed)
+    if not abs(mach) < 1:
+        raise ValueError(f"mach is {mach:g}; its size must be below 1 (a Mach number, not m/s)")
+    if mode < 1:
+        raise ValueError(f"mode is {mode}; the plane wave, 0, runs at every frequency")
     return mode * sound_speed * math.sqrt(1 - mach**2) / (2 * height)
 
 
 def _warn_of_sources(impedance: Tensor) -> None:
-    active = impedance.real < 0
+    active = impedance.real < FEEDS
     if bool(active.any()):
         lowest = float(impedance.real[active].min())
         warnings.warn(

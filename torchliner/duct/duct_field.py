@@ -68,7 +68,8 @@ class DuctField:
         return p, u / speed, v / speed
 
     def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
-        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law.
+        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
+        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
 
         Args:
             x: m, (P,) or a number.
@@ -78,7 +79,12 @@ class DuctField:
         return (arriving + leaving).to(self.dtype)
 
     def wall_velocity(self, x: Any) -> Tensor:
-        """Velocity into the wall y = 0, m/s, (..., F, P): v* = p*/(rho c Z), 0 where rigid."""
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
+
+        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
+        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
+        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
+        """
         arriving, leaving = self._wall_waves(_places(x), "lined")
         velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
         return velocity.to(self.dtype)

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, frequency_tensor, require_choice
+from torchliner.checks import frequency_tensor, require_choice
 from torchliner.duct.case import SOURCES, DuctCase
 from torchliner.duct.duct_field import DuctField
+from torchliner.duct.lee_ends import warn_of_mode_1
 from torchliner.duct.lee_ports import CHUNK, solve_ports
 from torchliner.duct.lee_swept import SweptDuct, sweep_duct
 from torchliner.duct.lee_walls import Wall, wall_of
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 
-MEMORY = 2 * 2**30  # bytes that the waves of all columns may take
+MEMORY = 2 * 2**30  # bytes that the waves may take
 
 
 class DuctSolver:
@@ -36,12 +36,13 @@ class DuctSolver:
         mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what
             pressures and velocities along both walls need.
-        memory: bytes that the kept waves may take.
+        memory: bytes that the waves may take, those kept and those of the sweep in hand.
     Raises:
         ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a
             missing slip condition.
     Warns:
-        DataWarning: a coarse mesh, higher modes cut on, a liner nearer to an end than 2 H.
+        DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges
+            gets there.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class DuctSolver:
         if case.liner and require_slip_condition(case.profile, case.slip_condition):
             self.slip_mach = float(case.profile.mach(0.0))
         self.mesh.warn_if_coarse(float(self.frequency.max()))
-        _warn_of_near_ends(case)
+        warn_of_mode_1(case, self.frequency)
         self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
@@ -165,19 +166,3 @@ def solve_duct(
     if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
         frequency = frequency_tensor(frequency).to(impedance.device)
     return DuctSolver(case, frequency, mesh, keep=keep).solve(impedance)
-
-
-def _warn_of_near_ends(case: DuctCase) -> None:
-    """Ends let one mode out; the others that the liner's edges make must have died away there."""
-    if not case.liner:
-        return
-    near = min(case.liner[0][0] - case.start, case.end - case.liner[-1][1])
-    if near < 2 * case.height:
-        share = math.exp(-math.pi * near / case.height)
-        warnings.warn(
-            f"the liner lies {1e3 * near:.3g} mm from an end of the duct, less than twice its "
-            f"height, {1e3 * case.height:g} mm: {100 * share:.2g} % of the first decaying mode of "
-            "its edges reaches the end, which reflects some of it",
-            DataWarning,
-            stacklevel=4,
-        )

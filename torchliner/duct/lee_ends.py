@@ -18,12 +18,14 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import DataWarning
+from torchliner.duct.case import DuctCase
 from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.lee_sweep import Ends
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.flow_profiles import MeanFlow
 
+GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
 RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
 
 
@@ -48,15 +50,10 @@ class EndModes:
 
 
 def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
-    """Plane-like modes at heights y (m, (N,)).
-
-    Warns:
-        DataWarning: a frequency at which mode 1 runs as well; the ends reflect it.
-    """
+    """Plane-like modes at heights y (m, (N,))."""
     down, up = (
         duct_modes(profile, frequency, count=1, direction=d) for d in ("downstream", "upstream")
     )
-    _warn_cut_on(profile, frequency)
     return end_modes(down, up, y, flow)
 
 
@@ -71,9 +68,17 @@ def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes
     return EndModes(wavenumber, torch.stack(along, 1), torch.stack(against, 1))
 
 
-def _warn_cut_on(profile: MeanFlow, frequency: Tensor) -> None:
-    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * frequency
+def warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
+    """Ends let one mode out; the next, which the liner's edges make, must have died away there.
+
+    Warns:
+        DataWarning: a frequency at which mode 1 runs, or hardly decays from the liner to an end.
+    """
+    profile = case.profile
+    kappa = case.height * case.wavenumber(frequency)
     runs = rigid_wavenumbers(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
+    if case.liner and not bool(runs.all()):
+        _warn_of_near_ends(case, float(frequency[~runs].max()))
     if bool(runs.any()):
         highest = float(frequency[runs].max())
         warnings.warn(
@@ -81,5 +86,26 @@ def _warn_cut_on(profile: MeanFlow, frequency: Tensor) -> None:
             "Only the plane-like mode is sent in, and the ends let only that out: they reflect "
             "some of mode 1",
             DataWarning,
-            stacklevel=5,
+            stacklevel=3,
+        )
+
+
+def _warn_of_near_ends(case: DuctCase, frequency: float) -> None:
+    """At the highest frequency below cut-on, where mode 1 decays least."""
+    kappa = torch.tensor([case.height * 2 * math.pi * frequency / case.profile.sound_speed])
+    ends = {"upstream": case.liner[0][0] - case.start, "downstream": case.end - case.liner[-1][1]}
+    decay = {
+        end: float(rigid_wavenumbers(case.profile, kappa, 2, end)[0, 1].imag.abs()) / case.height
+        for end in ends
+    }
+    nearest = min(ends, key=lambda end: decay[end] * ends[end])
+    share = math.exp(-decay[nearest] * ends[nearest])
+    if decay[nearest] * ends[nearest] < GONE:
+        warnings.warn(
+            f"the liner lies {1e3 * ends[nearest]:.3g} mm from the {nearest} end: at "
+            f"{frequency:g} Hz {100 * share:.2g} % of mode 1, which its edges make, reaches the "
+            f"end, which reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the "
+            f"duct there to at least {1e3 * GONE / decay[nearest]:.3g} mm beyond the liner",
+            DataWarning,
+            stacklevel=4,
         )

@@ -26,7 +26,7 @@ class Kept:
     """Waves of one sweep, for unit waves in; D of them.
 
     Args:
-        columns: of the mesh, those alike being one and the same.
+        columns: of the mesh, those alike being one and the same, or nothing.
         incoming: into each column, (F, I, D), or nothing.
         upper: waves (p + v)/2 that arrive at the rigid wall, (F, C, n, D).
         lower: waves (p - v)/2 that arrive at the lower one, (F, C, n, D).
@@ -70,15 +70,17 @@ def sweep_duct(
     flow = bool((rows.flow != 0).any())
     y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * basis.nodes.cpu().numpy()
     at_ends = modes(case.profile, frequency, torch.as_tensor(y.ravel()).to(frequency), flow)
-    each = _bytes_kept(mesh, basis.count, flow)
-    if keep_all and each * len(frequency) > memory:
-        raise ValueError(
-            f"the waves of all columns take {each * len(frequency) / 2**30:.3g} GB for "
-            f"{len(frequency)} frequencies, above the limit of {memory / 2**30:.3g} GB; give "
-            "keep='walls' if pressures along the walls are enough, or fewer frequencies, or more "
-            "memory"
-        )
+    each = _bytes_swept(mesh, basis.count, flow)
     at_once = max(1, int(AT_ONCE // each))
+    held = len(frequency) if keep_all else min(at_once, len(frequency))
+    need = held * each + len(frequency) * _bytes_of_walls(mesh, basis.count)
+    if need > memory:
+        fewer = "give keep='walls' if pressures along the walls are enough, or " if keep_all else ""
+        raise ValueError(
+            f"the waves of {mesh.unknowns} unknowns take {need / 2**30:.3g} GB for "
+            f"{len(frequency)} frequencies, above the limit of {memory / 2**30:.3g} GB; {fewer}"
+            "take fewer frequencies, a coarser mesh or more memory"
+        )
     means = torch.as_tensor(np.diff(mesh.y)[:, None] * basis.weights.cpu().numpy() / case.height)
     k = case.wavenumber(frequency)
     parts, responses = [], []
@@ -130,14 +132,25 @@ def _one_sweep(
         left_modes=modes.against @ means,
         right_modes=modes.along[..., :points] @ means,
     )
-    return Kept(columns, incoming, torch.stack(upper, 1), torch.stack(lower, 1)), response
+    kept = columns if keep_all else []
+    return Kept(kept, incoming, torch.stack(upper, 1), torch.stack(lower, 1)), response
 
 
-def _bytes_kept(mesh: DuctMesh, n: int, flow: bool) -> int:
-    """Of the waves into all columns, for one frequency."""
+def _bytes_swept(mesh: DuctMesh, n: int, flow: bool) -> int:
+    """Of the waves into all columns, for one frequency: a sweep's own, kept for fields inside."""
     across = (len(mesh.y) - 1) * n
-    units = 4 + n * int(mesh.lined.sum())
-    return 16 * len(mesh.lined) * (across * (3 if flow else 2) + n) * units
+    waves = len(mesh.lined) * across * (3 if flow else 2) + n * int(mesh.lined.sum())
+    return 16 * waves * _units(mesh, n)
+
+
+def _bytes_of_walls(mesh: DuctMesh, n: int) -> int:
+    """Of the waves that arrive at both walls and, for the response, at the lined one."""
+    return 16 * n * (2 * len(mesh.lined) + int(mesh.lined.sum())) * _units(mesh, n)
+
+
+def _units(mesh: DuctMesh, n: int) -> int:
+    """D, unit waves in: two modes at either end and n points of each lined column."""
+    return 4 + n * int(mesh.lined.sum())
 
 
 def point_rows(

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.checks import DataWarning
+from torchliner.checks import DataWarning, require_positive
 from torchliner.duct.case import DuctCase
 
 SAME = 1e-9  # of the duct's length or height
@@ -144,7 +144,15 @@ def build_mesh(
         wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the
             height, whichever is less, in a sheared flow, ``row`` otherwise.
         edge_cell: width of the columns at the edges of lined patches, m; default ``column``.
+    Raises:
+        ValueError: a frequency, size or degree not above 0.
     """
+    require_positive("mesh frequency (Hz)", frequency)
+    require_positive("mesh degree", degree)
+    sizes = {"column": column, "row": row, "wall_cell": wall_cell, "edge_cell": edge_cell}
+    for name, size in sizes.items():
+        if size is not None:
+            require_positive(f"mesh {name} (m)", size)
     profile = case.profile
     wavelength = (1 - profile.bulk_mach) * profile.sound_speed / frequency
     needed = SPARE * FEWEST.get(degree, 7.0)

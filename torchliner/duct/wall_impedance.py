@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import FEEDS, DataWarning, require_choice
 from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
@@ -39,7 +39,7 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     if bool(((finite + 1).abs() < ACTIVE).any()):
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
     lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
-    if lowest < 0:
+    if lowest < FEEDS:
         warnings.warn(
             f"impedance has a resistance of {lowest:.3g}, below 0: such a wall feeds the sound, "
             "and fields may have no bound",
@@ -68,6 +68,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
     if slip > 0 and slip_condition is None:
         raise ValueError(
             f"the flow slips along the lined wall at Mach {slip:.3g}; say which condition holds "
-            "there: slip_condition='ingard-myers' (continuity of displacement) or 'velocity'"
+            "there: slip_condition='ingard-myers' (continuity of displacement) or "
+            "'continuous-velocity'"
         )
     return slip > 0 and slip_condition == "ingard-myers"

@@ -74,10 +74,10 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
 
 
 def runs_with_source(wavenumber: Tensor) -> Tensor:
-    r"""Whether :math:`e^{-j\alpha' s}` runs along s: Re alpha' > Im alpha'.
+    r"""Whether :math:`e^{-j\alpha' s}` counts as one that runs along s: Re alpha' > Im alpha'.
 
-    Either its phase does, or it decays along s faster than it turns, so that its phase tells
-    nothing.
+    Its phase runs along s and it does not grow along s as fast as it turns; or its phase runs
+    against s, but it decays along s faster than it turns, so that its phase tells nothing.
     """
     return wavenumber.real > wavenumber.imag
 

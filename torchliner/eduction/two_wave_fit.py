@@ -12,7 +12,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import FEEDS, DataWarning, require_choice
 from torchliner.duct.dispersion import (
     CONDITIONS,
     DIRECTIONS,
@@ -178,7 +178,7 @@ def _fit_notes(result: WallEduction, name: str) -> tuple[str, ...]:
             f"{name}: {result.choices['unsettled']} of {result.impedance.numel()} fits did not "
             "settle; their waves may not be the best"
         )
-    active = result.impedance.real < 0
+    active = result.impedance.real < FEEDS
     if bool(active.any()):
         notes.append(
             f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} "

@@ -15,7 +15,7 @@ import warnings
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import FEEDS, DataWarning, require_choice
 from torchliner.duct.dispersion import CONDITIONS, impedance_from_wavenumber
 from torchliner.eduction.exponentials import find_exponentials
 from torchliner.eduction.line_from_source import (
@@ -59,8 +59,8 @@ def kumaresan_tufts(
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
-        ValueError: unequal spacing, fewer microphones than twice the order, rank above the order,
-            no known side of the source.
+        ValueError: unequal spacing, fewer microphones than twice the order, rank above the order
+            or above half the microphones, no known side of the source.
         RuntimeError: no wave runs with the source at any frequency.
     Warns:
         DataWarning: higher modes are cut on, the spacing is above half a wavelength, no wave runs
@@ -73,6 +73,12 @@ def kumaresan_tufts(
     spacing = line.require_equal_spacing("Kumaresan and Tufts' method")
     seen = seen_from_source(line, source_side)
     length = line.microphones // 2 if order is None else order
+    if order is None and rank > length > 0:
+        raise ValueError(
+            f"{line.name}: {line.microphones} microphones allow an order of {length}, half of "
+            f"them, which is below the rank, {rank}; use at least {2 * rank} microphones, or keep "
+            "fewer waves (rank)"
+        )
 
     def educe(pressure: Tensor) -> WallEduction:
         return _educe(pressure, seen, spacing, rank, length, condition)
@@ -155,7 +161,7 @@ def _result_notes(result: WallEduction, name: str) -> tuple[str, ...]:
             f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a "
             f"source {result.source_side}, first at {where[0]:g} Hz; they are nan"
         )
-    active = result.impedance.real < 0
+    active = result.impedance.real < FEEDS
     if bool(active.any()):
         notes.append(
             f"{name}: the resistance is negative at {int(active.sum())} of {lost.numel()} values, "

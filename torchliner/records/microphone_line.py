@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -128,8 +129,8 @@ class MicrophoneLine:
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
         notes = unit_doubts(
-            name, levels, phases, float(line.frequency.max()) / line.fluid.sound_speed,
-            float(line.x[-1] - line.x[0]),
+            name, levels, phases.reshape(line.pressure.shape),
+            line.frequency / line.fluid.sound_speed, float(line.x[-1] - line.x[0]),
         )  # fmt: skip
         for note in notes:
             warnings.warn(note, DataWarning, stacklevel=2)
@@ -277,7 +278,15 @@ class MicrophoneLine:
         """The microphones over the liner, at least ``margin`` (m) from its ends.
 
         A line that does not say where its liner is, is taken to lie over it.
+
+        Raises:
+            ValueError: a margin below 0 or not finite; fewer than two microphones are left.
         """
+        if not 0 <= margin < math.inf:
+            raise ValueError(
+                f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0, "
+                "the distance that microphones keep from the liner's ends"
+            )
         if self.liner_start is None or self.liner_end is None:
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)

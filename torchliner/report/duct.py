@@ -27,21 +27,21 @@ def microphones_of(setup: DuctSetup) -> np.ndarray:
 
 
 def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
-    """The field at the microphones as measured lines are kept."""
-    places = microphones_of(setup)
+    """The field at the microphones as measured lines are kept, in the order of x."""
+    places = np.sort(microphones_of(setup))
     pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
     liner = setup.case.liner
     return MicrophoneLine(
         places, pressure, setup.frequency, duct_height=setup.case.height,
         mach=setup.case.profile.bulk_mach, source_side=field.source,
         liner_start=liner[0][0] if liner else None, liner_end=liner[-1][1] if liner else None,
-        title=f"{setup.name}, linearised Euler equations", provenance={"solved": setup.facts},
-        name=setup.name,
+        fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
+        provenance={"solved": setup.facts}, name=setup.name,
     )  # fmt: skip
 
 
 def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
-    """For JSON and CSV; levels in dB re 20 uPa rms, phases in degrees."""
+    """For JSON; levels in dB re 20 uPa rms, phases in degrees."""
     places = microphones_of(setup)
     level = field.wall_level(places, setup.wall).detach()
     phase = field.wall_phase(places, setup.wall).detach()
