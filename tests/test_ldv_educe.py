@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from test_stations import FREQUENCY, drifting, station
+from test_station_references import drifting
+from test_stations import FREQUENCY, station
 
 import torchliner as tl
 from torchliner.cli.main import main
