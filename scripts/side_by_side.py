@@ -28,7 +28,7 @@ import torchliner as tl
 from torchliner.duct.catalogue import DuctSetup, impedance_along, load_duct
 from torchliner.duct.duct_field import DuctField
 from torchliner.liners.cavity import cavity_propagation
-from torchliner.records import ImpedanceMap
+from torchliner.records import FieldFit, ImpedanceMap
 from torchliner.report.duct import solved_line
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
 from torchliner.report.numbers import write_rows
@@ -257,14 +257,24 @@ def by_microphones(world: World) -> list[dict[str, Any]]:
         "Kumaresan-Tufts, rank 2": tl.kumaresan_tufts(line, draws=DRAWS),
         "two-wave fit": tl.two_wave_fit(line, draws=DRAWS),
         "LEE fit": tl.fit_field(line, world.solver, draws=DRAWS),
+        "LEE fit, Z linear along x": tl.fit_field(
+            line, world.solver, variation="linear", draws=DRAWS
+        ),
     }
     rows = []
     for method, one in found.items():
-        low, high = one.interval()
-        rows.append(
-            result(method, world, complex(one.impedance[0]), complex(low[0]), complex(high[0]))
+        drawn = averaged(one.draws)[:, 0].numpy()
+        low, high = (
+            complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share))
+            for share in (0.025, 0.975)
         )
+        rows.append(result(method, world, complex(averaged(one)[0]), low, high))
     return rows
+
+
+def averaged(found: Any) -> torch.Tensor:
+    """Z, of a wall that varies the average that the others are compared with."""
+    return found.liner_impedance if isinstance(found, FieldFit) else found.impedance
 
 
 def profile(world: World, by_plane: ImpedanceMap, by_cavity: Any) -> list[dict[str, Any]]:

@@ -130,6 +130,10 @@ def test_fit_of_the_field(solved_files, capsys):
     row = json.loads(output.out)["lines"][0]["rows"][0]
     assert row["misfit"] > 10
     assert row["end_reflection_real"] == pytest.approx(0.0, abs=1e-12)
+    assert main([*arguments, "--variation", "linear", "--quiet"]) == 0
+    text = capsys.readouterr().out
+    assert "rise along x" in text
+    assert text.count("2.330-0.300j") == 2
     picture = solved_files / "fit.png"
     assert main([*arguments, "--draws", "5", "--figure", str(picture), "--quiet"]) == 0
     assert picture.stat().st_size > 15_000

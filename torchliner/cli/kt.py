@@ -22,7 +22,7 @@ OWN = {
     "kt": (*WAVES, "rank", "order"),
     "two-waves": (*WAVES, "weights"),
     "free-waves": (*WAVES, "weights"),
-    "field": ("duct", "far_end"),
+    "field": ("duct", "far_end", "variation"),
 }
 
 
@@ -48,6 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "as for torchliner duct")  # fmt: skip
     parser.add_argument("--far-end", choices=["fitted", "stated"], help="of --method field: it "
                         "reflects what is found (default), or what the duct states")  # fmt: skip
+    parser.add_argument("--variation", choices=["constant", "linear"], help="of --method field: of "
+                        "the impedance along the liner (default constant)")  # fmt: skip
     parser.add_argument("--draws", type=int, metavar="N", help="of the microphones' errors, e.g. "
                         "500; default none")  # fmt: skip
     parser.add_argument("--level-error", type=float, metavar="DB", help="default 0.1")

@@ -35,6 +35,7 @@ from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
 
 FAR_ENDS = ("fitted", "stated")
+VARIATIONS = ("constant", "linear")
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
 POOR = 3.0  # chi squared over its degrees of freedom
@@ -46,6 +47,7 @@ def fit_field(
     *,
     wall: str = "opposite",
     far_end: str = "fitted",
+    variation: str = "constant",
     draws: int = 0,
     level_error: float = LEVEL_ERROR,
     phase_error: float = PHASE_ERROR,
@@ -58,21 +60,24 @@ def fit_field(
         solver: the duct, at the line's frequencies, with one lined patch.
         wall: of the microphones, ``opposite`` or ``lined``.
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
+        variation: of Z along the liner, ``constant`` or ``linear``.
         draws: of the microphones' errors, 0 for none; the paper takes 500 for its method.
         level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
         generator: of random numbers; default one with seed 0.
     Raises:
-        ValueError: fewer than four microphones (three with the far end stated), one outside the
-            duct, an error of 0, a solver for other frequencies, another height, Mach number, sound
-            speed, liner or side of the source, or with several patches.
+        ValueError: too few microphones (four; three with the far end stated; one more for a linear
+            variation) or one outside the duct, an error of 0, a solver for other frequencies,
+            another height, Mach number, sound speed, liner or side of the source, or with several
+            patches.
     Warns:
         DataWarning: a fit that did not converge, a misfit that the errors do not explain, a
             negative resistance, an end that reflects more than it gets; the same text is in
             ``notes``.
     """
     require_choice("far_end", far_end, FAR_ENDS)
+    require_choice("variation", variation, VARIATIONS)
     waves = {"stated": 1, "fitted": 2}[far_end]
-    _check(line, solver, waves)
+    _check(line, solver, waves + 1 + VARIATIONS.index(variation))
     sources = (line.source_side, other_side(line.source_side))[:waves]
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not 0 < value < math.inf:
@@ -83,12 +88,17 @@ def fit_field(
     def solved(pressure: Tensor, start: Tensor | None) -> FieldFit:
         """Of pressures (..., N, F); from the best of a grid if no start is given."""
         target = pressure.movedim(-2, -1).reshape(-1, len(line.frequency), line.microphones)
-        begin = best_of_grid(model, target, weights) if start is None else start
-        found = least_squares(model, target, begin.reshape(target.shape[:-1]), weights)
+        if start is None:
+            start = best_of_grid(model, target, weights)
+            if variation == "linear":
+                constant = least_squares(model, target, start, weights).wall
+                start = torch.cat([constant, torch.zeros_like(constant)], -1)
+        found = least_squares(model, target, start, weights)
         return _result(found, model, pressure, line)
 
     result = solved(line.pressure, None)
-    choices = {"method": "field", "wall": wall, "far_end": far_end, "level_error": level_error,
+    choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
+               "level_error": level_error,
                "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
                "source": line.name, "microphones": line.microphones,
                "unknowns": solver.mesh.unknowns}  # fmt: skip
@@ -100,7 +110,11 @@ def fit_field(
         noisy = draw_pressures(
             line.pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
-        drawn = solved(noisy, result.impedance.expand(draws, *result.impedance.shape))
+        begin = torch.stack(
+            [result.impedance, result.rise / 2][: 1 + VARIATIONS.index(variation)], -1
+        )
+        begin = begin.expand(draws, *begin.shape).reshape(-1, *begin.shape[-2:])
+        drawn = solved(noisy, begin)
         result = replace(result, draws=drawn)
         lost = int((~drawn.converged).sum())
         if lost:
@@ -125,15 +139,17 @@ def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, st
     return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
 
 
-def _check(line: MicrophoneLine, solver: DuctSolver, waves: int) -> None:
+def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
     case = solver.case
     if line.source_side not in SOURCES:
         raise ValueError(
             f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream"
         )
-    if line.microphones < waves + 2:
-        needed = {1: "the amplitude need three", 2: "two amplitudes need four"}[waves]
-        raise ValueError(f"{line.name} has {line.microphones} microphones; Z and {needed}")
+    if line.microphones <= unknowns:
+        raise ValueError(
+            f"{line.name} has {line.microphones} microphones; impedances and amplitudes, "
+            f"{unknowns} complex unknowns, need at least {unknowns + 1}"
+        )
     if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
         raise ValueError(
             f"{line.name} has frequencies {line.frequency.tolist()} Hz, the duct "
@@ -175,20 +191,28 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
     case, along = model.solver.case, fine_places(line.x)
 
     def heard(places: Tensor) -> Tensor:
-        fields = replace(model, places=places).in_parts(found.impedance)
+        fields = replace(model, places=places).in_parts(found.wall)
         total = (fields * found.amplitude[..., None, :]).sum(-1)
         return total.reshape(*shape, len(places)).movedim(-1, -2)
 
     at_microphones = heard(line.x)
     left = (at_microphones - pressure).abs().square().sum(-2)
-    freedom = 2 * line.microphones - 2 - 2 * len(model.sources)
-    far = model.end_reflection(found.impedance, found.amplitude, other_side(model.sources[0]))
+    count = found.wall.shape[-1]
+    freedom = 2 * (line.microphones - count - len(model.sources))
+    far = model.end_reflection(found.wall, found.amplitude, other_side(model.sources[0]))
+    rise, rise_error = torch.zeros_like(found.wall[..., 0]), torch.zeros_like(found.wall[..., 0])
+    if count == 2:
+        rise = 2 * found.wall[..., 1]
+        spread = found.covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
+        rise_error = 2 * torch.complex(spread[..., 0], spread[..., 1])
     return FieldFit(
         method="LEE fit",
         frequency=line.frequency,
         x=line.x,
-        impedance=found.impedance.reshape(shape),
-        covariance=found.covariance.reshape(*shape, 2, 2),
+        impedance=found.wall[..., 0].reshape(shape),
+        covariance=found.covariance[..., :2, :2].reshape(*shape, 2, 2),
+        rise=rise.reshape(shape),
+        rise_error=rise_error.reshape(shape),
         amplitude=case.incident * found.amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),
         pressure=at_microphones,

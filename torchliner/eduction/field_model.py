@@ -6,6 +6,9 @@ that is not known. With the measured p_i the residuals are those of :math:`q_i =
 h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the imaginary part phase, each over
 its stated error. The unknowns, Z and A, are found by Levenberg and Marquardt's method with the
 exact derivative of the field by Z (h is holomorphic in Z, so one derivative serves both parts).
+
+The wall is Z = z_1, or over the lined patch Z(x) = z_1 + z_2 (2 t - 1), t = 0 at its upstream edge
+and 1 at the other: P = 1 or 2 complex parameters.
 """
 
 from __future__ import annotations
@@ -43,36 +46,47 @@ class FieldModel:
     places: Tensor
     wall: str
 
-    def fields(self, impedance: Tensor) -> list[DuctField]:
-        """For each source, of (B, F) impedances."""
-        return [self.solver.solve(impedance[..., None], side) for side in self.sources]
+    def fields(self, wall: Tensor) -> list[DuctField]:
+        """For each source, of walls z (B, F, P)."""
+        if wall.shape[-1] == 1:
+            return [self.solver.solve(wall, side) for side in self.sources]
+        start, end = self.solver.case.liner[0]
 
-    def response(self, impedance: Tensor) -> Tensor:
+        def along(x: Tensor, _: Tensor) -> Tensor:
+            return wall[..., :1] + wall[..., 1:] * (2 * (x - start) / (end - start) - 1)
+
+        return [self.solver.solve(along, side) for side in self.sources]
+
+    def response(self, wall: Tensor) -> Tensor:
         """h, Pa, (B, F, N, K), for the case's own incident amplitude."""
         places = self.places.cpu().numpy()
         return torch.stack(
-            [field.wall_pressure(places, self.wall) for field in self.fields(impedance)], -1
+            [field.wall_pressure(places, self.wall) for field in self.fields(wall)], -1
         )
 
-    def in_parts(self, impedance: Tensor) -> Tensor:
-        """``response``, some impedances at a time."""
-        return torch.cat([self.response(part) for part in impedance.split(TOGETHER)])
+    def in_parts(self, wall: Tensor) -> Tensor:
+        """``response``, some walls at a time."""
+        return torch.cat([self.response(part) for part in wall.split(TOGETHER)])
 
-    def with_slope(self, impedance: Tensor) -> tuple[Tensor, Tensor]:
-        """h and dh/dZ, (B, F, N, K), by forward differentiation."""
+    def with_slope(self, wall: Tensor) -> tuple[Tensor, Tensor]:
+        """h, (B, F, N, K), and its forward derivatives by z, (P, B, F, N, K)."""
+        units = torch.eye(wall.shape[-1], dtype=wall.dtype, device=wall.device)
         values, slopes = [], []
-        for part in impedance.split(TOGETHER):
-            with forward_ad.dual_level():
-                both = self.response(forward_ad.make_dual(part, torch.ones_like(part)))
-                value, slope = forward_ad.unpack_dual(both)
+        for part in wall.split(TOGETHER):
+            by_z = []
+            for unit in units:
+                with forward_ad.dual_level():
+                    both = self.response(forward_ad.make_dual(part, unit.expand_as(part).clone()))
+                    value, slope = forward_ad.unpack_dual(both)
+                by_z.append(slope.detach())
             values.append(value.detach())
-            slopes.append(slope.detach())
-        return torch.cat(values), torch.cat(slopes)
+            slopes.append(torch.stack(by_z))
+        return torch.cat(values), torch.cat(slopes, 1)
 
-    def end_reflection(self, impedance: Tensor, amplitude: Tensor, end: str) -> Tensor:
+    def end_reflection(self, wall: Tensor, amplitude: Tensor, end: str) -> Tensor:
         """Plane-like mode in over out at an end, (B, F), of amplitudes (B, F, K)."""
         parts = []
-        split = zip(impedance.split(TOGETHER), amplitude.split(TOGETHER), strict=True)
+        split = zip(wall.split(TOGETHER), amplitude.split(TOGETHER), strict=True)
         for z, a in split:
             waves = [torch.stack(field.end_waves(end), -1) for field in self.fields(z)]
             sent, out = (torch.stack(waves, -2) * a[..., None]).sum(-2).unbind(-1)
@@ -82,10 +96,17 @@ class FieldModel:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What fits best: ``impedance`` (B, F), ``amplitude`` (B, F, K) of the responses,
-    ``covariance`` of R and X (B, F, 2, 2), ``cost``, chi squared (B, F), ``converged`` (B, F)."""
+    """What fits best.
 
-    impedance: Tensor
+    Args:
+        wall: z, (B, F, P).
+        amplitude: of the responses, (B, F, K).
+        covariance: of Re z_1, Im z_1, Re z_2, ..., (B, F, 2 P, 2 P).
+        cost: chi squared, (B, F).
+        converged: (B, F).
+    """
+
+    wall: Tensor
     amplitude: Tensor
     covariance: Tensor
     cost: Tensor
@@ -93,13 +114,14 @@ class Solution:
 
 
 def best_of_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
-    """The impedance of a coarse grid that fits pressures (B, F, N) best, (B, F)."""
+    """The wall of a coarse grid that fits pressures (B, F, N) best, (B, F, 1)."""
     values = [complex(r, x) for r in START_R for x in START_X]
     grid = torch.tensor(values, dtype=torch.complex128, device=pressure.device)
-    fields = model.in_parts(grid[:, None].expand(-1, pressure.shape[-2]))[:, None]
+    walls = grid[:, None, None].expand(-1, pressure.shape[-2], -1)
+    fields = model.in_parts(walls)[:, None]
     amplitude = _linear_amplitude(fields, pressure)
     residual = _residual(_over(fields, amplitude, pressure) - 1, weights)
-    return grid[residual.square().sum(-1).argmin(0)]
+    return grid[residual.square().sum(-1).argmin(0)][..., None]
 
 
 def least_squares(
@@ -110,10 +132,11 @@ def least_squares(
     Args:
         model: of the duct.
         pressure: Pa, (B, F, N).
-        start: Z, (B, F).
+        start: z, (B, F, P).
         weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
     """
     z = start.to(torch.complex128).clone()  # a view of one number cannot carry a tangent
+    count = z.shape[-1]
     a = _linear_amplitude(model.in_parts(z), pressure)
     residual, jacobian = _system(model, z, a, pressure, weights)
     cost = residual.square().sum(-1)
@@ -122,12 +145,13 @@ def least_squares(
     for _ in range(STEPS):
         step = _damped_step(residual, jacobian, damping)
         by_part = torch.complex(step[..., ::2], step[..., 1::2])
-        new_z, new_a = z + by_part[..., 0], a + _scale(a) * by_part[..., 1:]
+        new_z, new_a = z + by_part[..., :count], a + _scale(a) * by_part[..., count:]
         new_residual, new_jacobian = _system(model, new_z, new_a, pressure, weights)
         new_cost = new_residual.square().sum(-1)
         better = new_cost <= cost
-        moved = torch.where(better, step[..., :2].norm(dim=-1) / (1 + z.abs()), moved)
-        z, a = torch.where(better, new_z, z), torch.where(better[..., None], new_a, a)
+        size = step[..., : 2 * count].norm(dim=-1) / (1 + z[..., 0].abs())
+        moved = torch.where(better, size, moved)
+        z, a = (torch.where(better[..., None], *pair) for pair in ((new_z, z), (new_a, a)))
         residual = torch.where(better[..., None], new_residual, residual)
         jacobian = torch.where(better[..., None, None], new_jacobian, jacobian)
         cost = torch.where(better, new_cost, cost)
@@ -135,7 +159,8 @@ def least_squares(
         stuck = damping >= 1e8
         if bool(((moved < TOLERANCE) | stuck).all()):
             break
-    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)[..., :2, :2]
+    covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)
+    covariance = covariance[..., : 2 * count, : 2 * count]
     return Solution(z, a, covariance, cost, moved < TOLERANCE)
 
 
@@ -163,15 +188,15 @@ def _scale(amplitude: Tensor) -> Tensor:
 
 
 def _system(
-    model: FieldModel, impedance: Tensor, amplitude: Tensor, pressure: Tensor,
+    model: FieldModel, wall: Tensor, amplitude: Tensor, pressure: Tensor,
     weights: tuple[float, float],
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Residuals (B, F, 2 N) and their derivatives by R, X, Re A, Im A, ... (B, F, 2 N, 2 + 2 K),
-    the amplitudes over ``_scale``."""
-    fields, slope = model.with_slope(impedance)
-    by_z = _over(slope, amplitude, pressure)
+    """Residuals (B, F, 2 N) and their derivatives by Re z, Im z, ..., Re A, Im A, ... (B, F, 2 N,
+    2 P + 2 K), the amplitudes over ``_scale``."""
+    fields, slopes = model.with_slope(wall)
+    by_z = _over(slopes, amplitude, pressure)
     by_a = fields * _scale(amplitude)[..., None] / pressure[..., None]
-    columns = [turn * by for by in (by_z, *by_a.unbind(-1)) for turn in (1, 1j)]
+    columns = [turn * by for by in (*by_z, *by_a.unbind(-1)) for turn in (1, 1j)]
     jacobian = torch.stack([_residual(column, weights) for column in columns], -1)
     return _residual(_over(fields, amplitude, pressure) - 1, weights), jacobian
 

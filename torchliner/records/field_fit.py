@@ -21,10 +21,13 @@ class FieldFit(DrawnImpedance):
         method: for tables and legends.
         frequency: Hz, (F,).
         x: microphones, m, (N,).
-        impedance: Z, normalised, (..., F).
+        impedance: Z, normalised, (..., F); its mean along the liner if it varies.
         covariance: of (resistance, reactance) for the stated errors of the microphones, (..., F, 2,
             2): the Laplace approximation, inverse of the Hessian (Gauss-Newton's) with the
             amplitudes fitted too.
+        rise: Z at the liner's downstream edge less that at the upstream one, (..., F); 0 unless it
+            was fitted.
+        rise_error: standard error of its real and of its imaginary part, likewise.
         amplitude: peak of the source's wave where the case has its own, Pa, complex, (..., F).
         end_reflection: of the far end, stated or fitted, complex, (..., F): wall pressure of the
             plane-like mode that comes back over that of the one that goes out, both at that end.
@@ -45,6 +48,8 @@ class FieldFit(DrawnImpedance):
     x: Tensor
     impedance: Tensor
     covariance: Tensor
+    rise: Tensor
+    rise_error: Tensor
     amplitude: Tensor
     end_reflection: Tensor
     pressure: Tensor
@@ -57,6 +62,18 @@ class FieldFit(DrawnImpedance):
     draws: FieldFit | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def liner_impedance(self) -> Tensor:
+        """1 over the mean of 1/Z along the liner, (..., F), as eq. (5.2) averages.
+
+        Of Z = z (1 + r s), s from -1 to 1, this is z r/artanh r; ``impedance`` if Z is constant.
+        """
+        ratio = self.rise / (2 * self.impedance)
+        small = ratio.abs() < 1e-4  # 1 - r^2/3 there, to rounding
+        safe = torch.where(small, torch.ones_like(ratio) / 2, ratio)
+        share = torch.where(small, 1 - ratio**2 / 3, safe / torch.atanh(safe))
+        return self.impedance * share
 
     @property
     def standard_error(self) -> Tensor:

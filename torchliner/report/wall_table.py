@@ -28,8 +28,8 @@ class WallRow:
         residual: of the pressures, relative.
         singular_values: over the first one; empty for fits.
         failed: draws without an impedance.
-        misfit: residuals over the stated errors, rms, and end_reflection: of the far end, of a fit
-            of the field; None for other methods.
+        misfit: residuals over the stated errors, rms, end_reflection: of the far end, and rise: of
+            Z along the liner, of a fit of the field; None for other methods.
     """
 
     line: str
@@ -45,6 +45,7 @@ class WallRow:
     singular_values: tuple[float, ...] = ()
     misfit: float | None = None
     end_reflection: complex | None = None
+    rise: complex | None = None
 
     def plain(self) -> dict[str, Any]:
         """For CSV and JSON: complex values as two numbers, nan where there is none."""
@@ -52,6 +53,7 @@ class WallRow:
         low, high = self.interval or (nothing, nothing)
         spread = nothing if self.deviation is None else self.deviation
         end = nothing if self.end_reflection is None else self.end_reflection
+        rise = nothing if self.rise is None else self.rise
         return {
             "line": self.line, "source": self.source, "method": self.method,
             "frequency": self.frequency, "wavenumber_real": self.wavenumber.real,
@@ -64,6 +66,7 @@ class WallRow:
             "failed_draws": self.failed,
             "misfit": float("nan") if self.misfit is None else self.misfit,
             "end_reflection_real": end.real, "end_reflection_imag": end.imag,
+            "rise_of_resistance": rise.real, "rise_of_reactance": rise.imag,
         }  # fmt: skip
 
 
@@ -109,6 +112,7 @@ def _of_field(found: FieldFit, row: WallRow, f: int) -> dict[str, Any]:
         "deviation": row.deviation or complex(found.standard_error[f]),
         "misfit": float(found.misfit[f]) ** 0.5,
         "end_reflection": complex(found.end_reflection[f]),
+        "rise": complex(found.rise[f]),
     }
 
 
@@ -147,13 +151,15 @@ def _wave_table(head: str, found: WallEduction, rows: Sequence[WallRow]) -> str:
 
 def _field_table(head: str, found: FieldFit, rows: Sequence[WallRow]) -> str:
     lines = [f"{head.format('')}, far end {found.choices['far_end']}",
-             f"{'f Hz':>7s} {'Z':>14s} {'deviation':>13s} {'resid. %':>8s} {'over errors':>11s} "
-             f"{'end reflection':>15s}"]  # fmt: skip
+             f"{'f Hz':>7s} {'Z':>14s} {'deviation':>13s} {'rise along x':>14s} {'resid. %':>8s} "
+             f"{'over errors':>11s} {'end reflection':>15s}"]  # fmt: skip
     for row in rows:
         assert row.end_reflection is not None
+        assert row.rise is not None
+        rise = "-" if found.choices["variation"] == "constant" else format_complex(row.rise)
         lines.append(
             f"{row.frequency:7.1f} {format_complex(row.impedance):>14s} {_spread(row):>13s} "
-            f"{100 * row.residual:8.3f} {row.misfit:11.3g} "
+            f"{rise:>14s} {100 * row.residual:8.3f} {row.misfit:11.3g} "
             f"{format_complex(row.end_reflection):>15s}"
         )
     from_what = "the microphones' errors" if found.draws is None else "the draws"
