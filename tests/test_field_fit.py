@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 
 import pytest
 import torch
@@ -180,6 +181,25 @@ def test_a_wall_that_varies_linearly_comes_back(side):
     assert float((one.impedance - TRUE).abs().max()) > 0.05
     assert float(one.misfit.max()) > 3
     assert float(one.rise.abs().max()) == 0
+
+
+@pytest.mark.parametrize("wall", [0.0, 1e-3, 0.05 - 0.2j, 50.0, 0.05 - 8j, 0.3 + 0.9j])
+def test_walls_at_the_ends_of_the_range(wall):
+    """Soft, hard and reactive walls, with no guess and no doubt of a trial passed on."""
+    line, solver = solved(impedance=wall, frequency=[1500.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", tl.DataWarning)
+        found = fit_field(line, solver)
+    assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
+
+
+def test_a_search_may_begin_elsewhere():
+    """At another minimum the misfit says so; begun near the truth it is found."""
+    line, solver = solved(impedance=0.1636 - 0.0574j, frequency=[1500.0])
+    with pytest.warns(tl.DataWarning, match=r"not the deepest minimum \(begin elsewhere, start=\)"):
+        fit_field(line, solver, start=4.0 + 3.0j)
+    found = fit_field(line, solver, start=0.16 - 0.06j)
+    assert complex(found.impedance[0]) == pytest.approx(0.1636 - 0.0574j, abs=1e-6)
 
 
 def test_a_rise_is_known_as_well_as_it_says():

@@ -27,7 +27,7 @@ from torchliner.eduction.field_model import (
     STEPS,
     FieldModel,
     Solution,
-    best_of_grid,
+    from_grid,
     least_squares,
 )
 from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
@@ -38,6 +38,7 @@ FAR_ENDS = ("fitted", "stated")
 VARIATIONS = ("constant", "linear")
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
+SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 POOR = 3.0  # chi squared over its degrees of freedom
 
 
@@ -48,6 +49,7 @@ def fit_field(
     wall: str = "opposite",
     far_end: str = "fitted",
     variation: str = "constant",
+    start: complex | None = None,
     draws: int = 0,
     level_error: float = LEVEL_ERROR,
     phase_error: float = PHASE_ERROR,
@@ -61,12 +63,14 @@ def fit_field(
         wall: of the microphones, ``opposite`` or ``lined``.
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
         variation: of Z along the liner, ``constant`` or ``linear``.
+        start: impedance where the search begins; default the best of those from a coarse grid. Soft
+            walls, and those near the greatest attenuation, have minima beside the true one.
         draws: of the microphones' errors, 0 for none; the paper takes 500 for its method.
         level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
         generator: of random numbers; default one with seed 0.
     Raises:
         ValueError: too few microphones (four; three with the far end stated; one more for a linear
-            variation) or one outside the duct, an error of 0, a solver for other frequencies,
+            variation) or one outside the duct, an error below 1e-4, a solver for other frequencies,
             another height, Mach number, sound speed, liner or side of the source, or with several
             patches.
     Warns:
@@ -80,20 +84,23 @@ def fit_field(
     _check(line, solver, waves + 1 + VARIATIONS.index(variation))
     sources = (line.source_side, other_side(line.source_side))[:waves]
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} is {value:g}; it weights the fit and must be above 0")
+        if not SMALLEST <= value < math.inf:
+            raise ValueError(
+                f"{name} is {value:g}; it weights the fit and must be finite and at least "
+                f"{SMALLEST:g}"
+            )
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
     model = FieldModel(solver, sources, line.x, wall)
 
-    def solved(pressure: Tensor, start: Tensor | None) -> FieldFit:
-        """Of pressures (..., N, F); from the best of a grid if no start is given."""
+    def solved(pressure: Tensor, begin: Tensor | None) -> FieldFit:
+        """Of pressures (..., N, F); from the best of a grid if no begin is given."""
         target = pressure.movedim(-2, -1).reshape(-1, len(line.frequency), line.microphones)
-        if start is None:
-            start = best_of_grid(model, target, weights)
-            if variation == "linear":
-                constant = least_squares(model, target, start, weights).wall
-                start = torch.cat([constant, torch.zeros_like(constant)], -1)
-        found = least_squares(model, target, start, weights)
+        if begin is None:
+            found = _constant(model, target, weights, start)
+            if variation == "constant":
+                return _result(found, model, pressure, line)
+            begin = torch.cat([found.wall, torch.zeros_like(found.wall)], -1)
+        found = least_squares(model, target, begin, weights)
         return _result(found, model, pressure, line)
 
     result = solved(line.pressure, None)
@@ -125,6 +132,16 @@ def fit_field(
             warnings.warn(note, DataWarning, stacklevel=2)
             result = replace(result, notes=(*result.notes, note))
     return result
+
+
+def _constant(
+    model: FieldModel, pressure: Tensor, weights: tuple[float, float], start: complex | None
+) -> Solution:
+    """The best constant wall, (B, F, 1)."""
+    if start is None:
+        return from_grid(model, pressure, weights)
+    begin = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
+    return least_squares(model, pressure, begin.to(pressure.device), weights)
 
 
 def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:
@@ -239,7 +256,8 @@ def _notes(result: FieldFit, line: MicrophoneLine) -> tuple[str, ...]:
             notes.append(
                 f"{line.name}: at {f:g} Hz the residuals are {math.sqrt(worst):.3g} times the "
                 "stated errors of the microphones: the duct model, the flow, the far end or the "
-                "errors are not those of the measurement"
+                "errors are not those of the measurement, or this is not the deepest minimum "
+                "(begin elsewhere, start=)"
             )
         least = float(result.impedance[..., i].real.min())
         if least < 0:

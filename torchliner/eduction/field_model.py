@@ -13,6 +13,8 @@ and 1 at the other: P = 1 or 2 complex parameters.
 
 from __future__ import annotations
 
+import dataclasses
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,13 +22,15 @@ import torch
 import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
+from torchliner.checks import DataWarning
 from torchliner.duct.duct_field import DuctField
 from torchliner.duct.lee import DuctSolver
 
 STEPS = 60
-TOLERANCE = 1e-9  # of Z, relative to 1 + |Z|
-START_R = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0)
-START_X = (-4.0, -2.0, -1.0, -0.4, 0.0, 0.4, 1.0, 2.0, 4.0)
+TOLERANCE, SETTLED = 1e-9, 1e-6  # of a step taken, and of one left, relative to 1 + |Z|
+START_R = (0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0)
+START_X = (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0)
+STARTS = 4
 TOGETHER = 64  # impedances at once
 
 
@@ -47,15 +51,16 @@ class FieldModel:
     wall: str
 
     def fields(self, wall: Tensor) -> list[DuctField]:
-        """For each source, of walls z (B, F, P)."""
-        if wall.shape[-1] == 1:
-            return [self.solver.solve(wall, side) for side in self.sources]
+        """For each source, of walls z (B, F, P); doubts of a trial are not passed on."""
         start, end = self.solver.case.liner[0]
 
         def along(x: Tensor, _: Tensor) -> Tensor:
             return wall[..., :1] + wall[..., 1:] * (2 * (x - start) / (end - start) - 1)
 
-        return [self.solver.solve(along, side) for side in self.sources]
+        impedance = wall if wall.shape[-1] == 1 else along
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            return [self.solver.solve(impedance, side) for side in self.sources]
 
     def response(self, wall: Tensor) -> Tensor:
         """h, Pa, (B, F, N, K), for the case's own incident amplitude."""
@@ -113,15 +118,30 @@ class Solution:
     converged: Tensor
 
 
-def best_of_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
-    """The wall of a coarse grid that fits pressures (B, F, N) best, (B, F, 1)."""
+def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float]) -> Solution:
+    """The best constant wall for pressures (B, F, N), P = 1, with no guess.
+
+    From the best of a coarse grid of impedances each, since a soft wall has minima beside the true
+    one.
+    """
     values = [complex(r, x) for r in START_R for x in START_X]
     grid = torch.tensor(values, dtype=torch.complex128, device=pressure.device)
-    walls = grid[:, None, None].expand(-1, pressure.shape[-2], -1)
-    fields = model.in_parts(walls)[:, None]
+    fields = model.in_parts(grid[:, None, None].expand(-1, pressure.shape[-2], -1))[:, None]
     amplitude = _linear_amplitude(fields, pressure)
-    residual = _residual(_over(fields, amplitude, pressure) - 1, weights)
-    return grid[residual.square().sum(-1).argmin(0)][..., None]
+    misfit = _residual(_over(fields, amplitude, pressure) - 1, weights).square().sum(-1)
+    starts = grid[misfit.topk(STARTS, 0, largest=False).indices]  # (S, B, F)
+    tried = least_squares(
+        model, pressure.repeat(STARTS, 1, 1), starts.flatten(0, 1)[..., None], weights
+    )
+    cost = tried.cost.reshape(STARTS, *pressure.shape[:2])
+    best = torch.where(torch.isfinite(cost), cost, torch.inf).argmin(0)
+
+    def chosen(values: Tensor) -> Tensor:
+        each = values.reshape(STARTS, *best.shape, *values.shape[2:])
+        index = best.reshape(1, *best.shape, *[1] * (values.ndim - 2)).expand(1, *each.shape[1:])
+        return each.gather(0, index)[0]
+
+    return Solution(*(chosen(getattr(tried, part.name)) for part in dataclasses.fields(tried)))
 
 
 def least_squares(
@@ -149,8 +169,7 @@ def least_squares(
         new_residual, new_jacobian = _system(model, new_z, new_a, pressure, weights)
         new_cost = new_residual.square().sum(-1)
         better = new_cost <= cost
-        size = step[..., : 2 * count].norm(dim=-1) / (1 + z[..., 0].abs())
-        moved = torch.where(better, size, moved)
+        moved = torch.where(better, _size(step, z), moved)
         z, a = (torch.where(better[..., None], *pair) for pair in ((new_z, z), (new_a, a)))
         residual = torch.where(better[..., None], new_residual, residual)
         jacobian = torch.where(better[..., None, None], new_jacobian, jacobian)
@@ -159,9 +178,17 @@ def least_squares(
         stuck = damping >= 1e8
         if bool(((moved < TOLERANCE) | stuck).all()):
             break
+    # Rounding of the cost may refuse the last steps; what is left to go tells as well.
+    left = _size(_damped_step(residual, jacobian, torch.full_like(cost, 1e-12)), z)
     covariance = torch.linalg.pinv(jacobian.mT @ jacobian, hermitian=True)
     covariance = covariance[..., : 2 * count, : 2 * count]
-    return Solution(z, a, covariance, cost, moved < TOLERANCE)
+    return Solution(z, a, covariance, cost, (moved < TOLERANCE) | (left < SETTLED))
+
+
+def _size(step: Tensor, wall: Tensor) -> Tensor:
+    """Of a step's part in z, relative, (B, F)."""
+    size: Tensor = step[..., : 2 * wall.shape[-1]].norm(dim=-1) / (1 + wall[..., 0].abs())
+    return size
 
 
 def _over(fields: Tensor, amplitude: Tensor, pressure: Tensor) -> Tensor:
@@ -178,7 +205,7 @@ def _linear_amplitude(fields: Tensor, pressure: Tensor) -> Tensor:
 
 
 def _residual(away: Tensor, weights: tuple[float, float]) -> Tensor:
-    """Real and imaginary parts of q - 1 over their errors, (..., 2 N)."""
+    """Real and imaginary parts over their errors, (..., 2 N)."""
     return torch.cat([away.real * weights[0], away.imag * weights[1]], -1)
 
 
@@ -194,11 +221,12 @@ def _system(
     """Residuals (B, F, 2 N) and their derivatives by Re z, Im z, ..., Re A, Im A, ... (B, F, 2 N,
     2 P + 2 K), the amplitudes over ``_scale``."""
     fields, slopes = model.with_slope(wall)
+    ratio = _over(fields, amplitude, pressure)
     by_z = _over(slopes, amplitude, pressure)
     by_a = fields * _scale(amplitude)[..., None] / pressure[..., None]
     columns = [turn * by for by in (*by_z, *by_a.unbind(-1)) for turn in (1, 1j)]
     jacobian = torch.stack([_residual(column, weights) for column in columns], -1)
-    return _residual(_over(fields, amplitude, pressure) - 1, weights), jacobian
+    return _residual(ratio - 1, weights), jacobian
 
 
 def _damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
