@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, impedance_along, load_duct
+from torchliner.duct.catalogue import DuctSetup, load_duct
 from torchliner.duct.duct_field import DuctField
+from torchliner.duct.tables import impedance_along
 from torchliner.report.duct import draw_walls, microphones_of
 from torchliner.report.numbers import write_rows
 

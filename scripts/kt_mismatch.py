@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, impedance_along, load_duct
+from torchliner.duct.catalogue import DuctSetup, load_duct
 from torchliner.duct.lee import DuctSolver
+from torchliner.duct.tables import impedance_along
 from torchliner.eduction.field_fit import fit_field
 from torchliner.eduction.two_wave_fit import two_wave_fit
 from torchliner.eduction.wall_pressure import kumaresan_tufts

@@ -25,8 +25,9 @@ import numpy as np
 import torch
 
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, impedance_along, load_duct
+from torchliner.duct.catalogue import DuctSetup, load_duct
 from torchliner.duct.duct_field import DuctField
+from torchliner.duct.tables import impedance_along
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
 from torchliner.report.duct import solved_line

@@ -11,7 +11,8 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.duct.catalogue import duct_names, duct_text, impedance_along, load_duct
+from torchliner.duct.catalogue import duct_names, duct_text, load_duct
+from torchliner.duct.tables import impedance_along
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -71,7 +72,7 @@ def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
     assert main(words) == 2
     assert (
-        "thicken it (or pass allow_thin=True to study it: allow_thin = true in"
+        "thicken it (or pass allow_thin=True to study it; --allow-thin; allow_thin = true in"
         in capsys.readouterr().err
     )
     assert main([*words, "--allow-thin"]) == 0
@@ -109,32 +110,105 @@ def test_an_impedance_profile_with_rigid_stations():
 
 
 def test_a_rigid_profile_from_a_file_is_a_rigid_duct(tmp_path):
-    (tmp_path / "z.csv").write_text("x,R,X\n0.0,inf,0\n0.15,0,inf\n")
+    (tmp_path / "z.csv").write_text("x [m],R,X\n0.0,inf,0\n0.15,0,inf\n")
     path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
     setup = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
     field = tl.DuctSolver(setup.case, setup.frequency, keep="walls").solve(setup.impedance)
     assert float(field.transmission.abs()) == pytest.approx(1, abs=1e-9)
 
 
+HEADER = "x [mm], resistance, reactance\n"
+
+
 @pytest.mark.parametrize(
-    ("rows", "message"),
+    ("text", "message"),
     [
-        ("", r"z\.csv holds no rows below its header line; x \(m\), resistance"),
-        ("0.0,1.0\n", r"z\.csv has 2 columns; x \(m\), resistance, reactance are needed"),
-        ("0.0,1,0\ninf,1,0\n", r"z\.csv: row 2 holds inf in column 1 of x \(m\)"),
-        ("0.0,1,nan\n", r"z\.csv: row 1 holds nan in column 3"),
-        ("0.0,0,0\n", r"mine\.toml: the impedance profile is 0 at x = 0 m"),
+        (HEADER, r"z\.csv holds no values: the file ends at line 1"),
+        ("x [m],R\n0,1\n", r"z\.csv: column 'reactance' is missing; there are: x, resistance"),
+        ("x,R,X\n0,1,0\n", r"z\.csv: column 'x' has no unit in 'x'; write it as in 'x \[mm\]'"),
+        ("x [s],R,X\n0,1,0\n", "column 'x' has units 's'.*a length is needed in one of m, mm"),
+        ("x [m],R [Pa s/m],X\n0,1,0\n", "column 'resistance' has units 'Pa s/m'.*a number is n"),
+        ("x [m],R,X,why\n0,1,0,2\n", r"unknown column 'why'; write x \[mm\], resistance, react"),
+        (HEADER + "0,1,0,3\n", "line 2 has 4 cells, the header 3"),
+        (HEADER + "0,1\n", r"line 2, column 'reactance' is ''; a number is needed"),
+        (HEADER + "0,1,0\ninf,1,0\n", r"z\.csv: row 2, column 'x', holds inf; a number is n"),
+        (HEADER + "0,1,nan\n", r"z\.csv: row 1, column 'reactance', holds nan"),
+        (HEADER + "0,0,0\n", r"mine\.toml: the impedance profile is 0 at x = 0 m"),
+        ("x [m],R,X\n0,1,0\n150,1,0\n", "x = 150 m lies outside the duct, -0.3 to 0.45 m; is its"),
+        (HEADER + "200,1,0\n300,1,0\n", "x = 0.2 to 0.3 m, do not reach the lined patch, x = 0 to"),
     ],
 )
-def test_tables_with_faults(tmp_path, rows, message):
-    (tmp_path / "z.csv").write_text("x,R,X\n" + rows)
-    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+def test_tables_with_faults(tmp_path, text, message):
+    (tmp_path / "z.csv").write_text(text)
     with pytest.raises(ValueError, match=message):
+        load_duct(with_table(tmp_path))
+
+
+def with_table(tmp_path):
+    return write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+
+
+def test_a_table_is_read_by_its_names_and_units(tmp_path):
+    """Any order, millimetres, decimal commas, short names: the same wall."""
+    at = torch.tensor([0.0, 0.06, 0.15]).double()
+    walls = []
+    for text in (
+        "x [m],R,X\n0,2,-0.3\n0.15,4,1\n",
+        "x (mm),resistance,reactance\n0,2,-0.3\n150,4,1\n",
+        "reactance; x [cm]; resistance [1]\n-0,3; 0; 2\n1; 15; 4\n",
+    ):
+        (tmp_path / "z.csv").write_text(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            walls.append(load_duct(with_table(tmp_path)).impedance(at, torch.tensor([900.0]))[0])
+    assert walls[0].tolist() == pytest.approx([2 - 0.3j, 1 / (0.6 / (2 - 0.3j) + 0.4 / (4 + 1j)),
+                                               4 + 1j])  # fmt: skip
+    for wall in walls[1:]:
+        assert wall.tolist() == pytest.approx(walls[0].tolist())
+
+
+def test_stations_that_do_not_span_the_liner_are_told_of(tmp_path):
+    (tmp_path / "z.csv").write_text(HEADER + "5,2,-0.3\n140,2,-0.3\n")
+    with pytest.warns(tl.DataWarning, match="stations, x = 0.005 to 0.14 m, do not span the line"):
+        load_duct(with_table(tmp_path))
+
+
+def test_a_velocity_table_is_read_by_its_names_and_units(tmp_path):
+    flow = ('profile = "tanh"\nbulk_mach = 0.3\nshear = 0.1 ',
+            'profile = "table"\nbulk_mach = 0.3\nfile = "u.csv"\n')  # fmt: skip
+    path = write(tmp_path, flow)
+    found = []
+    for text in ("y [mm],U [m/s]\n0,0\n5,90\n25,105\n", "velocity,y [m]\n0,0\n6,.005\n7,.025\n"):
+        (tmp_path / "u.csv").write_text(text)
+        found.append(load_duct(path).case.profile.mach(np.linspace(0, 0.05, 9)))
+    assert found[0] == pytest.approx(found[1])
+    for text, message in (
+        ("y,U\n0,0\n", "column 'y' has no unit in 'y'"),
+        ("y [mm],U\n0,0\n5,inf\n", r"u\.csv: row 2, column 'u', holds inf"),
+    ):
+        (tmp_path / "u.csv").write_text(text)
+        with pytest.raises(ValueError, match=message):
+            load_duct(path)
+    (tmp_path / "u.csv").unlink()
+    with pytest.raises(FileNotFoundError, match=r"u\.csv: no such file"):
         load_duct(path)
 
 
+def test_a_change_replaces_what_says_the_same(tmp_path):
+    """A new wall takes the place of a file of walls, a new profile that of the old one's parts."""
+    (tmp_path / "z.csv").write_text(HEADER + "0,2,-0.3\n150,2,-0.3\n")
+    path = with_table(tmp_path)
+    assert load_duct(path, impedance=[1.5 + 0.2j]).impedance.tolist() == [1.5 + 0.2j]
+    assert callable(load_duct(path).impedance)
+    changed = load_duct("b2a", profile="uniform", end_reflection=0.1 - 0.2j)
+    assert changed.case.end_reflection == 0.1 - 0.2j
+    assert float(changed.case.profile.mach(0.0)) == 0.3
+    with pytest.raises(ValueError, match="flow allow_thin is for profile 'tanh', not 'uniform'"):
+        load_duct("b2a", profile="uniform", allow_thin=True)
+
+
 def test_a_profile_from_a_file(tmp_path):
-    (tmp_path / "z.csv").write_text("x,R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
+    (tmp_path / "z.csv").write_text("x [m],R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
     path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
     from torchliner.duct.lee import solve_duct
 

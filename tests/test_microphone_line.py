@@ -233,6 +233,9 @@ def test_a_table_by_hand(tmp_path):
     text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
     path.write_text("# frequency = 1.5 kHz\n" + text)
     assert torch.equal(read_microphones(path).pressure, line.pressure)
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"no column 'frequency \[Hz\]' and no line"):
+        read_microphones(path)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +251,7 @@ def test_a_table_by_hand(tmp_path):
         ("SPL [dB]", "phase [deg]", "column 'phase' is named twice"),
         ("x [mm];", "", "column 'x' is missing"),
         ("frequency [kHz]", "frequency [MHz]", "column 'frequency' has units 'MHz'"),
-        (";frequency [kHz]", "", "no column 'frequency .Hz.' and no line"),
+        (";frequency [kHz]", "", "line 7 has 4 cells, the header 3"),
         ("129,5", "loud", "line 7, column 'spl' is 'loud'; a number is needed"),
         (";1,5\n0;", "\n0;", "line 7, column 'frequency' is ''; a number is needed"),
         ("129;1,5", "129;1,2", "1.5 kHz|1500 Hz has 2 microphones, 1200 Hz 1, or they stand elsew"),

@@ -87,8 +87,6 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
     names = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
     changes: dict[str, Any] = {key: getattr(options, key) for key in names}
     changes = {key: value for key, value in changes.items() if value is not None}
-    if options.profile is not None and options.profile != "tanh":
-        changes.setdefault("shear", None)
     if options.frequency is not None:
         changes["frequency"] = list(chain(*options.frequency))
     if options.end_reflection is not None:

@@ -16,7 +16,7 @@ from torch import Tensor
 from torchliner import toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
-from torchliner.duct.csv_columns import read_columns
+from torchliner.duct.tables import impedance_along, impedance_table, velocity_table
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
     MeanFlow,
@@ -147,6 +147,10 @@ class DuctFile(Strict):
 TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound": SoundTable,
           "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
 
+# What a change of a key takes out of the file: the other way to say it, and the parts of another.
+REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),
+            "profile": ("shear", "allow_thin", "file")}  # fmt: skip
+
 
 def duct_names() -> list[str]:
     """Names of the ducts shipped with the package."""
@@ -168,7 +172,9 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
     Args:
         name: one of ``duct_names()``, or a path that ends in .toml.
         changes: values that replace those of the file, by the names of its keys: ``bulk_mach``,
-            ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...
+            ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...;
+            complex numbers may be such. A new ``profile`` drops the parts of the old one, a new
+            ``impedance`` the ``impedance_file``.
     Raises:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
             listed; a duct that cannot be.
@@ -194,13 +200,24 @@ def _change(content: dict[str, Any], changes: dict[str, Any], path: Path) -> Non
         if len(owners) != 1:
             known = [k for t in TABLES.values() for k in t.model_fields]
             raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(known)}")
-        content.setdefault(owners[0], {})[key] = value
+        table = content.setdefault(owners[0], {})
+        for other in REPLACES.get(key, ()):
+            if other not in changes:  # else both were asked for, which is refused further on
+                table.pop(other, None)
+        table[key] = _plain(value)
+
+
+def _plain(value: Any) -> Any:
+    """Complex numbers, also in a list, as pairs."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return [value.real, value.imag] if isinstance(value, (complex, np.complexfloating)) else value
 
 
 def _build(file: DuctFile, path: Path) -> DuctSetup:
     fluid, sound, duct = file.fluid.build(), file.sound, file.duct
     profile = _profile(file.flow, duct.height, fluid, path)
-    impedance = _impedance(sound, len(duct.liner), path)
+    impedance = _impedance(sound, duct, path)
     case = DuctCase(
         profile, duct.start, duct.end, duct.liner, source=sound.source_side,
         incident=pressure_amplitude_from_spl(sound.level),
@@ -233,10 +250,8 @@ def _slips(profile: MeanFlow) -> bool:
 
 
 def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFlow:
-    needed = {"tanh": "shear", "table": "file"}
-    for kind, key in needed.items():
-        stated = getattr(flow, key) is not None
-        if stated and flow.profile != kind:
+    for kind, key in (("tanh", "shear"), ("tanh", "allow_thin"), ("table", "file")):
+        if getattr(flow, key) and flow.profile != kind:
             raise ValueError(f"flow {key} is for profile {kind!r}, not {flow.profile!r}")
     if flow.profile == "uniform" or flow.bulk_mach == 0:
         return UniformProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
@@ -253,16 +268,17 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
             kinematic_viscosity=fluid.kinematic_viscosity,
         )  # fmt: skip
     if flow.file is None:
-        raise ValueError("flow profile 'table' needs file, a CSV of y (m) and U (any unit)")
-    y, speed = read_columns(path.parent / flow.file, 2, "y (m), U")
+        raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
+    y, speed = velocity_table(path.parent / flow.file)
     return TabulatedProfile(
         y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
     )
 
 
 def _impedance(
-    sound: SoundTable, patches: int, path: Path
+    sound: SoundTable, duct: DuctTable, path: Path
 ) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
+    patches = len(duct.liner)
     if (sound.impedance is None) == (sound.impedance_file is None):
         if sound.impedance is None and patches == 0:
             return torch.empty(0, dtype=torch.complex128)
@@ -276,46 +292,4 @@ def _impedance(
         return torch.tensor(values, dtype=torch.complex128)
     assert sound.impedance_file is not None
     file = path.parent / sound.impedance_file
-    x, resistance, reactance = read_columns(
-        file, 3, "x (m), resistance, reactance", infinite=(1, 2)
-    )
-    walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
-    walls.real, walls.imag = resistance, reactance
-    return impedance_along(x, walls)
-
-
-def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
-    """Z(x) at all frequencies: linear in the admittance between stations, constant beyond them.
-
-    Args:
-        x: m, increasing, (N,).
-        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
-    Raises:
-        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no
-            bound to interpolate from.
-    """
-    places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
-    if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
-        raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
-    if (np.diff(places) <= 0).any():
-        raise ValueError("the stations of an impedance profile must increase along x")
-    for value, fault in ((values == 0, "0"), (np.isnan(values), "nan")):
-        if value.any():
-            raise ValueError(
-                f"the impedance profile is {fault} at x = {places[value][0]:g} m, which has no "
-                "admittance to interpolate; write a small resistance, as 0.001, for a soft wall "
-                "and inf for a rigid one"
-            )
-    rigid = np.isinf(values)
-    admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
-
-    def along(at: Tensor, frequency: Tensor) -> Tensor:
-        wanted = at.detach().cpu().numpy()
-        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
-            wanted, places, admittance.imag
-        )
-        hard = found == 0
-        z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
-        return torch.as_tensor(z).expand(len(frequency), len(wanted))
-
-    return along
+    return impedance_along(*impedance_table(file, duct.liner, duct.start, duct.end))

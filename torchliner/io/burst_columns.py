@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.checks import require_choice
-from torchliner.io.burst_text import named_columns, read_columns, read_lines, record_of
+from torchliner.io.burst_text import named_columns, read_columns, record_of
 from torchliner.records import BurstRecord
+from torchliner.text_columns import read_lines
 
 SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}
 

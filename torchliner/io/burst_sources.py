@@ -15,9 +15,9 @@ import h5py
 from torchliner.io.burst_columns import read_burst_columns
 from torchliner.io.burst_csv import is_burst_csv, read_burst_csv, stated_place
 from torchliner.io.burst_file import read_burst_file, station_places
-from torchliner.io.burst_text import read_lines
 from torchliner.io.dantec import HEADER_LINES, is_dantec, read_dantec, read_header
 from torchliner.records import BurstRecord
+from torchliner.text_columns import read_lines
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres

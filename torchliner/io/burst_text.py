@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.io.units import si_factor
 from torchliner.records import BurstRecord
+from torchliner.units import si_factor
 from torchliner.words import did_you_mean
 
 Array = NDArray[np.float64]
@@ -36,35 +36,6 @@ class Column:
     index: int
     unit: str
     sign: float = 1.0
-
-
-def read_lines(path: str | Path, head: int | None = None) -> list[str]:
-    """Lines of a text file in UTF-8, or else latin-1, without their ends.
-
-    Args:
-        path: file.
-        head: bytes that are read from its beginning, the line cut there included; None for all.
-    Raises:
-        FileNotFoundError: no such file.
-        OSError: a folder.
-        ValueError: the file is empty, or is no text.
-    """
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise OSError(f"{path} is a folder, not a file")
-    with path.open("rb") as file:
-        raw = file.read() if head is None else file.read(head)
-    if b"\0" in raw:
-        raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    if not text.strip():
-        raise ValueError(f"{path} is empty")
-    return text.splitlines()
 
 
 def named_columns(labels: Sequence[str], path: str | Path) -> list[Column]:

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.io.burst_text import Array, Column, read_columns, read_lines, record_of
-from torchliner.io.units import si_factor
+from torchliner.io.burst_text import Array, Column, read_columns, record_of
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
 from torchliner.signals.burst_validation import pair_coincident
+from torchliner.text_columns import read_lines
+from torchliner.units import si_factor
 from torchliner.words import did_you_mean
 
 VERSIONS = ("3", "5")

@@ -14,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.io.units import si_factor
+from torchliner.units import si_factor
 
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
 

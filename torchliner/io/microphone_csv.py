@@ -7,7 +7,6 @@ row for each microphone and frequency.
 from __future__ import annotations
 
 import csv
-import re
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,15 @@ from numpy.typing import NDArray
 from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID
-from torchliner.io.burst_text import read_lines
 from torchliner.io.hdf5 import written_whole
-from torchliner.io.units import si_factor
 from torchliner.records import MicrophoneLine
-from torchliner.words import did_you_mean
+from torchliner.text_columns import (
+    header_line,
+    named_columns,
+    read_lines,
+    si_value,
+    stated_values,
+)
 
 Array = NDArray[np.float64]
 SCALARS = {
@@ -32,8 +35,8 @@ SCALARS = {
     "liner_end": ("length", "m"),
 }
 TEXTS = ("title", "source_side", "liner")
-COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "angle"}
-SEPARATORS = (";", "\t", ",")
+COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}
+EXAMPLE = "x [mm], frequency [Hz], SPL [dB], phase [deg]"
 SAME_X = 1e-9  # m
 STATED = {**SCALARS, **FLUID, "frequency": ("frequency", "Hz"), "temperature": ("temperature", "K")}
 
@@ -82,11 +85,11 @@ def read_microphone_csv(path: str | Path, **about: Any) -> MicrophoneLine:
     """
     path = Path(path)
     lines = read_lines(path)
-    start = next((i for i, text in enumerate(lines) if text.strip() and text[0] != "#"), None)
-    if start is None:
-        raise ValueError(f"{path} has no header line with the names of the columns")
+    start = header_line(lines, path)
     stated = _stated(lines[:start], path)
-    columns = _columns(lines[start:], start + 1, path)
+    columns = named_columns(
+        lines[start:], start + 1, COLUMNS, path, example=EXAMPLE, optional=["frequency"]
+    )
     single = stated.pop("frequency", None)
     if "frequency" not in columns:
         if single is None:
@@ -120,76 +123,11 @@ def _grid(columns: dict[str, Array], path: Path) -> tuple[Array, Array, Array, A
     return x[:, 0], level, phase, frequency
 
 
-def _columns(lines: list[str], first: int, path: Path) -> dict[str, Array]:
-    """SI values (phases in degrees) by column; ``first`` is the number of the header line."""
-    separator = next((s for s in SEPARATORS if s in lines[0]), ",")
-    found: dict[str, tuple[int, float]] = {}
-    for index, label in enumerate(cell.strip() for cell in lines[0].split(separator)):
-        match = re.fullmatch(r"(\w+)\s*(?:\[(.*)\])?", label)
-        name = match.group(1).lower() if match else label
-        if match is None or name not in COLUMNS:
-            raise ValueError(
-                f"{path}: unknown column {label!r}{did_you_mean(name, list(COLUMNS))}; write "
-                "x [mm], frequency [Hz], SPL [dB], phase [deg]"
-            )
-        if match.group(2) is None:
-            raise ValueError(f"{path}: column {label!r} has no unit; write e.g. 'x [mm]'")
-        if name in found:
-            raise ValueError(f"{path}: column {name!r} is named twice")
-        found[name] = (index, _factor(COLUMNS[name], match.group(2), f"{path}: column {name!r}"))
-    for name in ("x", "spl", "phase"):
-        if name not in found:
-            raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(found)}")
-    rows = [(first + i, text) for i, text in enumerate(lines) if i and text.strip()]
-    rows = [(number, text) for number, text in rows if text[0] != "#"]
-    if not rows:
-        raise ValueError(f"{path} holds no values: the file ends at line {first}")
-    return {name: np.array([_cell(text, separator, at, f"{path}: line {number}, column {name!r}")
-                            for number, text in rows]) * factor
-            for name, (at, factor) in found.items()}  # fmt: skip
-
-
-def _factor(quantity: str, unit: str, name: str) -> float:
-    """To SI, but phases in degrees."""
-    factor = si_factor(quantity, unit, name)
-    return float(np.degrees(factor)) if quantity == "angle" else factor
-
-
-def _cell(text: str, separator: str, index: int, name: str) -> float:
-    cells = text.split(separator)
-    try:
-        cell = cells[index].strip()
-        return float(cell.replace(",", ".") if separator != "," else cell)
-    except (ValueError, IndexError):
-        shown = cells[index].strip() if index < len(cells) else ""
-        raise ValueError(f"{name} is {shown!r}; a number is needed") from None
-
-
 def _stated(lines: list[str], path: Path) -> dict[str, Any]:
     """What the lines before the header say, as fields of the record and ``frequency``."""
     said: dict[str, Any] = {}
-    known = [*STATED, *TEXTS]
-    for number, line in enumerate(lines, 1):
-        found = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
-        if found is None:
-            continue  # a remark
-        key, value = found.groups()
-        if key not in known:
-            raise ValueError(
-                f"{path}: line {number} states {key!r}{did_you_mean(key, known)}; known are "
-                f"{', '.join(known)}"
-            )
-        if key in TEXTS:
-            said[key] = value
-            continue
-        label = f"{path}: line {number}, {key}"
-        amount, _, unit = value.partition(" ")
-        try:
-            said[key] = float(amount) * si_factor(STATED[key][0], unit, label)
-        except ValueError as error:
-            if "could not convert" not in str(error):
-                raise
-            raise ValueError(f"{label} is {value!r}; it cannot be read") from error
+    for key, value, label in stated_values(lines, [*STATED, *TEXTS], path):
+        said[key] = value if key in TEXTS else si_value(value, STATED[key][0], label)
     return _with_fluid(said, path)
 
 

@@ -32,9 +32,9 @@ from torchliner.io.hdf5 import (
     written_whole,
 )
 from torchliner.io.microphone_csv import SCALARS, TEXTS, read_microphone_csv, write_microphone_csv
-from torchliner.io.units import si_factor
 from torchliner.records import MicrophoneLine
 from torchliner.signals.reference_channel import RejectedFlow, reject_flow_noise
+from torchliner.units import si_factor
 
 SCHEMA = "torchliner microphones 1"
 PARTS = ("pressure_real", "pressure_imag")

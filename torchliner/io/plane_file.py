@@ -34,9 +34,9 @@ from torchliner.io.hdf5 import (
     written_whole,
 )
 from torchliner.io.stored import H5Velocity, numpy_kind
-from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.units import si_factor
 
 SCHEMA = "torchliner plane 1"
 VELOCITY, STREAMWISE = "wall_normal_velocity", "streamwise_velocity"

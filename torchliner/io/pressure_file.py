@@ -36,8 +36,8 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
-from torchliner.io.units import si_factor
 from torchliner.records import PressureRecord
+from torchliner.units import si_factor
 
 SCHEMA = "torchliner pressure 1"
 COMPRESSED_ROWS, COMPRESSED_COLUMNS = 2048, 64

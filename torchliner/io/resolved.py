@@ -11,8 +11,8 @@ import numpy as np
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import get_dataset, open_file, place, read_si, text_attribute
-from torchliner.io.units import si_factor
 from torchliner.records import VelocityPlane
+from torchliner.units import si_factor
 from torchliner.words import did_you_mean
 
 

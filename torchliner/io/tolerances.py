@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from torchliner.io.units import FACTORS
+from torchliner.units import FACTORS
 from torchliner.words import did_you_mean
 
 _TEXT = re.compile(r"(?:±|\+/?-)?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)\s*(.*)")

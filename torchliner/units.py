@@ -1,4 +1,4 @@
-"""Units as they stand in files, to SI."""
+"""Units as they stand in files, to SI; phases to degrees."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
-    "angle": {"rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295,
-              "degrees": 0.017453292519943295, "°": 0.017453292519943295},
+    "phase": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0, "rad": 57.29577951308232},
     "density": {"kg/m3": 1.0, "kg m-3": 1.0},
     "temperature": {"K": 1.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "mbar": 100.0, "bar": 1e5, "uPa": 1e-6,

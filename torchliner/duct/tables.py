@@ -1,0 +1,141 @@
+"""Tables beside a duct's TOML file: its velocity profile, its impedance along x."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.text_columns import Array, header_line, named_columns, read_lines
+
+VELOCITY = {"y": "length", "u": None}
+VELOCITY_EXAMPLE = "y [mm], U [m/s]"
+IMPEDANCE = {"x": "length", "resistance": "number", "reactance": "number"}
+IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"
+NEAR = 1e-6  # m
+
+
+def velocity_table(path: Path) -> tuple[Array, Array]:
+    """y, m, and U, in any unit, (N,), from a CSV with the columns ``y [mm], U [m/s]``.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: other columns, y without a unit, a cell that is no finite number.
+    """
+    found = _read(path, VELOCITY, VELOCITY_EXAMPLE, {"velocity": "u"})
+    for name, values in found.items():
+        _require(np.isfinite(values), values, name, path)
+    return found["y"], found["u"]
+
+
+def impedance_table(
+    path: Path, liner: Sequence[tuple[float, float]], start: float, end: float
+) -> tuple[Array, np.ndarray]:
+    """x, m, and Z, (N,), from a CSV with the columns ``x [mm], resistance, reactance``.
+
+    ``R`` and ``X`` are short for the latter two, in capitals; inf is a rigid station.
+
+    Args:
+        path: of the file.
+        liner: edges of the lined patches, m.
+        start, end: of the duct, m.
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: other columns, x without a unit, a cell that is no number, stations outside the
+            duct, or all of them before or behind a lined patch.
+    Warns:
+        DataWarning: stations that end within a lined patch: Z is constant beyond the last.
+    """
+    found = _read(path, IMPEDANCE, IMPEDANCE_EXAMPLE, {"R": "resistance", "X": "reactance"})
+    x = found["x"]
+    _require(np.isfinite(x), x, "x", path)
+    for name in ("resistance", "reactance"):
+        _require(~np.isnan(found[name]), found[name], name, path)
+    outside = (x < start - NEAR) | (x > end + NEAR)
+    if outside.any():
+        raise ValueError(
+            f"{path}: a station at x = {x[outside][0]:g} m lies outside the duct, {start:g} to "
+            f"{end:g} m; is its unit right?"
+        )
+    for edge, other in liner:
+        _span(x, edge, other, path)
+    walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
+    walls.real, walls.imag = found["resistance"], found["reactance"]
+    return x, walls
+
+
+def _read(
+    path: Path, columns: Mapping[str, str | None], example: str, short: Mapping[str, str]
+) -> dict[str, Array]:
+    lines = read_lines(path)
+    start = header_line(lines, path)
+    return named_columns(lines[start:], start + 1, columns, path, example=example, short=short)
+
+
+def _require(good: np.ndarray, values: Array, name: str, path: Path) -> None:
+    if not good.all():
+        row = int(np.flatnonzero(~good)[0])
+        raise ValueError(
+            f"{path}: row {row + 1}, column {name!r}, holds {values[row]}; a number is needed there"
+        )
+
+
+def _span(x: Array, start: float, end: float, path: Path) -> None:
+    """Of the stations over one lined patch."""
+    low, high = float(x.min()), float(x.max())
+    where = f"the lined patch, x = {start:g} to {end:g} m"
+    if low > end or high < start:
+        raise ValueError(
+            f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit "
+            "right?"
+        )
+    if low > start + NEAR or high < end - NEAR:
+        warnings.warn(
+            f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
+            "is taken as at the last one",
+            DataWarning,
+            stacklevel=2,
+        )
+
+
+def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
+    """Z(x) at all frequencies: linear in the admittance between stations, constant beyond them.
+
+    Args:
+        x: m, increasing, (N,).
+        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
+    Raises:
+        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no
+            bound to interpolate from.
+    """
+    places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
+    if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
+        raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
+    if (np.diff(places) <= 0).any():
+        raise ValueError("the stations of an impedance profile must increase along x")
+    for value, fault in ((values == 0, "0"), (np.isnan(values), "nan")):
+        if value.any():
+            raise ValueError(
+                f"the impedance profile is {fault} at x = {places[value][0]:g} m, which has no "
+                "admittance to interpolate; write a small resistance, as 0.001, for a soft wall "
+                "and inf for a rigid one"
+            )
+    rigid = np.isinf(values)
+    admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
+
+    def along(at: Tensor, frequency: Tensor) -> Tensor:
+        wanted = at.detach().cpu().numpy()
+        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
+            wanted, places, admittance.imag
+        )
+        hard = found == 0
+        z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
+        return torch.as_tensor(z).expand(len(frequency), len(wanted))
+
+    return along
