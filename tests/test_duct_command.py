@@ -319,6 +319,32 @@ def test_doubts_of_the_flow_are_one_line_or_none(capsys, quiet):
     assert quiet or said[0].startswith("warning: profile shear is 0.04, below 0.05: waves on")
 
 
+def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
+    path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
+    out = str(tmp_path / "m.h5")
+    walls = ["--impedance", "1+0.5j", "2"]
+    assert main(["duct", "solve", str(path), *SMALL, *walls, "-o", out]) == 0
+    assert "has 2 lined patches, a line of microphones names one" in capsys.readouterr().err
+    line = tl.read_microphones(out)
+    assert (line.liner_start, line.liner_end) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "--copy writes a preset, b2a or ufsc; none is named"),
+        (["mine.toml"], "--copy writes a preset, b2a or ufsc; 'mine.toml' is none"),
+        (["b2a", "--impedance", "1"], "--copy writes the preset as it stands, without --impedance"),
+        (["b2a", "--bulk-mach", "0"], "--copy writes the preset as it stands, without --bulk-mach"),
+        (["b2a", "-o", "m.csv"], "--copy writes the preset as it stands, without --output"),
+    ],
+)
+def test_a_copy_of_something_else_is_refused(tmp_path, capsys, words, message):
+    assert main(["duct", "solve", *words, "--copy", str(tmp_path / "u.toml")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "u.toml").exists()
+
+
 def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert main(["duct", "solve"]) == 0
     assert "presets: b2a, ufsc" in capsys.readouterr().out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import warnings
 
 import pytest
@@ -32,6 +31,14 @@ def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes
     solver = DuctSolver(setup.case, setup.frequency, keep="walls")
     values = torch.tensor([impedance], dtype=torch.complex128)
     return solved_line(setup, solver.solve(values)), solver
+
+
+def of_preset(side, frequency, wall):
+    """The preset between nearer ends, its solver and the pressures of a wall."""
+    setup = load_duct("b2a", start=-0.2, end=0.35, frequency=[frequency], source_side=side)
+    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    walls = torch.tensor([wall], dtype=torch.complex128)
+    return solved_line(setup, solver.solve(walls)), solver
 
 
 @pytest.fixture(scope="module")
@@ -70,22 +77,6 @@ def test_both_sides_give_one_impedance_where_one_mode_does_not():
         modes.append(complex(kumaresan_tufts(over).impedance[1]))
     assert abs(fits[0] - fits[1]) < 1e-7
     assert abs(modes[0] - modes[1]) > 0.1
-
-
-def test_the_stated_error_is_the_scatter_of_draws():
-    """Laplace against 80 draws: standard deviations of R and X within a quarter (three standard
-    errors of a deviation from 80 draws), means within three of the mean's."""
-    line, solver = solved(frequency=[1500.0])
-    found = fit_field(line, solver, draws=80)
-    assert found.draws is not None
-    assert bool(found.draws.converged.all())
-    drawn = found.draws.impedance
-    for part in ("real", "imag"):
-        wide = getattr(drawn, part).std(0)
-        assert torch.allclose(wide, getattr(found.standard_error, part), rtol=0.25)
-        away = (getattr(drawn, part).mean(0) - getattr(found.impedance, part)).abs()
-        assert bool((away < 3 * wide / math.sqrt(80)).all())
-    assert 0.9 < float(found.draws.misfit.mean()) < 1.1  # chi squared over its degrees
 
 
 def test_draws_are_as_if_fitted_alone(upstream):
@@ -134,27 +125,6 @@ def test_an_end_that_gains_is_doubted():
         fit_field(line, blind)
 
 
-def test_one_amplitude_more_widens_the_error():
-    """Laplace with the far end fitted against 80 draws, and against the error without it."""
-    line, solver = solved(frequency=[1500.0])
-    tight, found = fit_field(line, solver, far_end="stated"), fit_field(line, solver, draws=80)
-    for part in ("real", "imag"):
-        wide = getattr(found.standard_error, part)
-        assert torch.allclose(getattr(found.standard_deviation, part), wide, rtol=0.25)
-        assert bool((wide > getattr(tight.standard_error, part)).all())
-    assert found.draws is not None
-    assert 0.9 < float(found.draws.misfit.mean()) < 1.1
-
-
-def test_draws_have_the_amplitude_of_the_result():
-    """In Pa at the liner's edge, as without draws."""
-    line, solver = solved(frequency=[1500.0])
-    found = fit_field(line, solver, draws=20)
-    assert found.draws is not None
-    assert float((found.draws.amplitude / found.amplitude - 1).abs().max()) < 0.05
-    assert float((found.amplitude / solver.case.incident - 1).abs().max()) < 1e-8
-
-
 @pytest.mark.parametrize("side", ["upstream", "downstream"])
 def test_a_wall_that_varies_linearly_comes_back(side):
     """Mean and rise, with an end that is not known; one impedance is off and says so."""
@@ -194,26 +164,47 @@ def test_walls_at_the_ends_of_the_range(wall):
 
 
 def test_a_search_may_begin_elsewhere():
-    """At another minimum the misfit says so; begun near the truth it is found."""
-    line, solver = solved(impedance=0.1636 - 0.0574j, frequency=[1500.0])
-    with pytest.warns(tl.DataWarning, match=r"not the deepest minimum \(begin elsewhere, start=\)"):
-        fit_field(line, solver, start=4.0 + 3.0j)
-    found = fit_field(line, solver, start=0.16 - 0.06j)
-    assert complex(found.impedance[0]) == pytest.approx(0.1636 - 0.0574j, abs=1e-6)
+    """At another minimum the misfit says so; begun near the truth, or not at all, it is found."""
+    wall = 0.7017 + 0.3693j
+    line, solver = of_preset("upstream", 700.0, wall)
+    with pytest.warns(
+        tl.DataWarning, match=r"deepest minimum \(begin elsewhere, --start, start=\)"
+    ):
+        found = fit_field(line, solver, start=1.45 + 2.65j)
+    assert abs(complex(found.impedance[0]) - wall) > 1
+    for start in (wall + 0.01, None):
+        found = fit_field(line, solver, start=start)
+        assert complex(found.impedance[0]) == pytest.approx(wall, abs=1e-6)
+    for start in (-1, complex("nan")):
+        with pytest.raises(ValueError, match="an impedance other than -1 is needed"):
+            fit_field(line, solver, start=start)
 
 
-def test_a_rise_is_known_as_well_as_it_says():
-    """A constant wall has none; its draws scatter by the stated error, within a quarter."""
-    line, solver = solved(frequency=[1500.0])
-    found = fit_field(line, solver, variation="linear", draws=80)
-    assert float(found.rise.abs().max()) < 1e-6
-    assert found.draws is not None
-    for part in ("real", "imag"):
-        wide = getattr(found.draws.rise, part).std(0)
-        assert torch.allclose(wide, getattr(found.rise_error, part), rtol=0.25)
-        wide = getattr(found.standard_deviation, part)
-        assert torch.allclose(wide, getattr(found.standard_error, part), rtol=0.25)
-    assert 0.85 < float(found.draws.misfit.mean()) < 1.15
+@pytest.mark.parametrize(
+    ("side", "frequency", "wall"),
+    [
+        ("upstream", 1500.0, 0.0523 - 0.0002j),
+        ("upstream", 1500.0, 0.3106 + 0.2664j),
+        ("downstream", 2400.0, 0.0154 - 0.0228j),
+    ],
+)
+def test_walls_beside_false_minima(side, frequency, wall):
+    """Walls of which a search by relative errors from a coarse grid alone finds another minimum."""
+    line, solver = of_preset(side, frequency, wall)
+    assert complex(fit_field(line, solver).impedance[0]) == pytest.approx(wall, abs=1e-6)
+
+
+def test_reflections_stated_for_a_source_elsewhere_are_not_believed():
+    """The ends of a duct do not change places with its source."""
+    line, _ = solved("downstream")
+    _, other = solved("upstream", end_reflection=(0.1, 0.0))
+    with pytest.raises(
+        ValueError, match=r"end_reflection of the duct is stated for a source upstream, b2a has its"
+    ):
+        fit_field(line, other, far_end="stated")
+    assert float((fit_field(line, other).impedance - TRUE).abs().max()) < 1e-6
+    _, plain = solved("upstream")
+    assert float((fit_field(line, plain, far_end="stated").impedance - TRUE).abs().max()) < 1e-6
 
 
 def test_the_level_along_passes_the_microphones(upstream):
@@ -236,7 +227,7 @@ def test_bad_lines_are_refused(upstream):
         fit_field(dataclasses.replace(line, mach=0.1), solver)
     with pytest.raises(ValueError, match=r"duct_height \(m\) 0\.04, the duct 0\.05"):
         fit_field(dataclasses.replace(line, duct_height=0.04), solver)
-    with pytest.raises(ValueError, match="source_side is 'unknown'; state upstream or downstream"):
+    with pytest.raises(ValueError, match="source_side is 'unknown'; state upstream or"):
         fit_field(dataclasses.replace(line, source_side="unknown"), solver)
     with pytest.raises(ValueError, match=r"a microphone at x = 0\.275 m lies outside the duct"):
         fit_field(
@@ -270,7 +261,7 @@ def test_several_patches_are_refused():
 
 
 def test_the_duct_of_a_line(tmp_path, upstream):
-    """From a file: frequencies and side are the line's, the wall the file's."""
+    """From a file: the frequencies are the line's, the wall of the microphones the file's."""
     line, _ = upstream
     text = (
         duct_text("b2a").replace('profile = "tanh"', 'profile = "uniform"')
@@ -282,5 +273,3 @@ def test_the_duct_of_a_line(tmp_path, upstream):
     assert wall == "lined"
     assert found.frequency.tolist() == line.frequency.tolist()
     assert complex(fit_field(line, found).impedance[0]) == pytest.approx(TRUE, abs=1e-6)
-    other, _ = duct_of_line(dataclasses.replace(line, source_side="downstream"), "b2a")
-    assert other.case.source == "downstream"

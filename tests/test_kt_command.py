@@ -12,6 +12,7 @@ from test_wall_pressure import FREQUENCY, WALLS, line_of
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.duct.catalogue import duct_text
 from torchliner.report.wall_pressure import draw_wall, educe_line
 
 
@@ -123,6 +124,7 @@ def test_fit_of_the_field(solved_files, capsys):
         rows = list(csv.DictReader(file))
     assert float(rows[0]["misfit"]) < 1e-6
     assert 0 < float(rows[0]["resistance_deviation"]) < 0.1
+    assert float(rows[0]["rise_of_resistance_error"]) == 0
     assert (rows[0]["wavenumber_real"], rows[0]["singular_values"]) == ("nan", "")
     assert main([*arguments, "--far-end", "stated", "--draws", "5", "--json"]) == 0
     output = capsys.readouterr()
@@ -130,13 +132,43 @@ def test_fit_of_the_field(solved_files, capsys):
     row = json.loads(output.out)["lines"][0]["rows"][0]
     assert row["misfit"] > 10
     assert row["end_reflection_real"] == pytest.approx(0.0, abs=1e-12)
+    assert main([*arguments, "--start", "2+0.1j", "--quiet"]) == 0
+    assert capsys.readouterr().out.count("2.330-0.300j") == 2
     assert main([*arguments, "--variation", "linear", "--quiet"]) == 0
     text = capsys.readouterr().out
     assert "rise along x" in text
+    assert " 0.000+0.000j" in text
+    assert "-0.000" not in text
     assert text.count("2.330-0.300j") == 2
     picture = solved_files / "fit.png"
     assert main([*arguments, "--draws", "5", "--figure", str(picture), "--quiet"]) == 0
     assert picture.stat().st_size > 15_000
+
+
+def test_a_rigid_wall_in_the_table(tmp_path, capsys):
+    """No number of seven digits with an error of 0."""
+    path = str(tmp_path / "rigid.h5")
+    solve = ["duct", "solve", "b2a", "--profile", "uniform", "--impedance", "rigid", "-o", path]
+    assert main([*solve, "--quiet"]) == 0
+    (tmp_path / "mine.toml").write_text(
+        duct_text("b2a").replace('"tanh"', '"uniform"').replace("shear = ", "# ")
+    )
+    fit = ["kt", path, "--method", "field", "--duct", str(tmp_path / "mine.toml")]
+    capsys.readouterr()
+    assert main([*fit, "--draws", "3", "-o", str(tmp_path / "rows.csv")]) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[2].split()[:4] == ["1500.0", "rigid", "no", "bound"]
+    assert "do not tell the liner from a rigid wall" in said.err
+    with (tmp_path / "rows.csv").open() as file:
+        assert next(csv.DictReader(file))["resistance_deviation"] == "inf"
+
+
+def test_a_field_of_an_unknown_source_is_asked_for(solved_files, tmp_path, capsys):
+    line = tl.read_microphones(solved_files / "upstream.h5", source_side="unknown")
+    line.write(tmp_path / "unknown.h5")
+    field = ["kt", str(tmp_path / "unknown.h5"), "--method", "field", "--duct", "b2a"]
+    assert main(field) == 2
+    assert "state upstream or downstream (in the file, or with --so" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -148,6 +180,9 @@ def test_fit_of_the_field(solved_files, capsys):
         (["--duct", "nothing.toml"], "nothing.toml: no such file"),
         (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
         (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),
+        (["--duct", "b2a", "--draws", "1"], "draws is 1; 0 for none, or at least 2"),
+        (["--duct", "b2a", "--start", "two"], "--start 'two' cannot be read; write 2.33-0.30j"),
+        (["--duct", "b2a", "--start", "-1"], "start is (-1+0j); an impedance other than -1"),
         (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it weights the fit"),
     ],
 )

@@ -370,6 +370,13 @@ def test_flows_of_one_batch_are_of_one_duct():
         duct_modes([TANH, UniformProfile(0.1, HEIGHT, 2 * SPEED)], 1500.0)
     with pytest.raises(ValueError, match="profile is an empty list"):
         duct_modes([], 1500.0)
+    with pytest.raises(TypeError, match="profile holds 'tanh', which is no mean flow"):
+        duct_modes(["tanh"], 1500.0)
+    walls = torch.ones(3, 1, dtype=torch.complex128)
+    with pytest.raises(
+        ValueError, match=r"impedance has shape \(3, 1\), which .* against \(P, F\) = \(2, 1\)"
+    ):
+        duct_modes([TANH, TANH], 1500.0, walls)
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,7 @@ def test_single_precision_data():
         ({"rank": 0}, "rank is 0"),
         ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
         ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
-        ({"draws": -1}, "draws is -1; at least 1"),
+        ({"draws": -1}, "draws is -1; 0 for none, or at least 2"),
         ({"draws": 5, "level_error": -0.1}, r"level_error \(dB\) is -0\.1; it must be finite"),
         ({"draws": 5, "phase_error": math.nan}, r"phase_error \(degrees\) is nan"),
         ({"margin": 0.2}, "0 microphones lie over the liner"),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import cmath
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.options import (
     add_output_options,
+    complex_number,
     frequencies,
     print_json,
     refuse_inputs,
@@ -20,6 +20,8 @@ from torchliner.cli.options import (
 
 if TYPE_CHECKING:
     from torchliner.duct.catalogue import DuctSetup
+
+CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,10 +71,12 @@ def run(options: argparse.Namespace) -> int:
     """The task named after ``duct``."""
     from torchliner.duct.catalogue import duct_names, duct_text
 
-    if options.duct is None:
+    copy = getattr(options, "copy", None)
+    if options.duct is None and copy is None:
         print("presets: " + ", ".join(duct_names()))
         return 0
-    if getattr(options, "copy", None) is not None:
+    if copy is not None:
+        _only_copied(options, duct_names())
         write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return 0
@@ -81,32 +85,38 @@ def run(options: argparse.Namespace) -> int:
         return {"solve": _solve, "modes": _modes}[options.task](options, setup)
 
 
+def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
+    """The preset as it stands is copied: what would change it, or be made of it, is refused.
+
+    Raises:
+        ValueError: another option, no preset.
+    """
+    if options.duct not in presets:
+        named = "none is named" if options.duct is None else f"{options.duct!r} is none"
+        raise ValueError(f"--copy writes a preset, {' or '.join(presets)}; {named}")
+    for key in (*CHANGES, "frequency", "impedance", "end_reflection", "output", "figure", "field"):
+        if getattr(options, key) is not None:
+            raise ValueError(
+                f"--copy writes the preset as it stands, without --{key.replace('_', '-')}; edit "
+                "the copy, or leave one of them out"
+            )
+
+
 def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.duct.catalogue import load_duct
 
-    names = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
-    changes: dict[str, Any] = {key: getattr(options, key) for key in names}
+    changes: dict[str, Any] = {key: getattr(options, key) for key in CHANGES}
     changes = {key: value for key, value in changes.items() if value is not None}
     if options.frequency is not None:
         changes["frequency"] = list(chain(*options.frequency))
     if options.end_reflection is not None:
-        changes["end_reflection"] = _pair(options.end_reflection, "--end-reflection")
+        changes["end_reflection"] = complex_number(options.end_reflection, "--end-reflection")
     if options.impedance is not None:
         changes["impedance"] = [
-            "rigid" if text == "rigid" else _pair(text, "--impedance") for text in options.impedance
+            text if text == "rigid" else complex_number(text, "--impedance")
+            for text in options.impedance
         ]
     return load_duct(options.duct, **changes)
-
-
-def _pair(text: str, option: str) -> tuple[float, float]:
-    try:
-        value = complex(text.replace(" ", ""))
-    except ValueError:
-        raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
-    if not cmath.isfinite(value):
-        hard = "'rigid' for a hard wall, or " if option == "--impedance" else ""
-        raise ValueError(f"{option} {text!r} is not finite; write {hard}a value such as 2.33-0.30j")
-    return value.real, value.imag
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 from torchliner.cli.options import (
     add_output_options,
+    complex_number,
     frequencies,
     print_json,
     refuse_inputs,
@@ -22,7 +23,7 @@ OWN = {
     "kt": (*WAVES, "rank", "order"),
     "two-waves": (*WAVES, "weights"),
     "free-waves": (*WAVES, "weights"),
-    "field": ("duct", "far_end", "variation"),
+    "field": ("duct", "far_end", "variation", "start"),
 }
 
 
@@ -50,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "reflects what is found (default), or what the duct states")  # fmt: skip
     parser.add_argument("--variation", choices=["constant", "linear"], help="of --method field: of "
                         "the impedance along the liner (default constant)")  # fmt: skip
+    parser.add_argument("--start", metavar="Z", help="of --method field: R+Xj where "
+                        "the search begins; default the best of a grid")  # fmt: skip
     parser.add_argument("--draws", type=int, metavar="N", help="of the microphones' errors, e.g. "
                         "500; default none")  # fmt: skip
     parser.add_argument("--level-error", type=float, metavar="DB", help="default 0.1")
@@ -113,6 +116,8 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     named_keys = (*SHARED, *own)
     chosen = {key: getattr(options, key) for key in named_keys}
     chosen = {key: value for key, value in chosen.items() if value is not None}
+    if "start" in chosen:
+        chosen["start"] = complex_number(chosen["start"], "--start")
     if "margin" in chosen:
         chosen["margin"] *= 1e-3
     return chosen

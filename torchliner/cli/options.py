@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import cmath
 import json
 import sys
 import warnings
@@ -29,6 +30,22 @@ def split_pair(text: str, option: str) -> tuple[str, str]:
     if not equals:
         raise ValueError(f"{option} {text!r} cannot be read; write NAME=VALUE")
     return name.strip(), value.strip()
+
+
+def complex_number(text: str, option: str) -> complex:
+    """R+Xj, finite.
+
+    Raises:
+        ValueError: it cannot be read, or is not finite.
+    """
+    try:
+        value = complex(text.replace(" ", ""))
+    except ValueError:
+        raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
+    if not cmath.isfinite(value):
+        hard = "'rigid' for a hard wall, or " if option == "--impedance" else ""
+        raise ValueError(f"{option} {text!r} is not finite; write {hard}a value such as 2.33-0.30j")
+    return value
 
 
 def print_json(value: Any) -> None:

@@ -116,7 +116,14 @@ def duct_modes(
     slips = [lined and require_slip_condition(flow, slip_condition) for flow in profiles]
     height = profiles[0].duct_height
     kappa = (2 * math.pi * height / profiles[0].sound_speed * wanted).expand(*lead, -1)
-    wall = torch.broadcast_to(wall, torch.broadcast_shapes(wall.shape, kappa.shape))
+    try:
+        wall = torch.broadcast_to(wall, torch.broadcast_shapes(wall.shape, kappa.shape))
+    except RuntimeError:
+        axes = "(P, F)" if lead else "(F,)"
+        raise ValueError(
+            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against {axes} = "
+            f"{tuple(kappa.shape)}"
+        ) from None
     shape = (*wall.shape, count)
     number = torch.arange(len(profiles), device=kappa.device)[:, None]
     number = number.expand(-1, len(wanted)).reshape(kappa.shape)
@@ -144,6 +151,9 @@ def _profiles(profile: MeanFlow | Sequence[MeanFlow]) -> tuple[list[MeanFlow], t
     if not isinstance(profile, Sequence):
         return [profile], ()
     flows = list(profile)
+    for flow in flows:
+        if not hasattr(flow, "mach_slope"):
+            raise TypeError(f"profile holds {flow!r}, which is no mean flow")
     if not flows:
         raise ValueError("profile is an empty list; at least one mean flow is needed")
     for name in ("duct_height", "sound_speed"):

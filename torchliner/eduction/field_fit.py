@@ -1,7 +1,8 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
 No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
-and evanescent waves of a short liner are part of the model. ``field_model`` says what is minimised.
+and evanescent waves of a short liner are part of the model. ``field_search`` says what is
+minimised.
 
 An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
 amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
@@ -11,26 +12,34 @@ by more than any error of the microphones.
 
 from __future__ import annotations
 
+import cmath
 import math
 import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import torch
+from scipy.special import chdtri
 from torch import Tensor
 
 from torchliner.checks import DataWarning, require_choice
-from torchliner.duct.case import SOURCES, other_side
+from torchliner.duct.case import SOURCES, DuctCase, other_side
 from torchliner.duct.catalogue import load_duct
 from torchliner.duct.lee import DuctSolver
-from torchliner.eduction.field_model import (
-    STEPS,
-    FieldModel,
-    Solution,
-    from_grid,
-    least_squares,
+from torchliner.eduction.field_doubts import doubts
+from torchliner.eduction.field_model import FieldModel
+from torchliner.eduction.field_search import STEPS, Solution, constant_wall, least_squares
+from torchliner.eduction.fitted_wall import (
+    coordinates,
+    impedance_at,
+    impedance_covariance,
 )
-from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
+from torchliner.eduction.microphone_errors import (
+    LEVEL_ERROR,
+    PHASE_ERROR,
+    draw_pressures,
+    require_draws,
+)
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
 
@@ -39,7 +48,7 @@ VARIATIONS = ("constant", "linear")
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
-POOR = 3.0  # chi squared over its degrees of freedom
+POOR = 0.01  # share of right models whose misfit is larger than what is warned of
 
 
 def fit_field(
@@ -63,25 +72,30 @@ def fit_field(
         wall: of the microphones, ``opposite`` or ``lined``.
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
         variation: of Z along the liner, ``constant`` or ``linear``.
-        start: impedance where the search begins; default the best of those from a coarse grid. Soft
-            walls, and those near the greatest attenuation, have minima beside the true one.
-        draws: of the microphones' errors, 0 for none; the paper takes 500 for its method.
+        start: impedance where the search begins; default the best of those from a grid. Soft walls,
+            and those near the greatest attenuation, have minima beside the true one.
+        draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its
+            method. Those whose fit does not settle have no impedance (nan).
         level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
         generator: of random numbers; default one with seed 0.
     Raises:
         ValueError: too few microphones (four; three with the far end stated; one more for a linear
             variation) or one outside the duct, an error below 1e-4, a solver for other frequencies,
-            another height, Mach number, sound speed, liner or side of the source, or with several
-            patches.
+            another height, Mach number, sound speed or liner, or with several patches; a stated far
+            end whose reflection is stated for a source on the other side.
     Warns:
-        DataWarning: a fit that did not converge, a misfit that the errors do not explain, a
-            negative resistance, an end that reflects more than it gets; the same text is in
-            ``notes``.
+        DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
+            that is not told from a rigid one, a negative resistance, an end that reflects more than
+            it gets; the same text is in ``notes``. A misfit tells of a wrong duct only as far as
+            there are more microphones than unknowns.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
+    require_draws(draws)
     waves = {"stated": 1, "fitted": 2}[far_end]
-    _check(line, solver, waves + 1 + VARIATIONS.index(variation))
+    unknowns = waves + 1 + VARIATIONS.index(variation)
+    _check(line, solver, unknowns)
+    _check_side(line, solver.case, far_end)
     sources = (line.source_side, other_side(line.source_side))[:waves]
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not SMALLEST <= value < math.inf:
@@ -91,25 +105,24 @@ def fit_field(
             )
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
     model = FieldModel(solver, sources, line.x, wall)
-
-    def solved(pressure: Tensor, begin: Tensor | None) -> FieldFit:
-        """Of pressures (..., N, F); from the best of a grid if no begin is given."""
-        target = pressure.movedim(-2, -1).reshape(-1, len(line.frequency), line.microphones)
-        if begin is None:
-            found = _constant(model, target, weights, start)
-            if variation == "constant":
-                return _result(found, model, pressure, line)
-            begin = torch.cat([found.wall, torch.zeros_like(found.wall)], -1)
+    freedom = 2 * (line.microphones - unknowns)
+    poor = float(chdtri(freedom, POOR))
+    target = _cases(line.pressure)
+    if start is None:
+        found = constant_wall(model, target, weights, poor)
+    else:
+        found = least_squares(model, target, _begin(start, target), weights)
+    if variation == "linear":
+        begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
         found = least_squares(model, target, begin, weights)
-        return _result(found, model, pressure, line)
-
-    result = solved(line.pressure, None)
+    result = _result(found, model, line.pressure, line)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                "level_error": level_error,
                "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
                "source": line.name, "microphones": line.microphones,
                "unknowns": solver.mesh.unknowns}  # fmt: skip
-    result = replace(result, choices=choices, notes=_notes(result, line))
+    result = replace(result, choices=choices,
+                     notes=doubts(result, found, line, wall, poor / freedom))  # fmt: skip
     for note in result.notes:
         warnings.warn(note, DataWarning, stacklevel=2)
     if draws:
@@ -117,50 +130,77 @@ def fit_field(
         noisy = draw_pressures(
             line.pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
-        begin = torch.stack(
-            [result.impedance, result.rise / 2][: 1 + VARIATIONS.index(variation)], -1
-        )
-        begin = begin.expand(draws, *begin.shape).reshape(-1, *begin.shape[-2:])
-        drawn = solved(noisy, begin)
+        again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
+        drawn = _settled(_result(again, model, noisy, line))
         result = replace(result, draws=drawn)
         lost = int((~drawn.converged).sum())
         if lost:
             note = (
                 f"{line.name}: {lost} of {drawn.converged.numel()} draws did not settle in {STEPS} "
-                "steps; they count with the best impedance met"
+                "steps and are left out of mean, deviation, interval and range"
             )
             warnings.warn(note, DataWarning, stacklevel=2)
             result = replace(result, notes=(*result.notes, note))
     return result
 
 
-def _constant(
-    model: FieldModel, pressure: Tensor, weights: tuple[float, float], start: complex | None
-) -> Solution:
-    """The best constant wall, (B, F, 1)."""
-    if start is None:
-        return from_grid(model, pressure, weights)
-    begin = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
-    return least_squares(model, pressure, begin.to(pressure.device), weights)
+def _cases(pressure: Tensor) -> Tensor:
+    """(..., N, F) as (B, F, N)."""
+    return pressure.movedim(-2, -1).reshape(-1, pressure.shape[-1], pressure.shape[-2])
+
+
+def _settled(drawn: FieldFit) -> FieldFit:
+    """With nan where the fit did not settle."""
+    bad = ~drawn.converged
+    nothing = complex(math.nan, math.nan)
+    return replace(
+        drawn,
+        impedance=drawn.impedance.masked_fill(bad, nothing),
+        rise=drawn.rise.masked_fill(bad, nothing),
+        pressure=drawn.pressure.masked_fill(bad[..., None, :], nothing),
+        pressure_along=drawn.pressure_along.masked_fill(bad[..., None, :], nothing),
+    )
+
+
+def _begin(start: complex, pressure: Tensor) -> Tensor:
+    """Coordinates of one impedance for pressures (B, F, N)."""
+    if cmath.isnan(start) or start == -1:
+        raise ValueError(f"start is {start}; an impedance other than -1 is needed")
+    wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
+    return coordinates(wall.to(pressure.device))
 
 
 def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:
     """The solver of a preset or TOML file for a line, and the wall that its microphones are on.
 
     Args:
-        line: its frequencies and the side of its source are taken; height, Mach number and gas must
-            be the file's.
-        duct: see ``load_duct``.
+        line: its frequencies are taken; height, Mach number and gas must be the file's.
+        duct: see ``load_duct``. Its source may be on the other side, unless it states reflections
+            that are to be believed.
     """
-    setup = load_duct(duct, frequency=line.frequency.tolist(), source_side=line.source_side)
+    setup = load_duct(duct, frequency=line.frequency.tolist())
     return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
+
+
+def _check_side(line: MicrophoneLine, case: DuctCase, far_end: str) -> None:
+    """Reflections of a case are those of its source's end and of the other."""
+    if far_end != "stated" or line.source_side == case.source:
+        return
+    for name in ("end_reflection", "source_reflection"):
+        if bool(torch.as_tensor(getattr(case, name)).abs().max() > 0):
+            raise ValueError(
+                f"the {name} of the duct is stated for a source {case.source}, {line.name} has its "
+                f"source {line.source_side}; state the duct for that source, or leave the far end "
+                "to the fit (far_end='fitted')"
+            )
 
 
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
     case = solver.case
     if line.source_side not in SOURCES:
         raise ValueError(
-            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream"
+            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream (in "
+            "the file, or with --source-side)"
         )
     if line.microphones <= unknowns:
         raise ValueError(
@@ -205,66 +245,33 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
 def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine) -> FieldFit:
     """The record of a solution for pressures (..., N, F)."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
-    case, along = model.solver.case, fine_places(line.x)
-
-    def heard(places: Tensor) -> Tensor:
-        fields = replace(model, places=places).in_parts(found.wall)
-        total = (fields * found.amplitude[..., None, :]).sum(-1)
-        return total.reshape(*shape, len(places)).movedim(-1, -2)
-
-    at_microphones = heard(line.x)
-    left = (at_microphones - pressure).abs().square().sum(-2)
-    count = found.wall.shape[-1]
-    freedom = 2 * (line.microphones - count - len(model.sources))
-    far = model.end_reflection(found.wall, found.amplitude, other_side(model.sources[0]))
-    rise, rise_error = torch.zeros_like(found.wall[..., 0]), torch.zeros_like(found.wall[..., 0])
+    along = fine_places(line.x)
+    at, between, far = model.heard(found.place, found.amplitude, along)
+    at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
+    left = (at - pressure).abs().square().sum(-2)
+    wall = impedance_at(found.place)
+    count = wall.shape[-1]
+    covariance = impedance_covariance(found.place, found.covariance)
+    rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
     if count == 2:
-        rise = 2 * found.wall[..., 1]
-        spread = found.covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
-        rise_error = 2 * torch.complex(spread[..., 0], spread[..., 1])
+        rise = 2 * wall[..., 1]
+        spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
+        rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
     return FieldFit(
         method="LEE fit",
         frequency=line.frequency,
         x=line.x,
-        impedance=found.wall[..., 0].reshape(shape),
-        covariance=found.covariance[..., :2, :2].reshape(*shape, 2, 2),
+        impedance=wall[..., 0].reshape(shape),
+        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
         rise=rise.reshape(shape),
         rise_error=rise_error.reshape(shape),
-        amplitude=case.incident * found.amplitude[..., 0].reshape(shape),
+        amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),
-        pressure=at_microphones,
+        pressure=at,
         along=along,
-        pressure_along=heard(along),
+        pressure_along=between,
         residual=(left / pressure.abs().square().sum(-2)).sqrt(),
-        misfit=(found.cost / freedom).reshape(shape),
+        misfit=(found.cost / (2 * (line.microphones - count - len(model.sources)))).reshape(shape),
         converged=found.converged.reshape(shape),
         source_side=line.source_side,
     )
-
-
-def _notes(result: FieldFit, line: MicrophoneLine) -> tuple[str, ...]:
-    notes = []
-    for i, f in enumerate(line.frequency.tolist()):
-        lost = int((~result.converged[..., i]).sum())
-        if lost:
-            notes.append(
-                f"{line.name}: the fit at {f:g} Hz did not settle in {STEPS} steps in {lost} of "
-                f"{result.converged[..., i].numel()} cases; the impedance is the best one met"
-            )
-        worst = float(result.misfit[..., i].max())
-        if worst > POOR:
-            notes.append(
-                f"{line.name}: at {f:g} Hz the residuals are {math.sqrt(worst):.3g} times the "
-                "stated errors of the microphones: the duct model, the flow, the far end or the "
-                "errors are not those of the measurement, or this is not the deepest minimum "
-                "(begin elsewhere, start=)"
-            )
-        least = float(result.impedance[..., i].real.min())
-        if least < 0:
-            notes.append(f"{line.name}: the resistance at {f:g} Hz is {least:.3g}, below 0")
-        most = float(result.end_reflection[..., i].abs().max())
-        if most > 1:
-            notes.append(
-                f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets"
-            )
-    return tuple(notes)

@@ -10,6 +10,18 @@ from torch import Tensor
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 
 
+def require_draws(draws: int) -> None:
+    """Refuse a number of draws that has no deviation; 0 is none.
+
+    Raises:
+        TypeError, ValueError: no whole number, below 0, or 1.
+    """
+    if isinstance(draws, bool) or not isinstance(draws, int):
+        raise TypeError(f"draws is {draws!r}; a whole number is needed")
+    if draws < 0 or draws == 1:
+        raise ValueError(f"draws is {draws}; 0 for none, or at least 2, since one has no deviation")
+
+
 def draw_pressures(
     pressure: Tensor,
     draws: int,

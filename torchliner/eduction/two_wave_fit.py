@@ -26,7 +26,7 @@ from torchliner.eduction.line_from_source import (
     seen_from_source,
     with_draws,
 )
-from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
 from torchliner.eduction.paired_waves import Pairs, fit_pairs, pair_residuals
 from torchliner.records import MicrophoneLine, WallEduction
 
@@ -67,6 +67,7 @@ def two_wave_fit(
         DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
     """
     require_choice("condition", condition, CONDITIONS)
+    require_draws(draws)
     require_choice("weights", weights, WEIGHTS)
     line = line.over_liner(margin)
     fewest = FEWEST + (not tied)

@@ -25,7 +25,7 @@ from torchliner.eduction.line_from_source import (
     seen_from_source,
     with_draws,
 )
-from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.eduction.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
 from torchliner.records import MicrophoneLine, WallEduction
 
 RANK = 2
@@ -53,7 +53,7 @@ def kumaresan_tufts(
         source_side: ``upstream`` or ``downstream``; default what the line says.
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
-        draws: of the microphones' errors, 0 for none; 500 in the paper.
+        draws: of the microphones' errors, 0 for none, else at least 2; 500 in the paper.
         level_error, phase_error: their standard deviations, dB and degrees.
         generator: of random numbers; default one with seed 0.
     Returns:
@@ -69,6 +69,7 @@ def kumaresan_tufts(
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
     require_choice("condition", condition, CONDITIONS)
+    require_draws(draws)
     line = line.over_liner(margin)
     spacing = line.require_equal_spacing("Kumaresan and Tufts' method")
     seen = seen_from_source(line, source_side)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchliner.checks import DataWarning
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.catalogue import DuctSetup
 from torchliner.duct.duct_field import DuctField
@@ -27,14 +29,25 @@ def microphones_of(setup: DuctSetup) -> np.ndarray:
 
 
 def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
-    """The field at the microphones as measured lines are kept, in the order of x."""
+    """The field at the microphones as measured lines are kept, in the order of x.
+
+    Warns:
+        DataWarning: several lined patches, of which a line can name one: it names none.
+    """
     places = np.sort(microphones_of(setup))
     pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
-    liner = setup.case.liner
+    liner = setup.case.liner if len(setup.case.liner) == 1 else ()
+    if len(setup.case.liner) > 1:
+        warnings.warn(
+            f"{setup.name} has {len(setup.case.liner)} lined patches, a line of microphones names "
+            "one; it names none, and methods of one liner take all microphones",
+            DataWarning,
+            stacklevel=2,
+        )
     return MicrophoneLine(
         places, pressure, setup.frequency, duct_height=setup.case.height,
         mach=setup.case.profile.bulk_mach, source_side=field.source,
-        liner_start=liner[0][0] if liner else None, liner_end=liner[-1][1] if liner else None,
+        liner_start=liner[0][0] if liner else None, liner_end=liner[0][1] if liner else None,
         fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
         provenance={"solved": setup.facts}, name=setup.name,
     )  # fmt: skip

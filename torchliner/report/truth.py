@@ -264,5 +264,6 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
 
 
 def format_complex(value: complex) -> str:
-    """'0.168-0.066j'."""
-    return f"{value.real:.3f}{value.imag:+.3f}j"
+    """'0.168-0.066j'; no zero has a minus."""
+    real, imaginary = (round(part, 3) + 0.0 for part in (value.real, value.imag))
+    return f"{real:.3f}{imaginary:+.3f}j"

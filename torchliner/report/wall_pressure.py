@@ -71,7 +71,7 @@ def draw_wall(
             draw_levels(axes[0, 1], line, one, colour, marker)
         else:
             for axis, (part, _) in zip(axes[0], PARTS, strict=True):
-                _draw_spectrum(axis, one, COMPLEX_PART[part], colour, label)
+                _draw_spectrum(axis, one, COMPLEX_PART[part], colour, marker, label)
     if single:
         labels = ((PARTS[0][1], PARTS[1][1]), ("$x$ (mm)", "SPL (dB)"))
     else:
@@ -108,9 +108,10 @@ def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marke
               markerfacecolor="none")  # fmt: skip
 
 
-def _draw_spectrum(axis: Any, one: Educed, part: str, colour: str, label: str) -> None:
+def _draw_spectrum(axis: Any, one: Educed, part: str, colour: str, marker: str, label: str) -> None:
     at = one.frequency.numpy() / 1e3
     if one.draws is not None:
         low, high = (getattr(end, part).numpy() for end in one.interval(LEVEL))
         axis.fill_between(at, low, high, color=colour, alpha=0.25, linewidth=0)
-    axis.plot(at, getattr(one.impedance, part).numpy(), color=colour, label=label)
+    axis.plot(at, getattr(one.impedance, part).numpy(), marker + "-", color=colour, label=label,
+              markersize=3)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report.truth import format_complex
 
 LEVEL = 0.95  # of the intervals
+HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
 Educed = WallEduction | FieldFit
 
@@ -23,13 +25,14 @@ class WallRow:
         line: file or title.  source: side.  method: of the eduction.  frequency: Hz.
         wavenumber: 1/m, nan for a fit of the field.  impedance: normalised.
         deviation: of R (real) and X (imaginary) over the draws; without draws None, or the error
-            that a fit of the field states itself.
+            that a fit of the field states itself; infinite where that has no bound.
         interval: bounds of 95 % of the draws, None without.
         residual: of the pressures, relative.
         singular_values: over the first one; empty for fits.
         failed: draws without an impedance.
-        misfit: residuals over the stated errors, rms, end_reflection: of the far end, and rise: of
-            Z along the liner, of a fit of the field; None for other methods.
+        misfit: residuals over the stated errors, rms, end_reflection: of the far end, rise: of Z
+            along the liner, and rise_error: its standard errors, of a fit of the field; None for
+            other methods.
     """
 
     line: str
@@ -46,6 +49,7 @@ class WallRow:
     misfit: float | None = None
     end_reflection: complex | None = None
     rise: complex | None = None
+    rise_error: complex | None = None
 
     def plain(self) -> dict[str, Any]:
         """For CSV and JSON: complex values as two numbers, nan where there is none."""
@@ -54,6 +58,7 @@ class WallRow:
         spread = nothing if self.deviation is None else self.deviation
         end = nothing if self.end_reflection is None else self.end_reflection
         rise = nothing if self.rise is None else self.rise
+        rise_error = nothing if self.rise_error is None else self.rise_error
         return {
             "line": self.line, "source": self.source, "method": self.method,
             "frequency": self.frequency, "wavenumber_real": self.wavenumber.real,
@@ -67,6 +72,7 @@ class WallRow:
             "misfit": float("nan") if self.misfit is None else self.misfit,
             "end_reflection_real": end.real, "end_reflection_imag": end.imag,
             "rise_of_resistance": rise.real, "rise_of_reactance": rise.imag,
+            "rise_of_resistance_error": rise_error.real, "rise_of_reactance_error": rise_error.imag,
         }  # fmt: skip
 
 
@@ -108,11 +114,13 @@ def _of_waves(found: WallEduction, f: int) -> dict[str, Any]:
 
 def _of_field(found: FieldFit, row: WallRow, f: int) -> dict[str, Any]:
     """What only a fit of the field has."""
+    error = complex(found.standard_error[f])
     return {
-        "deviation": row.deviation or complex(found.standard_error[f]),
+        "deviation": error if row.deviation is None or cmath.isinf(error) else row.deviation,
         "misfit": float(found.misfit[f]) ** 0.5,
         "end_reflection": complex(found.end_reflection[f]),
         "rise": complex(found.rise[f]),
+        "rise_error": complex(found.rise_error[f]),
     }
 
 
@@ -140,7 +148,7 @@ def _wave_table(head: str, found: WallEduction, rows: Sequence[WallRow]) -> str:
         alpha = f"{row.wavenumber.real:.3f}{row.wavenumber.imag:+.3f}j"
         lines.append(
             f"{row.frequency:7.1f} {alpha:>16s} {format_complex(row.impedance):>14s} "
-            f"{_spread(row):>13s} {100 * row.residual:8.3f}  {shown}"
+            f"{_spread(row.deviation):>13s} {100 * row.residual:8.3f}  {shown}"
         )
     lines.append(
         "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; deviation: of R and X over the "
@@ -151,26 +159,31 @@ def _wave_table(head: str, found: WallEduction, rows: Sequence[WallRow]) -> str:
 
 def _field_table(head: str, found: FieldFit, rows: Sequence[WallRow]) -> str:
     lines = [f"{head.format('')}, far end {found.choices['far_end']}",
-             f"{'f Hz':>7s} {'Z':>14s} {'deviation':>13s} {'rise along x':>14s} {'resid. %':>8s} "
-             f"{'over errors':>11s} {'end reflection':>15s}"]  # fmt: skip
+             f"{'f Hz':>7s} {'Z':>14s} {'deviation':>13s} {'rise along x':>14s} {'deviation':>13s} "
+             f"{'resid. %':>8s} {'over errors':>11s} {'end reflection':>15s}"]  # fmt: skip
     for row in rows:
         assert row.end_reflection is not None
         assert row.rise is not None
-        rise = "-" if found.choices["variation"] == "constant" else format_complex(row.rise)
+        constant = found.choices["variation"] == "constant"
+        rise = "-" if constant else format_complex(row.rise)
+        rise_error = None if constant else row.rise_error
+        wall = "rigid" if abs(row.impedance) > HARD else format_complex(row.impedance)
         lines.append(
-            f"{row.frequency:7.1f} {format_complex(row.impedance):>14s} {_spread(row):>13s} "
-            f"{rise:>14s} {100 * row.residual:8.3f} {row.misfit:11.3g} "
+            f"{row.frequency:7.1f} {wall:>14s} {_spread(row.deviation):>13s} "
+            f"{rise:>14s} {_spread(rise_error):>13s} {100 * row.residual:8.3f} {row.misfit:11.3g} "
             f"{format_complex(row.end_reflection):>15s}"
         )
     from_what = "the microphones' errors" if found.draws is None else "the draws"
     lines.append(
-        f"Z is p/(rho c v), exp(+jwt); deviation: of R and X by {from_what}; over errors: "
-        "residuals over the stated errors, 1 if the duct is right"
+        f"Z is p/(rho c v), exp(+jwt); deviation: of R and X by {from_what} (of the rise: by the "
+        "fit); over errors: residuals over the stated errors, 1 if the duct is right"
     )
     return "\n".join(lines)
 
 
-def _spread(row: WallRow) -> str:
-    if row.deviation is None:
+def _spread(deviation: complex | None) -> str:
+    if deviation is None:
         return "-"
-    return f"{row.deviation.real:.3f}, {row.deviation.imag:.3f}"
+    if cmath.isinf(deviation):
+        return "no bound"
+    return f"{deviation.real:.3f}, {deviation.imag:.3f}"

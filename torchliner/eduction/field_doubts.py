@@ -1,0 +1,60 @@
+"""What makes a fit of the field doubtful, in words."""
+
+from __future__ import annotations
+
+import math
+
+from torchliner.checks import FEEDS
+from torchliner.eduction.field_search import STEPS, Solution
+from torchliner.eduction.fitted_wall import like_rigid
+from torchliner.records import FieldFit, MicrophoneLine
+
+GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
+
+
+def doubts(
+    result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, poor: float
+) -> tuple[str, ...]:
+    """A note a frequency and fault.
+
+    Args:
+        result: without notes.
+        found: its solution.
+        line: that was fitted.
+        wall: of its microphones.
+        poor: chi squared over its degrees of freedom that is doubted from there on.
+    """
+    notes = []
+    rigid = like_rigid(found.place, found.covariance).reshape(result.impedance.shape)
+    for i, f in enumerate(line.frequency.tolist()):
+        lost = int((~result.converged[..., i]).sum())
+        if lost:
+            notes.append(
+                f"{line.name}: the fit at {f:g} Hz did not settle in {STEPS} steps in {lost} of "
+                f"{result.converged[..., i].numel()} cases; the impedance is the best one met"
+            )
+        worst = float(result.misfit[..., i].max())
+        if worst > poor:
+            notes.append(
+                f"{line.name}: at {f:g} Hz the residuals are {math.sqrt(worst):.3g} times the "
+                f"stated errors of the microphones, more than {math.sqrt(poor):.3g}, which 1 right "
+                "model in 100 exceeds: the duct model, the flow, the far end, the microphones' "
+                f"wall ({wall}) or the errors are not those of the measurement, or this is not the "
+                "deepest minimum (begin elsewhere, --start, start=); errors of Z do not cover that"
+            )
+        hard = int(rigid[..., i].sum())
+        if hard:
+            notes.append(
+                f"{line.name}: at {f:g} Hz the microphones do not tell the liner from a rigid wall "
+                f"in {hard} of {rigid[..., i].numel()} cases; Z is the best one, its error has no "
+                "bound"
+            )
+        least = float(result.impedance[..., i].real.min())
+        if least < FEEDS and not hard:
+            notes.append(f"{line.name}: the resistance at {f:g} Hz is {least:.3g}, below 0")
+        most = float(result.end_reflection[..., i].abs().max())
+        if most > GAINS:
+            notes.append(
+                f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets"
+            )
+    return tuple(notes)
