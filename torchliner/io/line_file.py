@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import torch
-from torch import Tensor
 
-from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     read_json,
-    read_references,
     read_scalars,
-    text_attribute,
     to_json,
     write_dimension,
     write_references,
@@ -27,6 +22,16 @@ from torchliner.io.hdf5 import (
     written_whole,
 )
 from torchliner.io.line_csv import write_line_csv
+from torchliner.io.result_file import (
+    CARTESIAN,
+    IMPEDANCE,
+    Variables,
+    plain,
+    read_heading,
+    require_schema,
+    write_heading,
+    write_pair,
+)
 from torchliner.io.uncertainty_file import read_interval, write_interval
 from torchliner.records import ImpedanceLine, LineAverage
 
@@ -38,8 +43,6 @@ OF_STATION = {
 }  # fmt: skip
 OF_LINE = {"coherence": "1", "corrected": "1", "phase_held": "1"}  # of station and frequency
 COMPLEX = {"velocity_amplitude": "m/s", "attenuation": "1"}
-CARTESIAN = ("_real", "_imaginary")
-PARTS = ("resistance", "reactance")
 LISTS = ("flags", "dropped", "station_notes")
 SPREADS = {
     "monte_carlo_spread": "standard deviation over the draws of (5.2), no uncertainty of the mean",
@@ -56,13 +59,10 @@ def write_line(line: ImpedanceLine, path: str | Path) -> None:
         write_line_csv(line, path)
         return
     with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["schema"] = SCHEMA
-        file.attrs["title"], file.attrs["source_side"] = line.title, line.source_side
-        for key in ("choices", "notes", *LISTS):
+        write_heading(file, line, SCHEMA)
+        for key in LISTS:
             file.attrs[key] = to_json(getattr(line, key))
-        file.attrs["fluid"] = to_json(dataclasses.asdict(line.fluid))
-        write_dimension(file, "frequency", _plain(line.frequency), "Hz")
+        write_dimension(file, "frequency", plain(line.frequency), "Hz")
         write_dimension(file, "station", np.arange(line.stations), "1")
         write_dimension(file, "segment", np.arange(line.segment_start.shape[1]), "1")
         file.create_dataset("station_name", data=list(line.names), dtype=h5py.string_dtype())
@@ -76,25 +76,25 @@ def write_line(line: ImpedanceLine, path: str | Path) -> None:
 
 def _write_fields(file: h5py.File, line: ImpedanceLine) -> None:
     full, each = ("station", "segment", "frequency"), ("station", "frequency")
-    write_variable(file, "segment_start", _plain(line.segment_start), "s", full[:2])
-    _pair(file, "segment_reflection", line.reflection, full, CARTESIAN)
-    _pair(file, "segment_", line.segment_impedance, full, PARTS)
-    _pair(file, "", line.impedance, each, PARTS, "mean over the segments, eq. (5.1)")
+    write_variable(file, "segment_start", plain(line.segment_start), "s", full[:2])
+    write_pair(file, "segment_reflection", line.reflection, full, CARTESIAN)
+    write_pair(file, "segment_", line.segment_impedance, full, IMPEDANCE)
+    write_pair(file, "", line.impedance, each, IMPEDANCE, "mean over the segments, eq. (5.1)")
     spread = "standard deviation over the segments"
-    _pair(file, "segment_spread_", line.segment_spread, each, PARTS, spread)
-    _pair(file, "admittance", line.admittance, each, CARTESIAN, "mean over the segments")
+    write_pair(file, "segment_spread_", line.segment_spread, each, IMPEDANCE, spread)
+    write_pair(file, "admittance", line.admittance, each, CARTESIAN, "mean over the segments")
     for key, unit in OF_STATION.items():
-        write_variable(file, key, _plain(getattr(line, key)), unit, ("station",))
+        write_variable(file, key, plain(getattr(line, key)), unit, ("station",))
     for key, unit in OF_LINE.items():
-        write_variable(file, key, _plain(getattr(line, key)), unit, each)
+        write_variable(file, key, plain(getattr(line, key)), unit, each)
     for key, unit in COMPLEX.items():
-        _pair(file, key, getattr(line, key), each, CARTESIAN, unit=unit)
-    level = _plain(line.inferred_incident_level)
+        write_pair(file, key, getattr(line, key), each, CARTESIAN, unit=unit)
+    level = plain(line.inferred_incident_level)
     write_variable(file, "inferred_incident_level", level, "dB", each)
     if line.wall is not None:
-        write_variable(file, "wall", _plain(line.wall), "1", each)
+        write_variable(file, "wall", plain(line.wall), "1", each)
     if line.goodrich is not None:
-        _pair(file, "goodrich_", line.goodrich, ("frequency",), PARTS)
+        write_pair(file, "goodrich_", line.goodrich, ("frequency",), IMPEDANCE)
     if line.interval is not None:
         write_interval(file, line.interval, "", each, _words(line))
 
@@ -105,29 +105,18 @@ def _words(line: ImpedanceLine) -> str:
 
 def _write_average(file: h5py.File, found: LineAverage) -> None:
     where = ("frequency",)
-    _pair(file, "line_", found.impedance, where, PARTS, "1 over the mean of 1/Z, eq. (5.2)")
-    _pair(file, "line_monte_carlo_", found.monte_carlo, where, PARTS, "mean of the draws of (5.2)")
+    write_pair(
+        file, "line_", found.impedance, where, IMPEDANCE, "1 over the mean of 1/Z, eq. (5.2)"
+    )
+    write_pair(
+        file, "line_monte_carlo_", found.monte_carlo, where, IMPEDANCE, "mean of the draws of (5.2)"
+    )
     for key, words in SPREADS.items():
-        _pair(file, f"line_{key}_", getattr(found, key), where, PARTS, words)
+        write_pair(file, f"line_{key}_", getattr(found, key), where, IMPEDANCE, words)
     file.attrs["stations_that_count"] = found.stations
     if found.interval is not None:
         words = "statistical, segments resampled, stations independent"
         write_interval(file, found.interval, "line_", where, words)
-
-
-def _pair(
-    file: h5py.File, stem: str, value: Tensor, where: tuple[str, ...], parts: tuple[str, str],
-    words: str = "", unit: str = "1",
-) -> None:  # fmt: skip
-    for part, numbers in zip(parts, (value.real, value.imag), strict=True):
-        variable = write_variable(file, stem + part, _plain(numbers), unit, where)
-        if words:
-            variable.attrs["long_name"] = words
-
-
-def _plain(value: Tensor) -> np.ndarray:
-    values = value.detach().cpu().numpy()
-    return values.astype(np.int8) if values.dtype == np.bool_ else values
 
 
 def read_line(path: str | Path) -> ImpedanceLine:
@@ -139,18 +128,9 @@ def read_line(path: str | Path) -> ImpedanceLine:
     """
     path = Path(path)
     with open_file(path) as file:
-        if text_attribute(file, "schema") != SCHEMA:
-            found = text_attribute(file, "schema")
-            raise ValueError(
-                f"{path} is no impedance line: its schema is {found!r}, not {SCHEMA!r}"
-            )
-
-        def real(key: str) -> Tensor:
-            return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
-
-        def both(stem: str, parts: tuple[str, str]) -> Tensor:
-            return torch.complex(real(stem + parts[0]), real(stem + parts[1]))
-
+        require_schema(file, SCHEMA, "impedance line", path)
+        variables = Variables(file, path)
+        real, both = variables.real, variables.both
         known: dict[str, Any] = {key: real(key) for key in OF_STATION}
         known |= {key: real(key) for key in OF_LINE}
         known |= {key: both(key, CARTESIAN) for key in COMPLEX}
@@ -162,10 +142,10 @@ def read_line(path: str | Path) -> ImpedanceLine:
         average = None
         if "line_resistance" in file:
             average = LineAverage(
-                impedance=both("line_", PARTS), monte_carlo=both("line_monte_carlo_", PARTS),
+                impedance=both("line_"), monte_carlo=both("line_monte_carlo_"),
                 interval=read_interval(file, "line_", path),
                 stations=int(file.attrs["stations_that_count"]),
-                **{key: both(f"line_{key}_", PARTS) for key in SPREADS},
+                **{key: both(f"line_{key}_") for key in SPREADS},
             )  # fmt: skip
         return ImpedanceLine(
             frequency=real("frequency"),
@@ -175,13 +155,8 @@ def read_line(path: str | Path) -> ImpedanceLine:
             interval=read_interval(file, "", path),
             names=tuple(get_dataset(file, "station_name", path).asstr()[()]),
             average=average,
-            fluid=Fluid(**read_json(file, "fluid", path, {})),
-            reference=read_references(file, path),
-            source_side=text_attribute(file, "source_side") or "unknown",
-            goodrich=both("goodrich_", PARTS) if "goodrich_resistance" in file else None,
-            title=text_attribute(file, "title") or "",
-            choices=read_json(file, "choices", path, {}),
-            notes=tuple(read_json(file, "notes", path, [])),
+            goodrich=both("goodrich_") if "goodrich_resistance" in file else None,
+            **read_heading(file, path),
             **read_scalars(file, SCALARS, path),
             **known,
         )

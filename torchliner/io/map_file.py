@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
-    get_dataset,
     open_file,
-    read_json,
-    read_references,
+    read_scalars,
     text_attribute,
-    to_json,
     write_dimension,
     write_references,
     write_scalars,
@@ -27,6 +22,16 @@ from torchliner.io.hdf5 import (
     written_whole,
 )
 from torchliner.io.point_file import read_alongside, write_alongside
+from torchliner.io.result_file import (
+    CARTESIAN,
+    IMPEDANCE,
+    Variables,
+    plain,
+    read_heading,
+    require_schema,
+    write_heading,
+    write_pair,
+)
 from torchliner.io.uncertainty_file import read_uncertainty, write_uncertainty
 from torchliner.records import ImpedanceMap
 
@@ -47,14 +52,8 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         _write_csv(result, path)
         return
     with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["schema"] = SCHEMA
-        file.attrs["title"] = result.title
-        file.attrs["source_side"] = result.source_side
-        file.attrs["choices"] = to_json(dict(result.choices))
-        file.attrs["notes"] = to_json(list(result.notes))
-        file.attrs["fluid"] = to_json(dataclasses.asdict(result.fluid))
-        write_dimension(file, "frequency", _plain(result.frequency), "Hz")
+        write_heading(file, result, SCHEMA)
+        write_dimension(file, "frequency", plain(result.frequency), "Hz")
         dims = _write_axes(file, result)
         _write_fields(file, result, dims)
         write_scalars(file, result, SCALARS)
@@ -72,63 +71,49 @@ def _write_axes(file: h5py.File, result: ImpedanceMap) -> tuple[str, ...]:
         if values is None:
             write_dimension(file, name, np.arange(shape[axis]), "1")
         else:
-            write_dimension(file, name, _plain(values), "m")
+            write_dimension(file, name, plain(values), "m")
     if len(shape) < 2:
         for name in ("x", "z"):
             if getattr(result, name) is not None:
-                write_variable(file, name, _plain(getattr(result, name)), "m", names)
+                write_variable(file, name, plain(getattr(result, name)), "m", names)
     write_dimension(file, "cell", np.arange(len(result.cell_x)), "1")
     for name in ("cell_x", "cell_z"):
-        write_variable(file, name, _plain(getattr(result, name)), "m", ("cell",))
+        write_variable(file, name, plain(getattr(result, name)), "m", ("cell",))
     return names
 
 
 def _write_fields(file: h5py.File, result: ImpedanceMap, dims: tuple[str, ...]) -> None:
-    full = (*dims, "frequency")
-
-    def pair(
-        stem: str, value: Tensor, where: tuple[str, ...], unit: str, parts: tuple[str, str]
-    ) -> None:
-        write_variable(file, stem + parts[0], _plain(value.real), unit, where)
-        write_variable(file, stem + parts[1], _plain(value.imag), unit, where)
-
-    impedance = ("resistance", "reactance")
-    cartesian = ("_real", "_imaginary")
-    pair("", result.impedance, full, "1", impedance)
-    pair("reflection", result.reflection, full, "1", cartesian)
-    pair("admittance", result.admittance, full, "1", cartesian)
-    pair("velocity_amplitude", result.velocity_amplitude, full, "m/s", cartesian)
-    pair("cell_", result.cell_impedance, ("cell", "frequency"), "1", impedance)
-    pair("cell_reflection", result.cell_reflection, ("cell", "frequency"), "1", cartesian)
+    full, cell, liner = (*dims, "frequency"), ("cell", "frequency"), ("frequency",)
+    write_pair(file, "", result.impedance, full, IMPEDANCE)
+    write_pair(file, "reflection", result.reflection, full, CARTESIAN)
+    write_pair(file, "admittance", result.admittance, full, CARTESIAN)
+    amplitude = result.velocity_amplitude
+    write_pair(file, "velocity_amplitude", amplitude, full, CARTESIAN, unit="m/s")
+    write_pair(file, "cell_", result.cell_impedance, cell, IMPEDANCE)
+    write_pair(file, "cell_reflection", result.cell_reflection, cell, CARTESIAN)
     first = "cell_velocity_first_"
-    pair(first, result.cell_impedance_velocity_first, ("cell", "frequency"), "1", impedance)
+    write_pair(file, first, result.cell_impedance_velocity_first, cell, IMPEDANCE)
     reflected = result.cell_reflection_velocity_first
-    pair(first + "reflection", reflected, ("cell", "frequency"), "1", cartesian)
-    pair("liner_", result.liner_impedance, ("frequency",), "1", impedance)
+    write_pair(file, first + "reflection", reflected, cell, CARTESIAN)
+    write_pair(file, "liner_", result.liner_impedance, liner, IMPEDANCE)
     alternative = result.liner_impedance_velocity_first
-    pair("liner_velocity_first_", alternative, ("frequency",), "1", impedance)
-    spread = result.liner_spread
-    pair("liner_spread_", spread, ("frequency",), "1", impedance)
-    for part in impedance:
+    write_pair(file, "liner_velocity_first_", alternative, liner, IMPEDANCE)
+    write_pair(file, "liner_spread_", result.liner_spread, liner, IMPEDANCE)
+    for part in IMPEDANCE:
         file[f"liner_spread_{part}"].attrs["long_name"] = (
             f"standard deviation of {part} over the probes: spread over positions, no uncertainty"
         )
     if result.goodrich is not None:
-        pair("goodrich_", result.goodrich, ("frequency",), "1", impedance)
-    write_variable(file, "absorption", _plain(result.absorption), "1", full)
-    write_variable(file, "coherence", _plain(result.coherence), "1", full)
-    level = _plain(result.inferred_incident_level)
+        write_pair(file, "goodrich_", result.goodrich, liner, IMPEDANCE)
+    write_variable(file, "absorption", plain(result.absorption), "1", full)
+    write_variable(file, "coherence", plain(result.coherence), "1", full)
+    level = plain(result.inferred_incident_level)
     write_variable(file, "inferred_incident_level", level, "dB", full)
-    used = _plain(result.phase_rule.to(torch.int8))
-    write_variable(file, "phase_rule_used", used, "1", full)
+    write_variable(file, "phase_rule_used", plain(result.phase_rule), "1", full)
     if result.wall is not None:
-        write_variable(file, "wall", _plain(result.wall.to(torch.int8)), "1", full)
-    write_variable(file, "mean_velocity", _plain(result.mean_velocity), "m/s", dims)
-    write_variable(file, "velocity_rms", _plain(result.velocity_rms), "m/s", dims)
-
-
-def _plain(value: Tensor) -> np.ndarray:
-    return value.detach().cpu().numpy()
+        write_variable(file, "wall", plain(result.wall), "1", full)
+    write_variable(file, "mean_velocity", plain(result.mean_velocity), "m/s", dims)
+    write_variable(file, "velocity_rms", plain(result.velocity_rms), "m/s", dims)
 
 
 def read_map(path: str | Path) -> ImpedanceMap:
@@ -140,20 +125,9 @@ def read_map(path: str | Path) -> ImpedanceMap:
     """
     path = Path(path)
     with open_file(path) as file:
-        if text_attribute(file, "schema") != SCHEMA:
-            found = text_attribute(file, "schema")
-            raise ValueError(f"{path} is no impedance map: its schema is {found!r}, not {SCHEMA!r}")
-
-        def real(key: str) -> Tensor:
-            return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
-
-        def both(stem: str, parts: tuple[str, str] = ("_real", "_imaginary")) -> Tensor:
-            return torch.complex(real(stem + parts[0]), real(stem + parts[1]))
-
-        impedance = ("resistance", "reactance")
-
-        def scalar(key: str) -> float | None:
-            return float(file[key][()]) if key in file else None
+        require_schema(file, SCHEMA, "impedance map", path)
+        variables = Variables(file, path)
+        real, both = variables.real, variables.both
 
         def coordinate(key: str) -> Tensor | None:
             known = key in file and text_attribute(file[key], "units") == "m"
@@ -161,31 +135,24 @@ def read_map(path: str | Path) -> ImpedanceMap:
 
         return ImpedanceMap(
             frequency=real("frequency"),
-            reflection=both("reflection"),
+            reflection=both("reflection", CARTESIAN),
             mean_velocity=real("mean_velocity"),
             velocity_rms=real("velocity_rms"),
-            velocity_amplitude=both("velocity_amplitude"),
+            velocity_amplitude=both("velocity_amplitude", CARTESIAN),
             coherence=real("coherence"),
             phase_rule=real("phase_rule_used").to(torch.bool),
             cell_x=real("cell_x"),
             cell_z=real("cell_z"),
-            cell_reflection=both("cell_reflection"),
-            cell_reflection_velocity_first=both("cell_velocity_first_reflection"),
+            cell_reflection=both("cell_reflection", CARTESIAN),
+            cell_reflection_velocity_first=both("cell_velocity_first_reflection", CARTESIAN),
             x=coordinate("x"),
             z=coordinate("z"),
-            height=scalar("height"),
-            mach=scalar("mach"),
-            incident_level=scalar("incident_level"),
-            fluid=Fluid(**read_json(file, "fluid", path, {})),
-            reference=read_references(file, path),
-            source_side=text_attribute(file, "source_side") or "unknown",
-            goodrich=both("goodrich_", impedance) if "goodrich_resistance" in file else None,
-            title=text_attribute(file, "title") or "",
-            choices=read_json(file, "choices", path, {}),
-            notes=tuple(read_json(file, "notes", path, [])),
+            goodrich=both("goodrich_") if "goodrich_resistance" in file else None,
             uncertainty=read_uncertainty(file, path),
             wall=real("wall").to(torch.bool) if "wall" in file else None,
             alongside=read_alongside(file, path),
+            **read_heading(file, path),
+            **read_scalars(file, SCALARS, path),
         )
 
 

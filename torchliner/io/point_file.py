@@ -8,10 +8,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import torch
-from torch import Tensor
 
 from torchliner.io.hdf5 import (
-    get_dataset,
     open_file,
     read_json,
     text_attribute,
@@ -20,6 +18,7 @@ from torchliner.io.hdf5 import (
     write_variable,
     written_whole,
 )
+from torchliner.io.result_file import IMPEDANCE, Variables, plain, require_schema, write_pair
 from torchliner.records import PointImpedances
 
 SCHEMA = "torchliner points 1"
@@ -58,16 +57,14 @@ def write_points_group(group: h5py.Group, result: PointImpedances) -> None:
     group.attrs["name"] = result.name
     group.attrs["choices"] = to_json(dict(result.choices))
     group.attrs["notes"] = to_json(list(result.notes))
-    write_dimension(group, "frequency", _plain(result.frequency), "Hz")
+    write_dimension(group, "frequency", plain(result.frequency), "Hz")
     for name, counted in DIMENSIONS.items():
         write_dimension(group, name, np.arange(len(getattr(result, counted))), "1")
     for name in PLACES:
-        write_variable(group, name, _plain(getattr(result, name)), "m", (name.split("_")[0],))
+        write_variable(group, name, plain(getattr(result, name)), "m", (name.split("_")[0],))
     for name, dims in IMPEDANCES.items():
-        value = getattr(result, name)
-        for part, amount in (("resistance", value.real), ("reactance", value.imag)):
-            write_variable(group, name.replace("impedance", part), _plain(amount), "1", dims)
-    write_variable(group, "coherence", _plain(result.coherence), "1", ("cell", "frequency"))
+        write_pair(group, "", getattr(result, name), dims, _parts(name))
+    write_variable(group, "coherence", plain(result.coherence), "1", ("cell", "frequency"))
 
 
 def read_points(path: str | Path) -> PointImpedances:
@@ -83,30 +80,23 @@ def read_points(path: str | Path) -> PointImpedances:
 
 def read_points_group(group: h5py.Group, path: str | Path) -> PointImpedances:
     """What ``write_points_group`` wrote."""
-    found = text_attribute(group, "schema")
-    if found != SCHEMA:
-        raise ValueError(
-            f"{path}:{group.name} holds no point impedances: its schema is {found!r}, "
-            f"not {SCHEMA!r}"
-        )
-
-    def real(key: str) -> Tensor:
-        return torch.from_numpy(np.asarray(get_dataset(group, key, path)[()]))
-
-    impedances = {
-        name: torch.complex(*(real(name.replace("impedance", part))
-                              for part in ("resistance", "reactance")))
-        for name in IMPEDANCES
-    }  # fmt: skip
+    require_schema(group, SCHEMA, "set of point impedances", path)
+    variables = Variables(group, path)
+    real = variables.real
     return PointImpedances(
         name=text_attribute(group, "name") or "points",
         frequency=real("frequency"),
         coherence=real("coherence"),
         **{name: real(name) for name in PLACES},
-        **impedances,
+        **{name: variables.both("", _parts(name)) for name in IMPEDANCES},
         choices=read_json(group, "choices", path, {}),
         notes=tuple(read_json(group, "notes", path, [])),
     )
+
+
+def _parts(name: str) -> tuple[str, str]:
+    """Names of the variables of an impedance: cell_resistance and cell_reactance, ..."""
+    return name.replace("impedance", IMPEDANCE[0]), name.replace("impedance", IMPEDANCE[1])
 
 
 def write_alongside(file: h5py.File, results: tuple[PointImpedances, ...]) -> None:
@@ -121,10 +111,6 @@ def read_alongside(file: h5py.File, path: str | Path) -> tuple[PointImpedances, 
     while f"{GROUP}{len(found)}" in file:
         found.append(read_points_group(file[f"{GROUP}{len(found)}"], path))
     return tuple(found)
-
-
-def _plain(value: Tensor) -> np.ndarray:
-    return value.detach().cpu().numpy()
 
 
 def _write_csv(result: PointImpedances, path: str | Path) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import h5py
-import numpy as np
-import torch
 
-from torchliner.io.hdf5 import get_dataset, read_json, to_json, write_variable
+from torchliner.io.hdf5 import read_json, to_json, write_variable
+from torchliner.io.result_file import Variables
 from torchliner.records import Interval, Uncertainty
 
 # Name of a field in the record: stem of its variables. Dimensions are those of the values.
@@ -86,11 +85,8 @@ def read_interval(file: h5py.File, stem: str, path: str | Path) -> Interval | No
     if f"{stem}resistance_low" not in file:
         return None
 
-    def real(key: str) -> torch.Tensor:
-        return torch.from_numpy(np.asarray(get_dataset(file, key, path)[()]))
-
+    variables = Variables(file, path)
     low, high, error, bias = (
-        torch.complex(real(f"{stem}resistance_{bound}"), real(f"{stem}reactance_{bound}"))
-        for bound in BOUNDS
+        variables.both(stem, (f"resistance_{bound}", f"reactance_{bound}")) for bound in BOUNDS
     )
-    return Interval(low, high, error, real(f"{stem}interval_runs"), bias)
+    return Interval(low, high, error, variables.real(f"{stem}interval_runs"), bias)
