@@ -22,6 +22,11 @@ def liner() -> tl.SDoFLiner:
     return tl.load_liner("polito")
 
 
+@pytest.fixture(scope="session")
+def onera() -> tl.SDoFLiner:
+    return tl.load_liner("onera")
+
+
 def turbulence(shape: tuple[int, ...], seed: int = 0, rms: float = 3.0) -> torch.Tensor:
     """Low-passed Gaussian noise of a given rms (m/s), float64: smooth like a velocity."""
     generator = torch.Generator().manual_seed(seed)

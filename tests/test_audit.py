@@ -54,11 +54,6 @@ def planes() -> list[tl.VelocityPlane]:
 
 
 @pytest.fixture(scope="module")
-def onera() -> tl.SDoFLiner:
-    return tl.load_liner("onera")
-
-
-@pytest.fixture(scope="module")
 def found(planes, onera):
     return audit(planes, onera, velocity_max=20.0)
 

@@ -10,7 +10,6 @@ import pytest
 import torch
 from test_stations import educed, station
 
-import torchliner as tl
 from torchliner.conversions import admittance_from_reflection
 from torchliner.eduction.choices import Choices
 from torchliner.eduction.line_average import (
@@ -21,11 +20,6 @@ from torchliner.eduction.line_average import (
 )
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-
-
-@pytest.fixture(scope="module")
-def onera():
-    return tl.load_liner("onera")
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,6 @@ import torchliner as tl
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
 
-@pytest.fixture(scope="module")
-def onera():
-    return tl.load_liner("onera")
-
-
 def drifting(seed: int, seconds: float = 0.6):
     """A tone whose phase wanders, and the loudspeaker's signal that wanders with it."""
     generator = np.random.default_rng(seed)

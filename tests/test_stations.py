@@ -39,11 +39,6 @@ def educed(stations, liner, **choices):
 
 
 @pytest.fixture(scope="module")
-def onera():
-    return tl.load_liner("onera")
-
-
-@pytest.fixture(scope="module")
 def line(onera):
     return educed([station(seed) for seed in range(3)], onera)
 

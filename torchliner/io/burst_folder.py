@@ -20,17 +20,8 @@ def read_bursts(
 ) -> list[BurstRecord]:
     """Stations of a file or folder, in the order of x, then y, z; by name without positions.
 
-    Args:
-        path: a file of our HDF5 or CSV, a DXEX export, columns without a header; or a folder of
-            files of one station each.
-        columns, separator: of files without a header, as in ``read_burst_columns``.
-        components, coincidence_window: of DXEX files, as in ``read_dantec``.
-        about: further fields of each record, e.g. ``frequency``; not for HDF5, which states its
-            own.
-    Raises:
-        FileNotFoundError, OSError: no such file or folder, or it cannot be read.
-        ValueError: a folder without files of bursts, two files with the same position, a file of
-            no known layout or with faults.
+    Arguments and errors are those of ``list_stations``, which names the stations without reading
+    their bursts; and a file with faults is a ValueError.
     """
     stations = list_stations(path, columns, separator, components, coincidence_window, **about)
     return [station.read() for station in stations]
