@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 
+from scipy.special import chdtri
+
 from torchliner.checks import FEEDS
 from torchliner.eduction.field_search import STEPS, Solution
 from torchliner.eduction.fitted_wall import like_rigid
 from torchliner.records import FieldFit, MicrophoneLine
 
+POOR = 0.01  # share of right models that are doubted
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 
 
+def largest_misfit(freedom: int, cases: int = 1) -> float:
+    """Chi squared that the largest of some right models exceeds once in 100 times."""
+    return float(chdtri(freedom, POOR / cases))
+
+
 def doubts(
-    result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, poor: float
+    result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, freedom: int
 ) -> tuple[str, ...]:
     """A note a frequency and fault.
 
@@ -22,9 +30,10 @@ def doubts(
         found: its solution.
         line: that was fitted.
         wall: of its microphones.
-        poor: chi squared over its degrees of freedom that is doubted from there on.
+        freedom: degrees of freedom of chi squared.
     """
     notes = []
+    poor = largest_misfit(freedom, result.misfit[..., 0].numel()) / freedom
     rigid = like_rigid(found.place, found.covariance).reshape(result.impedance.shape)
     for i, f in enumerate(line.frequency.tolist()):
         lost = int((~result.converged[..., i]).sum())

@@ -19,14 +19,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from scipy.special import chdtri
 from torch import Tensor
 
 from torchliner.checks import DataWarning, require_choice
 from torchliner.duct.case import SOURCES, DuctCase, other_side
 from torchliner.duct.catalogue import load_duct
 from torchliner.duct.lee import DuctSolver
-from torchliner.eduction.field_doubts import doubts
+from torchliner.eduction.field_doubts import doubts, largest_misfit
 from torchliner.eduction.field_model import FieldModel
 from torchliner.eduction.field_search import STEPS, Solution, constant_wall, least_squares
 from torchliner.eduction.fitted_wall import (
@@ -48,7 +47,6 @@ VARIATIONS = ("constant", "linear")
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
-POOR = 0.01  # share of right models whose misfit is larger than what is warned of
 
 
 def fit_field(
@@ -106,10 +104,9 @@ def fit_field(
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
     model = FieldModel(solver, sources, line.x, wall)
     freedom = 2 * (line.microphones - unknowns)
-    poor = float(chdtri(freedom, POOR))
     target = _cases(line.pressure)
     if start is None:
-        found = constant_wall(model, target, weights, poor)
+        found = constant_wall(model, target, weights, largest_misfit(freedom))
     else:
         found = least_squares(model, target, _begin(start, target), weights)
     if variation == "linear":
@@ -122,7 +119,7 @@ def fit_field(
                "source": line.name, "microphones": line.microphones,
                "unknowns": solver.mesh.unknowns}  # fmt: skip
     result = replace(result, choices=choices,
-                     notes=doubts(result, found, line, wall, poor / freedom))  # fmt: skip
+                     notes=doubts(result, found, line, wall, freedom))  # fmt: skip
     for note in result.notes:
         warnings.warn(note, DataWarning, stacklevel=2)
     if draws:

@@ -24,6 +24,9 @@ from torchliner.eduction.fitted_wall import bounded, coordinates
 STEPS = 60
 TOLERANCE, SETTLED = 1e-9, 1e-6  # of a step taken, and of one left, in the wall's coordinates
 FARTHEST = 0.3  # step in the wall's coordinates
+STUCK = 1e8  # damping
+NEAR = 1e-3  # tolerance of a first search
+KEPT = 2  # of the places that first searches end at
 SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
 ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valleys
 
@@ -126,12 +129,12 @@ def from_grid(
     fields = model.in_parts(places[:, None].expand(-1, pressure.shape[-2], -1))
     misfit = torch.stack([_loud_misfit(each, pressure) for each in fields])
     best = places[misfit.topk(grid.starts, 0, largest=False).indices]  # (S, B, F, 1)
-    begin, count = best.flatten(0, 1), grid.starts
-    begin = least_squares(model, pressure.repeat(count, 1, 1), begin, ALIKE).place
-    tried = least_squares(model, pressure.repeat(count, 1, 1), begin, weights)
-    each = zip(*(getattr(tried, part.name).chunk(count) for part in dataclasses.fields(tried)),
-               strict=True)  # fmt: skip
-    return _best([Solution(*parts) for parts in each])
+    repeated = pressure.repeat(grid.starts, 1, 1)
+    rough = least_squares(model, repeated, best.flatten(0, 1), ALIKE, NEAR)
+    cost = rough.cost.reshape(best.shape[:-1]).nan_to_num(torch.inf)
+    kept = cost.topk(KEPT, 0, largest=False).indices[..., None]
+    begin = rough.place.reshape(best.shape).gather(0, kept)
+    return _best([least_squares(model, pressure, each, weights) for each in begin])
 
 
 def _loud_misfit(fields: Tensor, pressure: Tensor) -> Tensor:
@@ -142,45 +145,51 @@ def _loud_misfit(fields: Tensor, pressure: Tensor) -> Tensor:
 
 
 def least_squares(
-    model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float]
+    model: FieldModel,
+    pressure: Tensor,
+    start: Tensor,
+    weights: tuple[float, float],
+    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Levenberg and Marquardt's method on all cases, draws and frequencies at once.
+
+    Lines that are done are left alone while the others go on.
 
     Args:
         model: of the duct.
         pressure: Pa, (B, F, N).
         start: coordinates of the wall, (B, F, P).
         weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
+        tolerance: of the last step.
     """
     place = start.to(torch.complex128).clone()  # a view of one number cannot carry a tangent
     count = place.shape[-1]
-    a, residual, jacobian = _system(model, place, pressure, weights)
+    amplitude, residual, jacobian = _system(model, place, pressure, weights)
     cost = residual.square().sum(-1)
     damping = torch.full_like(cost, 1e-3)
     moved = torch.full_like(cost, torch.inf)
+    values = (place, amplitude, residual, jacobian, cost)
     for _ in range(STEPS):
-        step = _damped_step(residual, jacobian, damping)[..., : 2 * count]
-        step = step * (FARTHEST / step.norm(dim=-1, keepdim=True)).clamp(max=1)
-        new_place = bounded(place + torch.complex(step[..., ::2], step[..., 1::2]))
-        new_a, new_residual, new_jacobian = _system(model, new_place, pressure, weights)
-        new_cost = new_residual.square().sum(-1)
-        better = new_cost <= cost
-        moved = torch.where(better, step.norm(dim=-1), moved)
-        place, a = (
-            torch.where(better[..., None], *pair) for pair in ((new_place, place), (new_a, a))
-        )
-        residual = torch.where(better[..., None], new_residual, residual)
-        jacobian = torch.where(better[..., None, None], new_jacobian, jacobian)
-        cost = torch.where(better, new_cost, cost)
-        damping = torch.where(better, damping / 10, damping * 10).clamp(1e-12, 1e12)
-        stuck = damping >= 1e8
-        if bool(((moved < TOLERANCE) | stuck).all()):
+        on = torch.nonzero(~((moved < tolerance) | (damping >= STUCK)).all(-1))[:, 0]
+        if len(on) == 0:
             break
-    # Rounding of the cost may refuse the last steps; what is left to go tells as well.
+        step = _damped_step(residual[on], jacobian[on], damping[on])[..., : 2 * count]
+        step = step * (FARTHEST / step.norm(dim=-1, keepdim=True)).clamp(max=1)
+        tried = bounded(place[on] + torch.complex(step[..., ::2], step[..., 1::2]))
+        found = _system(model, tried, pressure[on], weights)
+        trial = (tried, *found, found[1].square().sum(-1))
+        better = trial[-1] <= cost[on]
+        # A step so small tells as well if rounding of the cost refuses it.
+        tells = better | (damping[on] <= 1)
+        moved[on] = torch.where(tells, step.norm(dim=-1), moved[on])
+        damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(min=1e-12)
+        for value, new in zip(values, trial, strict=True):
+            which = better.reshape(*better.shape, *[1] * (value.ndim - 2))
+            value[on] = torch.where(which, new, value[on])
     step = _damped_step(residual, jacobian, torch.full_like(cost, 1e-12))[..., : 2 * count]
-    left = step.norm(dim=-1)
+    converged = (moved < tolerance) | (step.norm(dim=-1) < SETTLED)
     covariance = _inverse(jacobian.mT @ jacobian)[..., : 2 * count, : 2 * count]
-    return Solution(place, a, covariance, cost, (moved < TOLERANCE) | (left < SETTLED))
+    return Solution(place, amplitude, covariance, cost, converged)
 
 
 def _inverse(normal: Tensor) -> Tensor:
