@@ -66,6 +66,19 @@ def test_mistakes_of_a_file_are_named(tmp_path, change, message):
         load_duct(write(tmp_path, change))
 
 
+def test_a_mark_of_the_encoding_is_no_content(tmp_path):
+    (tmp_path / "mine.toml").write_text(duct_text("b2a"), encoding="utf-8-sig")
+    assert load_duct(tmp_path / "mine.toml").case.height == 0.05
+
+
+def test_walls_of_a_duct_without_a_liner(tmp_path):
+    (tmp_path / "z.csv").write_text(HEADER + "0,1,0\n")
+    path = with_table(tmp_path)
+    path.write_text(path.read_text().replace("[[0.0, 0.150]]", "[]"))
+    with pytest.raises(ValueError, match="sound has an impedance_file, the duct no liner"):
+        load_duct(path)
+
+
 def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     thin = write(tmp_path, ("shear = 0.1 ", "allow_thin = true\nshear = 0.02 "))
     assert load_duct(thin).case.profile.shear == 0.02
@@ -133,7 +146,8 @@ HEADER = "x [mm], resistance, reactance\n"
         (HEADER + "0,1\n", r"line 2, column 'reactance' is ''; a number is needed"),
         (HEADER + "0,1,0\ninf,1,0\n", r"z\.csv: row 2, column 'x', holds inf; a number is n"),
         (HEADER + "0,1,nan\n", r"z\.csv: row 1, column 'reactance', holds nan"),
-        (HEADER + "0,0,0\n", r"mine\.toml: the impedance profile is 0 at x = 0 m"),
+        (HEADER + "0,0,0\n", r"mine\.toml: z\.csv: the impedance profile is 0 at x = 0 m"),
+        (HEADER + "9,1,0\n0,1,0\n", r"mine\.toml: z\.csv: the stations of an impedance prof"),
         ("x [m],R,X\n0,1,0\n150,1,0\n", "x = 150 m lies outside the duct, -0.3 to 0.45 m; is its"),
         (HEADER + "200,1,0\n300,1,0\n", "x = 0.2 to 0.3 m, do not reach the lined patch, x = 0 to"),
     ],
@@ -156,6 +170,8 @@ def test_a_table_is_read_by_its_names_and_units(tmp_path):
         "x [m],R,X\n0,2,-0.3\n0.15,4,1\n",
         "x (mm),resistance,reactance\n0,2,-0.3\n150,4,1\n",
         "reactance; x [cm]; resistance [1]\n-0,3; 0; 2\n1; 15; 4\n",
+        "X [mm],R,X,\n0,2,-0.3,\n150,4,1,\n",
+        "\ufeffX [mm];Resistance;REACTANCE\r\n0;2;-0,3\r\n150;4;1\r\n",
     ):
         (tmp_path / "z.csv").write_text(text)
         with warnings.catch_warnings():
@@ -178,13 +194,14 @@ def test_a_velocity_table_is_read_by_its_names_and_units(tmp_path):
             'profile = "table"\nbulk_mach = 0.3\nfile = "u.csv"\n')  # fmt: skip
     path = write(tmp_path, flow)
     found = []
-    for text in ("y [mm],U [m/s]\n0,0\n5,90\n25,105\n", "velocity,y [m]\n0,0\n6,.005\n7,.025\n"):
+    for text in ("y [mm],U [m/s]\n0,0\n5,90\n25,105\n", "Velocity,y [m]\n0,0\n6,.005\n7,.025\n"):
         (tmp_path / "u.csv").write_text(text)
         found.append(load_duct(path).case.profile.mach(np.linspace(0, 0.05, 9)))
     assert found[0] == pytest.approx(found[1])
     for text, message in (
         ("y,U\n0,0\n", "column 'y' has no unit in 'y'"),
         ("y [mm],U\n0,0\n5,inf\n", r"u\.csv: row 2, column 'u', holds inf"),
+        ("y [mm],U\n0,0\n5,1\n7,1\n", r"mine\.toml: u\.csv: y ends at 0\.007 m"),
     ):
         (tmp_path / "u.csv").write_text(text)
         with pytest.raises(ValueError, match=message):
@@ -200,6 +217,11 @@ def test_a_change_replaces_what_says_the_same(tmp_path):
     path = with_table(tmp_path)
     assert load_duct(path, impedance=[1.5 + 0.2j]).impedance.tolist() == [1.5 + 0.2j]
     assert callable(load_duct(path).impedance)
+    assert load_duct(path, impedance=1.5 + 0.2j).impedance.tolist() == [1.5 + 0.2j]
+    assert load_duct(path, impedance=np.array([2.0])).impedance.tolist() == [2.0]
+    assert load_duct(path, impedance="rigid").impedance.real.tolist() == [np.inf]
+    thick = write(tmp_path, ("shear = 0.1 ", "shear = 0.2 "))
+    assert load_duct(thick, profile="tanh").case.profile.shear == 0.2
     changed = load_duct("b2a", profile="uniform", end_reflection=0.1 - 0.2j)
     assert changed.case.end_reflection == 0.1 - 0.2j
     assert float(changed.case.profile.mach(0.0)) == 0.3
@@ -319,6 +341,22 @@ def test_doubts_of_the_flow_are_one_line_or_none(capsys, quiet):
     assert quiet or said[0].startswith("warning: profile shear is 0.04, below 0.05: waves on")
 
 
+def test_modes_say_which_patch_they_are_above(tmp_path, capsys):
+    path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
+    words = ["duct", "modes", str(path), *SMALL, "--count", "1", "--impedance", "1+0.5j", "2"]
+    assert main(words) == 0
+    assert "above the first of 2 lined patches" in capsys.readouterr().out
+    assert main(["duct", "modes", "b2a", *SMALL, "--count", "1"]) == 0
+    assert "above the first" not in capsys.readouterr().out
+
+
+def test_options_without_a_duct_are_not_lost(capsys):
+    assert main(["duct", "solve", "--impedance", "1"]) == 2
+    assert "a duct is needed with --impedance; presets: b2a, ufsc" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["duct", "modes", "b2a", "--level", "120"])
+
+
 def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
     path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
     out = str(tmp_path / "m.h5")
@@ -337,10 +375,11 @@ def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
         (["b2a", "--impedance", "1"], "--copy writes the preset as it stands, without --impedance"),
         (["b2a", "--bulk-mach", "0"], "--copy writes the preset as it stands, without --bulk-mach"),
         (["b2a", "-o", "m.csv"], "--copy writes the preset as it stands, without --output"),
+        (["b2a", "--copy", "m.csv"], "--copy m.csv ends in '.csv'; it must be one of .toml"),
     ],
 )
 def test_a_copy_of_something_else_is_refused(tmp_path, capsys, words, message):
-    assert main(["duct", "solve", *words, "--copy", str(tmp_path / "u.toml")]) == 2
+    assert main(["duct", "solve", "--copy", str(tmp_path / "u.toml"), *words]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "u.toml").exists()
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
+import numpy as np
 import pytest
 import scipy.stats
 import torch
-from test_field_fit import solved
+from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
+from torchliner.duct.lee import DuctSolver
 from torchliner.eduction import field_fit, field_search
 from torchliner.eduction.field_fit import fit_field
 from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.records.drawn_impedance import deviation
+from torchliner.report.duct import solved_line
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
@@ -93,6 +98,60 @@ def test_the_misfit_of_a_right_model_is_chi_squared():
     assert scipy.stats.kstest(value, "chi2", args=(freedom,)).pvalue > 0.01
     share = (value > scipy.stats.chi2.ppf(0.99, freedom)).mean()
     assert share < 0.04
+
+
+def test_a_wall_near_a_rigid_one_is_told_of():
+    """The error of Z to first order is too small; that of 1/Z is not."""
+    line, solver = solved(impedance=120.0, frequency=[1500.0])
+    with pytest.warns(tl.DataWarning, match="within 6 standard errors in 1 of 1 cases: those"):
+        found = fit_field(line, solver, draws=80)
+    assert found.draws is not None
+    scatter = (1 / found.draws.impedance).real.std(0)
+    stated = found.standard_error.real / found.impedance.abs() ** 2
+    assert torch.allclose(scatter, stated, rtol=0.25)
+    assert float(found.standard_deviation.real) > 1.3 * float(found.standard_error.real)
+
+
+def test_doubts_are_each_case_s_own():
+    """A rigid wall in a batch hides no negative resistance, nor does a mean that of an edge."""
+    lines = [solved(impedance=z, frequency=[1500.0]) for z in (math.inf, -0.5 + 1j)]
+    pressure = torch.stack([line.pressure for line, _ in lines])
+    both = dataclasses.replace(lines[0][0], pressure=pressure)
+    notes = fit_field(both, lines[0][1]).notes
+    assert any("rigid wall in 1 of 2" in note for note in notes)
+    assert any("the resistance at 1500 Hz is -0.5, below 0" in note for note in notes)
+    _, solver = lines[0]
+
+    def wall(x, _):
+        return (0.6 + 0.5j + 1.8 * (x / 0.15 - 0.5)).expand(1, -1)
+
+    varying = solved_line(solved_setup(1500.0), solver.solve(wall))
+    found = fit_field(varying, solver, variation="linear", start=0.6 + 0.5j)
+    assert float(found.rise.real) == pytest.approx(1.8, abs=1e-5)
+    assert any("the resistance at 1500 Hz is -0.3, below 0" in note for note in found.notes)
+
+
+def test_fewer_than_two_draws_have_no_deviation():
+    one = torch.tensor([[1.0 + 1j, 2.0 + 0j], [math.nan, 3.0 + 0j]], dtype=torch.complex128)
+    found = deviation(one)
+    assert bool(torch.isnan(found[0].real))
+    assert float(found[1].real) == pytest.approx(math.sqrt(0.5))
+
+
+def test_what_comes_in_may_be_of_other_types():
+    """Single precision, with a gradient, a start of numpy; ducts and lines that are none."""
+    line, solver = solved(frequency=[1500.0])
+    single = dataclasses.replace(line, pressure=line.pressure.to(torch.complex64).requires_grad_())
+    found = fit_field(single, solver, start=np.complex64(2 + 1j))
+    assert complex(found.impedance[0]) == pytest.approx(TRUE, abs=1e-3)
+    with pytest.raises(TypeError, match="start is the text '2'; a complex number is needed"):
+        fit_field(line, solver, start="2")
+    none = dataclasses.replace(line, pressure=line.pressure[None][:0])
+    with pytest.raises(ValueError, match=r"holds no lines: its pressures have shape \(0, 18, 1\)"):
+        fit_field(none, solver)
+    case = dataclasses.replace(solver.case, end_reflection=torch.zeros(3, 1))
+    with pytest.raises(ValueError, match="end_reflection of the duct has leading axes"):
+        fit_field(line, DuctSolver(case, line.frequency, keep="walls"))
 
 
 def test_draws_that_do_not_settle_do_not_count(monkeypatch):

@@ -22,12 +22,17 @@ pytestmark = [
 ]
 
 
-def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
-    """A small duct, its solver and the pressures of one impedance."""
-    setup = load_duct(
-        "b2a", source_side=side, profile="uniform", shear=None, start=-0.12, end=0.27,
+def solved_setup(*frequency, side="upstream", **changes):
+    """A small duct."""
+    return load_duct(
+        "b2a", source_side=side, profile="uniform", start=-0.12, end=0.27,
         frequency=list(frequency), **changes,
     )  # fmt: skip
+
+
+def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
+    """A small duct, its solver and the pressures of one impedance."""
+    setup = solved_setup(*frequency, side=side, **changes)
     solver = DuctSolver(setup.case, setup.frequency, keep="walls")
     values = torch.tensor([impedance], dtype=torch.complex128)
     return solved_line(setup, solver.solve(values)), solver
@@ -129,8 +134,7 @@ def test_an_end_that_gains_is_doubted():
 def test_a_wall_that_varies_linearly_comes_back(side):
     """Mean and rise, with an end that is not known; one impedance is off and says so."""
     frequency = [900.0, 1500.0]
-    setup = load_duct("b2a", source_side=side, profile="uniform", shear=None, start=-0.12, end=0.27,
-                      frequency=frequency, end_reflection=(0.1, 0.2))  # fmt: skip
+    setup = solved_setup(*frequency, side=side, end_reflection=(0.1, 0.2))
     solver = DuctSolver(setup.case, setup.frequency, keep="walls")
     rise = 0.8 - 0.3j
 

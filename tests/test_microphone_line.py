@@ -226,6 +226,8 @@ def test_a_table_by_hand(tmp_path):
     assert line.phase[:, 0].tolist() == pytest.approx([10.0, -40.5, -91.0])
     assert line.fluid == tl.Fluid.from_temperature(290.0)
     assert read_microphones(path, 1500.0).frequency.tolist() == [1500.0]
+    path.write_text(CSV.replace("50 mm", "50mm"))
+    assert float(read_microphones(path).duct_height) == 0.05
     with pytest.raises(ValueError, match="has no 1400 Hz; it holds 1 from 1500 to 1500 Hz"):
         read_microphones(path, 1400.0)
     with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment and"):
@@ -245,6 +247,8 @@ def test_a_table_by_hand(tmp_path):
         ("50 mm", "fifty mm", "line 1, duct_height is 'fifty mm'; it cannot be read"),
         ("50 mm", "50 mn", r"line 1, duct_height has units 'mn' .did you mean 'm'"),
         ("duct_height", "duct_hight", "line 1 states 'duct_hight' .did you mean 'duct_height'"),
+        ("# mach = 0.3 1", "# mach = 0.3 1\n# mach = 0.2 1", "line 3 states 'mach' a second time"),
+        ("# mach", "# frequency = 1 kHz\n# mach", "states a frequency above a column of freq"),
         ("x [mm]", "x", "column 'x' has no unit"),
         ("SPL [dB]", "SPL [Pa]", "column 'spl' has units 'Pa'.*a level is needed in one of dB"),
         ("SPL [dB]", "level [dB]", r"unknown column 'level \[dB\]'"),

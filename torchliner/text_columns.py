@@ -69,8 +69,9 @@ def stated_values(
     """Key, value and a label for messages of each line '# key = value'; other lines are remarks.
 
     Raises:
-        ValueError: a key that is not ``known``.
+        ValueError: a key that is not ``known``, or is stated twice.
     """
+    seen = set()
     for number, line in enumerate(lines, 1):
         found = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
         if found is None:
@@ -81,6 +82,9 @@ def stated_values(
                 f"{path}: line {number} states {key!r}{did_you_mean(key, known)}; known are "
                 f"{', '.join(known)}"
             )
+        if key in seen:
+            raise ValueError(f"{path}: line {number} states {key!r} a second time; keep one")
+        seen.add(key)
         yield key, value, f"{path}: line {number}, {key}"
 
 
@@ -90,12 +94,12 @@ def si_value(text: str, quantity: str, label: str) -> float:
     Raises:
         ValueError: no number, or no unit of the quantity.
     """
-    number, _, unit = text.partition(" ")
+    parts = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)", text)
     try:
-        amount = float(number)
+        amount = float(parts.group(1) if parts else text)
     except ValueError as error:
         raise ValueError(f"{label} is {text!r}; it cannot be read") from error
-    return amount * si_factor(quantity, unit, label)
+    return amount * si_factor(quantity, parts.group(2) if parts else "", label)
 
 
 def named_columns(
@@ -126,10 +130,13 @@ def named_columns(
     separator = separator_of(lines[0])
     found: dict[str, tuple[int, float]] = {}
     labels = [cell.strip() for cell in lines[0].split(separator)]
+    while labels and not labels[-1]:
+        labels.pop()
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
         word = match.group(2) if match and not match.group(1) else label
-        name = (short or {}).get(word, word.lower())
+        unit = (match.group(3) or match.group(4) or "") if match else ""
+        name = _name(word, unit, columns, short or {})
         if match is None or name not in columns:
             raise ValueError(
                 f"{path}: unknown column {label!r}{did_you_mean(name, list(columns))}; write "
@@ -137,7 +144,6 @@ def named_columns(
             )
         if name in found:
             raise ValueError(f"{path}: column {name!r} is named twice")
-        unit = match.group(3) or match.group(4) or ""
         found[name] = (index, _factor(columns[name], unit, label, f"{path}: column {name!r}"))
     for name in columns:
         if name not in found and name not in optional:
@@ -158,6 +164,14 @@ def named_columns(
     return {name: np.array([_cell(text, separator, at, f"{path}: line {number}, column {name!r}")
                             for number, text in rows]) * factor
             for name, (at, factor) in found.items()}  # fmt: skip
+
+
+def _name(word: str, unit: str, columns: Mapping[str, str | None], short: Mapping[str, str]) -> str:
+    """That of ``columns``; X without a unit is short for something, X [mm] the column x."""
+    lower = word.lower()
+    if word in short and not (unit and lower in columns):
+        return short[word]
+    return lower if lower in columns else short.get(lower, lower)
 
 
 def _factor(quantity: str | None, unit: str, label: str, name: str) -> float:

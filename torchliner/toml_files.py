@@ -74,7 +74,7 @@ def read_text(path: Path) -> str:
         FileNotFoundError, ValueError: missing, or not UTF-8.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
     except UnicodeDecodeError as error:

@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
     )  # fmt: skip
     _add_duct(solve)
+    solve.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
+    solve.add_argument("--source-side", choices=["upstream", "downstream"])
+    solve.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
     solve.add_argument(
         "-o", "--output", type=Path, help="microphones as .csv, .h5 or .nc, for torchliner kt"
     )
@@ -62,9 +65,6 @@ def _add_duct(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shear", type=float, metavar="D", help="of --profile tanh, half heights")
     parser.add_argument("--allow-thin", action="store_const", const=True,
                         help="take a shear below 0.03 too, to study it")  # fmt: skip
-    parser.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
-    parser.add_argument("--source-side", choices=["upstream", "downstream"])
-    parser.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -73,6 +73,7 @@ def run(options: argparse.Namespace) -> int:
 
     copy = getattr(options, "copy", None)
     if options.duct is None and copy is None:
+        _no_option(options, "a duct is needed with --{}; presets: " + ", ".join(duct_names()))
         print("presets: " + ", ".join(duct_names()))
         return 0
     if copy is not None:
@@ -94,22 +95,27 @@ def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
     if options.duct not in presets:
         named = "none is named" if options.duct is None else f"{options.duct!r} is none"
         raise ValueError(f"--copy writes a preset, {' or '.join(presets)}; {named}")
+    _no_option(
+        options,
+        "--copy writes the preset as it stands, without --{}; edit the copy, or leave one of them "
+        "out",
+    )
+
+
+def _no_option(options: argparse.Namespace, message: str) -> None:
     for key in (*CHANGES, "frequency", "impedance", "end_reflection", "output", "figure", "field"):
-        if getattr(options, key) is not None:
-            raise ValueError(
-                f"--copy writes the preset as it stands, without --{key.replace('_', '-')}; edit "
-                "the copy, or leave one of them out"
-            )
+        if getattr(options, key, None) is not None:
+            raise ValueError(message.format(key.replace("_", "-")))
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.duct.catalogue import load_duct
 
-    changes: dict[str, Any] = {key: getattr(options, key) for key in CHANGES}
+    changes: dict[str, Any] = {key: getattr(options, key, None) for key in CHANGES}
     changes = {key: value for key, value in changes.items() if value is not None}
     if options.frequency is not None:
         changes["frequency"] = list(chain(*options.frequency))
-    if options.end_reflection is not None:
+    if getattr(options, "end_reflection", None) is not None:
         changes["end_reflection"] = complex_number(options.end_reflection, "--end-reflection")
     if options.impedance is not None:
         changes["impedance"] = [

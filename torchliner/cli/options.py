@@ -122,10 +122,11 @@ def write_copy(text: str, path: Path) -> None:
     """Write a preset's text to a new file.
 
     Raises:
-        ValueError: the file exists: it may hold edits.
+        ValueError: the file exists: it may hold edits; it does not end in .toml.
     """
     from torchliner.io.hdf5 import written_whole
 
+    require_ending(path, [".toml"], "--copy")
     if path.exists():
         raise ValueError(f"{path} exists; it is not overwritten")
     with written_whole(path) as temporary:

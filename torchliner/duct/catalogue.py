@@ -150,6 +150,7 @@ TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound"
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),
             "profile": ("shear", "allow_thin", "file")}  # fmt: skip
+COMPLEX = ("impedance", "end_reflection", "source_reflection")
 
 
 def duct_names() -> list[str]:
@@ -173,7 +174,8 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         name: one of ``duct_names()``, or a path that ends in .toml.
         changes: values that replace those of the file, by the names of its keys: ``bulk_mach``,
             ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...;
-            complex numbers may be such. A new ``profile`` drops the parts of the old one, a new
+            complex numbers may be such, one impedance stands for that of the only patch. A new
+            ``profile`` drops the parts of the old one, a new
             ``impedance`` the ``impedance_file``.
     Raises:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
@@ -201,17 +203,26 @@ def _change(content: dict[str, Any], changes: dict[str, Any], path: Path) -> Non
             known = [k for t in TABLES.values() for k in t.model_fields]
             raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(known)}")
         table = content.setdefault(owners[0], {})
-        for other in REPLACES.get(key, ()):
-            if other not in changes:  # else both were asked for, which is refused further on
-                table.pop(other, None)
-        table[key] = _plain(value)
+        if table.get(key) != value:
+            for other in REPLACES.get(key, ()):
+                if other not in changes:  # else both were asked for, which is refused further on
+                    table.pop(other, None)
+        table[key] = _pairs(key, value) if key in COMPLEX else value
 
 
-def _plain(value: Any) -> Any:
-    """Complex numbers, also in a list, as pairs."""
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    return [value.real, value.imag] if isinstance(value, (complex, np.complexfloating)) else value
+def _pairs(key: str, value: Any) -> Any:
+    """Numbers as pairs; of impedances a list of them, or one for the only patch."""
+    if isinstance(value, (np.ndarray, Tensor)):
+        value = value.tolist()
+    if key == "impedance":
+        many = value if isinstance(value, (list, tuple)) else [value]
+        return [_pair(each) for each in many]
+    return _pair(value)
+
+
+def _pair(value: Any) -> Any:
+    numbers = isinstance(value, (int, float, complex, np.number))
+    return [complex(value).real, complex(value).imag] if numbers else value
 
 
 def _build(file: DuctFile, path: Path) -> DuctSetup:
@@ -270,9 +281,12 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFl
     if flow.file is None:
         raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
     y, speed = velocity_table(path.parent / flow.file)
-    return TabulatedProfile(
-        y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
-    )
+    try:
+        return TabulatedProfile(
+            y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
+        )
+    except ValueError as error:
+        raise ValueError(f"{flow.file}: {error}") from error
 
 
 def _impedance(
@@ -291,5 +305,13 @@ def _impedance(
         values = [math.inf if pair == "rigid" else complex(*pair) for pair in sound.impedance]
         return torch.tensor(values, dtype=torch.complex128)
     assert sound.impedance_file is not None
+    if patches == 0:
+        raise ValueError(
+            "sound has an impedance_file, the duct no liner; state one or leave it out"
+        )
     file = path.parent / sound.impedance_file
-    return impedance_along(*impedance_table(file, duct.liner, duct.start, duct.end))
+    x, walls = impedance_table(file, duct.liner, duct.start, duct.end)
+    try:
+        return impedance_along(x, walls)
+    except ValueError as error:
+        raise ValueError(f"{file.name}: {error}") from error

@@ -11,6 +11,7 @@ from torchliner.eduction.field_search import STEPS, Solution
 from torchliner.eduction.fitted_wall import like_rigid
 from torchliner.records import FieldFit, MicrophoneLine
 
+FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 POOR = 0.01  # share of right models that are doubted
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 
@@ -34,7 +35,13 @@ def doubts(
     """
     notes = []
     poor = largest_misfit(freedom, result.misfit[..., 0].numel()) / freedom
-    rigid = like_rigid(found.place, found.covariance).reshape(result.impedance.shape)
+    shape = result.impedance.shape
+    rigid, hard = (
+        like_rigid(found.place, found.covariance, errors).reshape(shape) & result.converged
+        for errors in (2.0, FIRST_ORDER)
+    )
+    # At the edge of less resistance.
+    resistance = result.impedance.real - result.rise.real.abs() / 2
     for i, f in enumerate(line.frequency.tolist()):
         lost = int((~result.converged[..., i]).sum())
         if lost:
@@ -51,15 +58,20 @@ def doubts(
                 f"wall ({wall}) or the errors are not those of the measurement, or this is not the "
                 "deepest minimum (begin elsewhere, --start, start=); errors of Z do not cover that"
             )
-        hard = int(rigid[..., i].sum())
-        if hard:
+        count, cases = int(rigid[..., i].sum()), rigid[..., i].numel()
+        if count:
             notes.append(
                 f"{line.name}: at {f:g} Hz the microphones do not tell the liner from a rigid wall "
-                f"in {hard} of {rigid[..., i].numel()} cases; Z is the best one, its error has no "
-                "bound"
+                f"in {count} of {cases} cases; Z is the best one, its error has no bound"
             )
-        least = float(result.impedance[..., i].real.min())
-        if least < FEEDS and not hard:
+        count = int((hard & ~rigid)[..., i].sum())
+        if count:
+            notes.append(
+                f"{line.name}: at {f:g} Hz a rigid wall is within {FIRST_ORDER:g} standard errors "
+                f"in {count} of {cases} cases: those of 1/Z hold, those of Z are too small"
+            )
+        least = float(resistance[..., i].masked_fill(rigid[..., i], 0).min())
+        if least < FEEDS:
             notes.append(f"{line.name}: the resistance at {f:g} Hz is {least:.3g}, below 0")
         most = float(result.end_reflection[..., i].abs().max())
         if most > GAINS:

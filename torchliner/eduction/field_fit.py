@@ -76,6 +76,8 @@ def fit_field(
             method. Those whose fit does not settle have no impedance (nan).
         level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
         generator: of random numbers; default one with seed 0.
+    Returns:
+        The fit, without gradients.
     Raises:
         ValueError: too few microphones (four; three with the far end stated; one more for a linear
             variation) or one outside the duct, an error below 1e-4, a solver for other frequencies,
@@ -101,10 +103,11 @@ def fit_field(
                 f"{name} is {value:g}; it weights the fit and must be finite and at least "
                 f"{SMALLEST:g}"
             )
+    pressure = line.pressure.detach().to(torch.complex128)
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
     model = FieldModel(solver, sources, line.x, wall)
     freedom = 2 * (line.microphones - unknowns)
-    target = _cases(line.pressure)
+    target = _cases(pressure)
     if start is None:
         found = constant_wall(model, target, weights, largest_misfit(freedom))
     else:
@@ -112,7 +115,7 @@ def fit_field(
     if variation == "linear":
         begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
         found = least_squares(model, target, begin, weights)
-    result = _result(found, model, line.pressure, line)
+    result = _result(found, model, pressure, line)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                "level_error": level_error,
                "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
@@ -125,7 +128,7 @@ def fit_field(
     if draws:
         random = generator or torch.Generator().manual_seed(0)
         noisy = draw_pressures(
-            line.pressure, draws, random, level_error=level_error, phase_error=phase_error
+            pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
         again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
         drawn = _settled(_result(again, model, noisy, line))
@@ -161,6 +164,9 @@ def _settled(drawn: FieldFit) -> FieldFit:
 
 def _begin(start: complex, pressure: Tensor) -> Tensor:
     """Coordinates of one impedance for pressures (B, F, N)."""
+    if isinstance(start, str):
+        raise TypeError(f"start is the text {start!r}; a complex number is needed")
+    start = complex(start)
     if cmath.isnan(start) or start == -1:
         raise ValueError(f"start is {start}; an impedance other than -1 is needed")
     wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
@@ -209,6 +215,13 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
             f"{line.name} has frequencies {line.frequency.tolist()} Hz, the duct "
             f"{solver.frequency.tolist()} Hz; build the solver for those of the line"
         )
+    if line.pressure.numel() == 0:
+        raise ValueError(
+            f"{line.name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}"
+        )
+    for name in ("end_reflection", "source_reflection"):
+        if torch.as_tensor(getattr(case, name)).ndim > 1:
+            raise ValueError(f"the {name} of the duct has leading axes; a fit takes one duct")
     if len(case.liner) != 1:
         raise ValueError(
             f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"

@@ -58,8 +58,8 @@ def impedance_covariance(place: Tensor, covariance: Tensor) -> Tensor:
     )
 
 
-def like_rigid(place: Tensor, covariance: Tensor) -> Tensor:
-    """Whether a rigid wall lies within two standard errors of rho, (...); everything does where the
-    microphones say nothing of the wall, since |1 - rho| of a passive one is at most 2."""
+def like_rigid(place: Tensor, covariance: Tensor, errors: float = 2.0) -> Tensor:
+    """Whether a rigid wall lies within some standard errors of rho, (...); everything does where
+    the microphones say nothing of the wall, since |1 - rho| of a passive one is at most 2."""
     variance = covariance.diagonal(dim1=-2, dim2=-1)[..., :2].sum(-1)
-    return (1 - place[..., 0]).abs() < 2 * variance.clamp(min=0).sqrt()
+    return (1 - place[..., 0]).abs() < errors * variance.clamp(min=0).sqrt()

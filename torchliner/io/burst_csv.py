@@ -91,6 +91,9 @@ def _stated(lines: list[str], path: str | Path) -> dict[str, Any]:
 
 def _counts(text: str, label: str) -> Any:
     try:
-        return json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"{label} is {text!r}; it cannot be read") from error
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise ValueError(f"{label} is {text!r}; it cannot be read, counts by reason are needed")
+    return found

@@ -91,6 +91,8 @@ def read_microphone_csv(path: str | Path, **about: Any) -> MicrophoneLine:
         lines[start:], start + 1, COLUMNS, path, example=EXAMPLE, optional=["frequency"]
     )
     single = stated.pop("frequency", None)
+    if single is not None and "frequency" in columns:
+        raise ValueError(f"{path} states a frequency above a column of frequencies; keep one")
     if "frequency" not in columns:
         if single is None:
             raise ValueError(

@@ -64,10 +64,10 @@ def _quantile(values: Tensor, share: float) -> Tensor:
 
 def deviation(values: Tensor) -> Tensor:
     """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
-    finite is left out."""
+    finite is left out, and of fewer than two there is none (nan)."""
     good = torch.isfinite(values)
     off = torch.where(good, values - _mean(values), 0)
-    count = good.sum(0) - 1
+    count = torch.where(good.sum(0) > 1, good.sum(0) - 1, torch.nan)
     return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))
 
 

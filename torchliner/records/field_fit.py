@@ -24,7 +24,8 @@ class FieldFit(DrawnImpedance):
         impedance: Z, normalised, (..., F); its mean along the liner if it varies.
         covariance: of (resistance, reactance) for the stated errors of the microphones, (..., F, 2,
             2): the Laplace approximation, inverse of the Hessian (Gauss-Newton's) with the
-            amplitudes fitted too.
+            amplitudes fitted too; infinite where the microphones do not tell the liner from a rigid
+            wall, and too small near that, where the error of 1/Z, |dZ|/|Z|^2, still holds.
         rise: Z at the liner's downstream edge less that at the upstream one, (..., F); 0 unless it
             was fitted.
         rise_error: standard error of its real and of its imaginary part, likewise.

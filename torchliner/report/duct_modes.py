@@ -57,7 +57,10 @@ def mode_rows(setup: DuctSetup, modes: dict[str, DuctModes]) -> list[dict[str, A
 
 def format_modes(setup: DuctSetup, rows: Sequence[dict[str, Any]]) -> str:
     """A line a mode."""
-    lines = [f"{setup.name}: waves e^(-j alpha x), mode n grew out of the rigid duct's mode n",
+    patches = len(setup.case.liner)
+    which = f"above the first of {patches} lined patches; " if patches > 1 else ""
+    lines = [f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
+             "mode n",
              f"{'f Hz':>8s} {'direction':>10s} {'n':>3s} {'alpha 1/m':>22s} {'dB/m':>9s} "
              f"{'dB liner':>9s}"]  # fmt: skip
     for row in rows:

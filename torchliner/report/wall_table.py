@@ -26,7 +26,7 @@ class WallRow:
         wavenumber: 1/m, nan for a fit of the field.  impedance: normalised.
         deviation: of R (real) and X (imaginary) over the draws; without draws None, or the error
             that a fit of the field states itself; infinite where that has no bound.
-        interval: bounds of 95 % of the draws, None without.
+        interval: bounds of 95 % of the draws, None without them, or without a bound.
         residual: of the pressures, relative.
         singular_values: over the first one; empty for fits.
         failed: draws without an impedance.
@@ -115,8 +115,10 @@ def _of_waves(found: WallEduction, f: int) -> dict[str, Any]:
 def _of_field(found: FieldFit, row: WallRow, f: int) -> dict[str, Any]:
     """What only a fit of the field has."""
     error = complex(found.standard_error[f])
+    bounded = not cmath.isinf(error)
     return {
-        "deviation": error if row.deviation is None or cmath.isinf(error) else row.deviation,
+        "deviation": row.deviation if bounded and row.deviation is not None else error,
+        "interval": row.interval if bounded else None,
         "misfit": float(found.misfit[f]) ** 0.5,
         "end_reflection": complex(found.end_reflection[f]),
         "rise": complex(found.rise[f]),
@@ -186,4 +188,6 @@ def _spread(deviation: complex | None) -> str:
         return "-"
     if cmath.isinf(deviation):
         return "no bound"
+    if cmath.isnan(deviation):
+        return "none settled"
     return f"{deviation.real:.3f}, {deviation.imag:.3f}"
