@@ -14,7 +14,9 @@ from test_field_fit import TRUE, solved, solved_setup
 import torchliner as tl
 from torchliner.duct.lee import DuctSolver
 from torchliner.eduction import field_fit, field_search
+from torchliner.eduction.field_doubts import largest_misfit
 from torchliner.eduction.field_fit import fit_field
+from torchliner.eduction.microphone_errors import draw_pressures
 from torchliner.eduction.wall_pressure import kumaresan_tufts
 from torchliner.records.drawn_impedance import deviation
 from torchliner.report.duct import solved_line
@@ -129,6 +131,22 @@ def test_doubts_are_each_case_s_own():
     found = fit_field(varying, solver, variation="linear", start=0.6 + 0.5j)
     assert float(found.rise.real) == pytest.approx(1.8, abs=1e-5)
     assert any("the resistance at 1500 Hz is -0.3, below 0" in note for note in found.notes)
+
+
+def test_what_did_not_settle_is_not_called_rigid():
+    line, solver = solved(frequency=[1500.0])
+    notes = fit_field(line, solver, start=-1 + 1e-9j).notes
+    assert any("did not settle" in note for note in notes)
+    assert not any("rigid" in note for note in notes)
+
+
+def test_many_right_lines_are_not_doubted():
+    """The limit is that of the worst of them."""
+    line, solver = solved(frequency=[1500.0])
+    drawn = draw_pressures(line.pressure, 150, torch.Generator().manual_seed(0))
+    found = fit_field(dataclasses.replace(line, pressure=drawn), solver, start=TRUE)
+    assert found.notes == ()
+    assert float(found.misfit.max()) > largest_misfit(30) / 30
 
 
 def test_fewer_than_two_draws_have_no_deviation():
