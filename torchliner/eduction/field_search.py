@@ -4,9 +4,10 @@ Microphone i hears :math:`\sum_k A_k h_{ik}(Z)`: for each of K waves that are se
 one from the source or one from either end, the duct's response h to a unit of it times an amplitude
 that is not known. With the measured p_i the residuals are those of :math:`q_i = \sum_k A_k
 h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the imaginary part phase, each over
-its stated error. The unknowns, the wall's P coordinates and A, are found by Levenberg and
-Marquardt's method with the exact derivative of the field by the former (h is holomorphic in them,
-so one derivative serves both parts).
+its stated error. The wall's P coordinates are found by Levenberg and Marquardt's method with the
+exact derivative of the field by them (h is holomorphic, so one derivative serves both parts); A, in
+which the residuals are linear, is solved for at every place (variable projection: Golub and Pereyra
+1973, with Kaufman's step of 1975).
 """
 
 from __future__ import annotations
