@@ -195,6 +195,15 @@ def test_draws_are_kept_and_the_file_is_netcdf(tmp_path):
         line.write(tmp_path / "draws.csv")
 
 
+@pytest.mark.parametrize("title", ["two\nlines", " blanks around"])
+def test_texts_that_would_not_come_back_are_refused(tmp_path, title):
+    with pytest.raises(ValueError, match=r"title is .*; a .csv holds one line of it"):
+        line_of(title=title).write(tmp_path / "a.csv")
+    assert not (tmp_path / "a.csv").exists()
+    line_of(title=title).write(tmp_path / "a.h5")
+    assert read_microphones(tmp_path / "a.h5").title == title
+
+
 CSV = """# duct_height = 50 mm
 # mach = 0.3 1
 # temperature = 290 K

@@ -88,6 +88,18 @@ def stated_values(
         yield key, value, f"{path}: line {number}, {key}"
 
 
+def stated_text(key: str, value: str, path: str | Path) -> str:
+    """The line '# key = value' that ``stated_values`` reads.
+
+    Raises:
+        ValueError: a value of several lines, or with blanks around it, which would not come back.
+    """
+    if value != value.strip() or len(value.splitlines()) > 1:
+        raise ValueError(f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks "
+                         "around it")  # fmt: skip
+    return f"# {key} = {value}\n"
+
+
 def si_value(text: str, quantity: str, label: str) -> float:
     """A number and its unit, as ``50 mm``, in SI.
 

@@ -214,10 +214,11 @@ def _pairs(key: str, value: Any) -> Any:
     """Numbers as pairs; of impedances a list of them, or one for the only patch."""
     if isinstance(value, (np.ndarray, Tensor)):
         value = value.tolist()
-    if key == "impedance":
-        many = value if isinstance(value, (list, tuple)) else [value]
-        return [_pair(each) for each in many]
-    return _pair(value)
+    if key != "impedance":
+        return _pair(value)
+    many = [_pair(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
+    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each
+            for each in many]  # fmt: skip
 
 
 def _pair(value: Any) -> Any:

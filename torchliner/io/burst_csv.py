@@ -17,6 +17,7 @@ from torchliner.text_columns import (
     read_lines,
     separator_of,
     si_value,
+    stated_text,
     stated_values,
 )
 
@@ -36,7 +37,7 @@ def write_burst_csv(record: BurstRecord, path: str | Path) -> None:
                 file.write(f"# {key} = {float(value)!r} {unit}\n")
         for key in TEXTS:
             if getattr(record, key):
-                file.write(f"# {key} = {getattr(record, key)}\n")
+                file.write(stated_text(key, getattr(record, key), path))
         if record.dropped:
             file.write(f"# dropped = {json.dumps(dict(record.dropped))}\n")
         columns = {n: v.tolist() for n in UNITS if (v := getattr(record, n)) is not None}

@@ -23,6 +23,7 @@ from torchliner.text_columns import (
     named_columns,
     read_lines,
     si_value,
+    stated_text,
     stated_values,
 )
 
@@ -59,7 +60,7 @@ def write_microphone_csv(line: MicrophoneLine, path: str | Path) -> None:
             file.write(f"# {key} = {plain_number(getattr(line.fluid, key))!r} {unit}\n")
         for key in TEXTS:
             if getattr(line, key):
-                file.write(f"# {key} = {getattr(line, key)}\n")
+                file.write(stated_text(key, getattr(line, key), path))
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["frequency [Hz]", "x [mm]", "SPL [dB]", "phase [deg]"])
         level, phase = line.level.detach().cpu(), line.phase.detach().cpu()
