@@ -33,20 +33,21 @@ def solved_setup(*frequency, side="upstream", **changes):
     )  # fmt: skip
 
 
+def heard_in(setup, wall):
+    """Pressures of a wall in a duct, and the duct's solver."""
+    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    return solved_line(setup, solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
+
+
 def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
     """A small duct, its solver and the pressures of one impedance."""
-    setup = solved_setup(*frequency, side=side, **changes)
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
-    values = torch.tensor([impedance], dtype=torch.complex128)
-    return solved_line(setup, solver.solve(values)), solver
+    return heard_in(solved_setup(*frequency, side=side, **changes), impedance)
 
 
 def of_preset(side, frequency, wall):
     """The preset between nearer ends, its solver and the pressures of a wall."""
     setup = load_duct("b2a", start=-0.2, end=0.35, frequency=[frequency], source_side=side)
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
-    walls = torch.tensor([wall], dtype=torch.complex128)
-    return solved_line(setup, solver.solve(walls)), solver
+    return heard_in(setup, wall)
 
 
 @pytest.fixture(scope="module")

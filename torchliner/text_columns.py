@@ -14,7 +14,7 @@ from torchliner.words import did_you_mean
 
 Array = NDArray[np.float64]
 SEPARATORS = (";", "\t", ",")
-LABEL = re.compile(r"(-?)(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
+LABEL = re.compile(r"(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 
 
 def read_lines(path: str | Path, head: int | None = None) -> list[str]:
@@ -146,8 +146,7 @@ def named_columns(
         labels.pop()
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
-        word = match.group(2) if match and not match.group(1) else label
-        unit = (match.group(3) or match.group(4) or "") if match else ""
+        word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
         name = _name(word, unit, columns, short or {})
         if match is None or name not in columns:
             raise ValueError(

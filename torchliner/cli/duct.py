@@ -118,8 +118,9 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
     if getattr(options, "end_reflection", None) is not None:
         changes["end_reflection"] = complex_number(options.end_reflection, "--end-reflection")
     if options.impedance is not None:
+        hard = "'rigid' for a hard wall, or "
         changes["impedance"] = [
-            text if text == "rigid" else complex_number(text, "--impedance")
+            text if text == "rigid" else complex_number(text, "--impedance", hard)
             for text in options.impedance
         ]
     return load_duct(options.duct, **changes)

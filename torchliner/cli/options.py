@@ -32,9 +32,13 @@ def split_pair(text: str, option: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-def complex_number(text: str, option: str) -> complex:
+def complex_number(text: str, option: str, infinite: str = "") -> complex:
     """R+Xj, finite.
 
+    Args:
+        text: as typed.
+        option: its name.
+        infinite: what to write for an infinite value, for the message.
     Raises:
         ValueError: it cannot be read, or is not finite.
     """
@@ -43,8 +47,9 @@ def complex_number(text: str, option: str) -> complex:
     except ValueError:
         raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
     if not cmath.isfinite(value):
-        hard = "'rigid' for a hard wall, or " if option == "--impedance" else ""
-        raise ValueError(f"{option} {text!r} is not finite; write {hard}a value such as 2.33-0.30j")
+        raise ValueError(
+            f"{option} {text!r} is not finite; write {infinite}a value such as 2.33-0.30j"
+        )
     return value
 
 

@@ -115,7 +115,7 @@ def fit_field(
     if variation == "linear":
         begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
         found = least_squares(model, target, begin, weights)
-    result = _result(found, model, pressure, line)
+    result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                "level_error": level_error,
                "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
@@ -131,7 +131,7 @@ def fit_field(
             pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
         again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
-        drawn = _settled(_result(again, model, noisy, line))
+        drawn = _settled(_result(again, model, noisy, line, freedom))
         result = replace(result, draws=drawn)
         lost = int((~drawn.converged).sum())
         if lost:
@@ -252,7 +252,9 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
         )
 
 
-def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine) -> FieldFit:
+def _result(
+    found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int
+) -> FieldFit:
     """The record of a solution for pressures (..., N, F)."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
     along = fine_places(line.x)
@@ -260,10 +262,9 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
     at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
     left = (at - pressure).abs().square().sum(-2)
     wall = impedance_at(found.place)
-    count = wall.shape[-1]
     covariance = impedance_covariance(found.place, found.covariance)
     rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
-    if count == 2:
+    if wall.shape[-1] == 2:
         rise = 2 * wall[..., 1]
         spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
         rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
@@ -281,7 +282,7 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
         along=along,
         pressure_along=between,
         residual=(left / pressure.abs().square().sum(-2)).sqrt(),
-        misfit=(found.cost / (2 * (line.microphones - count - len(model.sources)))).reshape(shape),
+        misfit=(found.cost / freedom).reshape(shape),
         converged=found.converged.reshape(shape),
         source_side=line.source_side,
     )

@@ -13,7 +13,7 @@ which the residuals are linear, is solved for at every place (variable projectio
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -86,19 +86,15 @@ def constant_wall(
     again = (~(found.cost <= poor)).any(-1)
     if bool(again.any()):
         other = from_grid(model, pressure[again], weights, FINE)
-        both = [_of_cases(found, again), other]
-        best = _best(both)
-        parts = {}
-        for part in dataclasses.fields(best):
-            values = getattr(found, part.name).clone()
-            values[again] = getattr(best, part.name)
-            parts[part.name] = values
-        found = Solution(**parts)
+        best = _best([_part_by_part(lambda part: part[again], found), other])
+        found = _part_by_part(lambda part, new: part.index_put((again,), new), found, best)
     return found
 
 
-def _of_cases(found: Solution, which: Tensor) -> Solution:
-    return Solution(*(getattr(found, part.name)[which] for part in dataclasses.fields(found)))
+def _part_by_part(function: Callable[..., Tensor], *found: Solution) -> Solution:
+    """A solution of whose parts each is a function of those of others."""
+    names = [part.name for part in dataclasses.fields(Solution)]
+    return Solution(*(function(*(getattr(one, name) for one in found)) for name in names))
 
 
 def _best(found: Sequence[Solution]) -> Solution:
@@ -106,12 +102,12 @@ def _best(found: Sequence[Solution]) -> Solution:
     cost = torch.stack([one.cost for one in found])
     least = torch.where(torch.isfinite(cost), cost, torch.inf).argmin(0)
 
-    def chosen(name: str) -> Tensor:
-        each = torch.stack([getattr(one, name) for one in found])
+    def chosen(*parts: Tensor) -> Tensor:
+        each = torch.stack(parts)
         index = least.reshape(1, *least.shape, *[1] * (each.ndim - 3))
         return each.gather(0, index.expand(1, *each.shape[1:]))[0]
 
-    return Solution(*(chosen(part.name) for part in dataclasses.fields(found[0])))
+    return _part_by_part(chosen, *found)
 
 
 def from_grid(

@@ -72,6 +72,18 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
+def require_schema(group: h5py.Group, schema: str, what: str, path: str | Path) -> None:
+    """Refuse a file, or a group of one, that holds something else.
+
+    Raises:
+        ValueError: it does.
+    """
+    found = text_attribute(group, "schema")
+    if found != schema:
+        where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
+        raise ValueError(f"{where} is no {what}: its schema is {found!r}, not {schema!r}")
+
+
 def read_si(
     group: h5py.Group, key: str, quantity: str, path: str | Path, part: slice | None = None
 ) -> np.ndarray:

@@ -14,6 +14,7 @@ from torchliner.io.hdf5 import (
     open_file,
     read_json,
     read_scalars,
+    require_schema,
     to_json,
     write_dimension,
     write_references,
@@ -28,7 +29,6 @@ from torchliner.io.result_file import (
     Variables,
     plain,
     read_heading,
-    require_schema,
     write_heading,
     write_pair,
 )

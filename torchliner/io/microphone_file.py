@@ -23,6 +23,7 @@ from torchliner.io.hdf5 import (
     read_references,
     read_scalars,
     read_si,
+    require_schema,
     text_attribute,
     to_json,
     write_dimension,
@@ -140,11 +141,8 @@ def read_microphones(
     if path.suffix.lower() in TEXT_ENDINGS:
         return _selected(read_microphone_csv(path, **about), frequency, signals)
     with open_file(path) as file:
-        schema = text_attribute(file, "schema")
-        if schema is not None and schema != SCHEMA:
-            raise ValueError(
-                f"{path} is no line of microphones: its schema is {schema!r}, not {SCHEMA!r}"
-            )
+        if "schema" in file.attrs:
+            require_schema(file, SCHEMA, "line of microphones", path)
         head: dict[str, Any] = {
             "x": read_si(file, "x", "length", path).reshape(-1),
             **read_scalars(file, SCALARS, path),

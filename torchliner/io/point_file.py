@@ -12,13 +12,14 @@ import torch
 from torchliner.io.hdf5 import (
     open_file,
     read_json,
+    require_schema,
     text_attribute,
     to_json,
     write_dimension,
     write_variable,
     written_whole,
 )
-from torchliner.io.result_file import IMPEDANCE, Variables, plain, require_schema, write_pair
+from torchliner.io.result_file import IMPEDANCE, Variables, plain, write_pair
 from torchliner.records import PointImpedances
 
 SCHEMA = "torchliner points 1"

@@ -28,6 +28,7 @@ from torchliner.io.hdf5 import (
     read_references,
     read_scalars,
     read_si,
+    require_schema,
     text_attribute,
     to_json,
     write_dimension,
@@ -130,11 +131,8 @@ def read_pressure(path: str | Path) -> PressureRecord:
     """
     path = Path(path)
     with open_file(path) as file:
-        found = text_attribute(file, "schema")
-        if found is not None and found != SCHEMA:
-            raise ValueError(
-                f"{path} is no pressure record: its schema is {found!r}, not {SCHEMA!r}"
-            )
+        if "schema" in file.attrs:
+            require_schema(file, SCHEMA, "pressure record", path)
         if not any(name in file for name in SIGNALS):
             get_dataset(file, "facesheet_pressure", path)  # says what is there instead
         rate, samples = read_times(file, path)

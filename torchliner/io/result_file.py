@@ -53,18 +53,6 @@ def read_heading(file: h5py.File, path: str | Path) -> dict[str, Any]:
     }
 
 
-def require_schema(group: h5py.Group, schema: str, what: str, path: str | Path) -> None:
-    """Refuse a file, or a group of one, that holds something else.
-
-    Raises:
-        ValueError: it does.
-    """
-    found = text_attribute(group, "schema")
-    if found != schema:
-        where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
-        raise ValueError(f"{where} is no {what}: its schema is {found!r}, not {schema!r}")
-
-
 def write_pair(
     file: h5py.Group, stem: str, value: Tensor, dims: tuple[str, ...], parts: tuple[str, str],
     words: str = "", unit: str = "1",
