@@ -1,4 +1,4 @@
-"""Modes of a lined duct: dispersion relation, independent shooting, counting, limits, gradients."""
+"""Modes of a lined duct against the dispersion relation, independent shooting and counted roots."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import pytest
 import torch
 from scipy.integrate import solve_ivp
 
-import torchliner as tl
 from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix, integral_matrix
-from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.modes import duct_modes
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
@@ -276,148 +274,3 @@ def test_table_of_a_profile_has_its_modes():
             for flow in (table, TANH)
         )
         assert float(((found - wanted) / wanted).abs().max()) < 1e-4
-
-
-# --- walls at the ends of the range -------------------------------------------------------------
-
-
-def test_extreme_walls():
-    """Z = 0 has p = 0 on the wall; Z = inf, 1e9 and nothing are the rigid wall."""
-    soft = duct_modes(TANH, 1500.0, 0.0)
-    assert float(soft.pressure[..., -1].abs().max()) < 1e-9
-    rigid = duct_modes(TANH, 1500.0)
-    for hard in (math.inf, complex(0, math.inf), complex(-math.inf, 0), 1e9):
-        found = duct_modes(TANH, 1500.0, hard).wavenumber
-        assert float((found - rigid.wavenumber).abs().max()) < 1e-6
-    assert float(rigid.normal[..., -1].abs().max()) < 1e-10
-
-
-# --- batches, gradients, device -----------------------------------------------------------------
-
-
-def test_batch_is_the_loop():
-    """Over walls and frequencies; also when more modes are wanted than fit one chunk."""
-    frequency = [700.0, 1500.0, 2600.0]
-    walls = torch.tensor(WALLS, dtype=torch.complex128).reshape(5, 1).expand(5, 3)
-    walls = torch.stack([walls, walls + 0.3])  # (2, 5, 3): 540 modes
-    whole = duct_modes(TANH, frequency, walls)
-    for i, j, f in [(0, 0, 0), (1, 3, 2), (0, 4, 1)]:
-        one = duct_modes(TANH, frequency[f], walls[i, j, f])
-        assert torch.allclose(whole.wavenumber[i, j, f], one.wavenumber[0], rtol=1e-11, atol=1e-9)
-        assert torch.allclose(whole.axial[i, j, f], one.axial[0], rtol=1e-8, atol=1e-9)
-
-
-def test_gradients():
-    """Of wavenumbers and shapes by Z, against differences."""
-    walls = torch.tensor([[B2A], [0.5 - 1j]], dtype=torch.complex128, requires_grad=True)
-
-    def outputs(z):
-        modes = duct_modes(TANH, [1500.0], z, count=2, points=8)
-        return modes.wavenumber, modes.pressure[..., ::9], modes.axial[..., ::9]
-
-    assert torch.autograd.gradcheck(outputs, (walls,), eps=1e-5, atol=1e-5, rtol=1e-5)
-
-
-# --- cut-on -------------------------------------------------------------------------------------
-
-
-def test_cut_on():
-    """Uniform flow: n c sqrt(1 - M^2)/(2 H). Sheared: complex just below, real just above."""
-    for mode in (1, 2):
-        wanted = mode * SPEED * math.sqrt(1 - 0.09) / (2 * HEIGHT)
-        assert cut_on_frequency(UNIFORM, mode) == pytest.approx(wanted, rel=1e-7)
-    limit = cut_on_frequency(TANH)
-    assert 0.99 < limit / cut_on_frequency(UNIFORM) < 1
-    below, above = duct_modes(TANH, [0.9999 * limit, 1.0001 * limit], count=2).wavenumber[:, 1]
-    assert abs(below.imag) > 0.3
-    assert abs(above.imag) < 1e-6
-    with pytest.raises(ValueError, match="mode is 0; the plane wave"):
-        cut_on_frequency(TANH, 0)
-
-
-# --- bad input ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("direction", BOTH)
-def test_several_flows_are_one_batch(direction):
-    """Each as it is alone (panels of the thinnest layer resolve the others at least as well), in
-    front of the frequencies, with impedances of their own; slip and no slip side by side."""
-    flows = [TANH, UNIFORM, UniformProfile(0.0, HEIGHT, SPEED), *SHEARED.values()]
-    walls = torch.tensor([[2.33 - 0.30j, 0.8 + 0.5j]], dtype=torch.complex128) * torch.linspace(
-        0.8, 1.2, len(flows)
-    ).reshape(-1, 1)
-    about = {"count": 3, "direction": direction, "slip_condition": "ingard-myers"}
-    frequency = [800.0, 1500.0]
-    whole = duct_modes(flows, frequency, walls, **about)
-    assert whole.wavenumber.shape == (len(flows), 2, 3)
-    heights = [0.0, 0.003, 0.02, HEIGHT]
-    fields = whole.at(heights)
-    for i, flow in enumerate(flows):
-        alone = duct_modes(flow, frequency, walls[i], **about)
-        away = (whole.wavenumber[i] / alone.wavenumber - 1).abs()
-        assert float(away.max()) < 1e-8
-        for field, one in zip(fields, alone.at(heights), strict=True):
-            assert float((field[i] - one).abs().max()) < 1e-6
-
-
-def test_flows_of_one_batch_are_of_one_duct():
-    taller = UniformProfile(0.1, 2 * HEIGHT, SPEED)
-    with pytest.raises(
-        ValueError, match=r"profiles have duct_height 0\.05, 0\.1; those of one duct"
-    ):
-        duct_modes([TANH, taller], 1500.0)
-    with pytest.raises(ValueError, match="profiles have sound_speed"):
-        duct_modes([TANH, UniformProfile(0.1, HEIGHT, 2 * SPEED)], 1500.0)
-    with pytest.raises(ValueError, match="profile is an empty list"):
-        duct_modes([], 1500.0)
-    with pytest.raises(TypeError, match="profile holds 'tanh', which is no mean flow"):
-        duct_modes(["tanh"], 1500.0)
-    walls = torch.ones(3, 1, dtype=torch.complex128)
-    with pytest.raises(
-        ValueError, match=r"impedance has shape \(3, 1\), which .* against \(P, F\) = \(2, 1\)"
-    ):
-        duct_modes([TANH, TANH], 1500.0, walls)
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"frequency": 0.0}, "frequency .*is 0"),
-        ({"frequency": -5.0}, "frequency .*is -5"),
-        ({"frequency": []}, "no frequency is given"),
-        ({"impedance": math.nan}, "impedance is nan; a hard wall is inf"),
-        ({"impedance": -1.0}, "impedance is -1, a wall that sends waves unasked"),
-        ({"count": 0}, "count is 0; at least one mode"),
-        ({"direction": "up"}, "unknown direction 'up'; choose one of: downstream, upstream"),
-        (
-            {"slip_condition": None},
-            r"slips along the lined wall at Mach 0\.3; .*'continuous-velocity'",
-        ),
-        ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
-    ],
-)
-def test_refusals(change, match):
-    arguments = {
-        "frequency": 1500.0,
-        "impedance": B2A,
-        "slip_condition": VELOCITY,
-        **change,
-    }
-    with pytest.raises(ValueError, match=match):
-        duct_modes(UNIFORM, arguments.pop("frequency"), arguments.pop("impedance"), **arguments)
-
-
-def test_failures_that_computation_shows():
-    with pytest.raises(RuntimeError, match="fewer than 60 downstream modes are resolved"):
-        duct_modes(TANH, 1500.0, count=60)
-    at = cut_on_frequency(UNIFORM)
-    with pytest.raises(RuntimeError, match="does not settle"):
-        duct_modes(UNIFORM, at * (1 + 1e-13), count=2)
-    modes = duct_modes(TANH, 1500.0, count=1)
-    with pytest.raises(ValueError, match=r"run from 0 to 0\.05 m"):
-        modes.at([0.06])
-
-
-def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.2, below 0"):
-        duct_modes(TANH, 1500.0, -0.2 + 1j, count=1)
