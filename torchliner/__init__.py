@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__version__ = "0.1.0"
+from torchliner.version import __version__
 
 _HOMES = {
     "Fluid": "torchliner.fluid",

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from torchliner import __version__
+from torchliner.version import __version__
 from torchliner.words import did_you_mean
 
 COMMANDS = {

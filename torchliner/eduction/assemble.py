@@ -14,11 +14,11 @@ from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Interval, Uncertainty
 from torchliner.replay.kernels import impedance_of
 from torchliner.replay.lines import interpolation_error
+from torchliner.version import __version__
 
 
 def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
     """Every choice, and what followed from it."""
-    from torchliner import __version__
 
     plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
     facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,9 +13,6 @@ from torchliner.checks import require_choice
 from torchliner.eduction.averaging import ORDERS
 from torchliner.io.tolerances import parse_tolerance
 from torchliner.liners.parameters import NUMBERS
-
-if TYPE_CHECKING:
-    from torchliner.eduction.sensitivity import Sensitivities
 
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 
@@ -87,41 +84,47 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 
 def budget_of(
-    found: Sensitivities,
+    parameters: Sequence[str],
+    values: Tensor,
+    slopes: Mapping[str, Tensor],
     tolerances: Mapping[str, Any],
     limits: str,
-    correlation: Mapping[tuple[str, str], float] | None,
+    correlation: Mapping[tuple[str, str], float] | None = None,
 ) -> Budget:
-    """See ``Sensitivities.propagate``."""
+    """First-order budget of anything whose slopes in some parameters are known.
+
+    Args:
+        parameters, values: names, SI, (n,).
+        slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
+            ``probes``, ``cells``, ``cells_velocity_first``.
+        tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
+    """
     factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
     if not tolerances:
         raise ValueError("no tolerance is stated; name at least one, e.g. orifice_diameter")
     for name in tolerances:
-        require_choice("parameter of a tolerance", name, found.parameters)
-    kept = [i for i, name in enumerate(found.parameters) if name in tolerances]
-    names = tuple(found.parameters[i] for i in kept)
-    values = found.values[kept]
+        require_choice("parameter of a tolerance", name, parameters)
+    kept = [i for i, name in enumerate(parameters) if name in tolerances]
+    names = tuple(parameters[i] for i in kept)
     half_widths = torch.tensor(
         [
             parse_tolerance(tolerances[name], name, NUMBERS[name].quantity, value)
-            for name, value in zip(names, values.tolist(), strict=True)
+            for name, value in zip(names, values[kept].tolist(), strict=True)
         ],
         dtype=torch.float64,
     )
     standard = factor * half_widths
     matrix = _correlation_matrix(names, correlation or {})
-    steps = torch.zeros(len(found.parameters), dtype=torch.float64)
-    steps[kept] = standard
-    moved = found.scaled(steps)
-    contributions = {order: moved.of_liner(order)[kept] for order in ORDERS}
-
-    def spread(changes: Tensor) -> Tensor:
-        return standard_of(covariance_of(changes[kept], matrix))
-
+    changes = {
+        name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1))
+        for name, slope in slopes.items()
+    }
+    covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
     return Budget(
-        names, values, half_widths, standard, limits, matrix, contributions,
-        {order: covariance_of(part, matrix) for order, part in contributions.items()},
-        spread(moved.probes), spread(moved.cells), spread(moved.cells_velocity_first),
+        names, values[kept], half_widths, standard, limits, matrix,
+        {order: changes[order] for order in ORDERS},
+        {order: covariance[order] for order in ORDERS},
+        *(standard_of(covariance[name]) for name in ("probes", "cells", "cells_velocity_first")),
     )  # fmt: skip
 
 

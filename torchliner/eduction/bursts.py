@@ -24,6 +24,7 @@ from torchliner.io.burst_sources import Place, StationSource, list_stations, ord
 from torchliner.io.line_parts import LineParts
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
+from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
@@ -184,7 +185,6 @@ def _references(reference: Any, count: int) -> list[Any]:
 
 def _key(station: Station, channel: ReferenceChannel | None, said: list[Any]) -> str:
     """What a station's result follows from, hashed."""
-    from torchliner import __version__
 
     if isinstance(station, StationSource):
         source = f"{station.digest()} {station.name}"

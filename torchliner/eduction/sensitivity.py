@@ -121,7 +121,11 @@ class Sensitivities:
                 unknown reading, correlations that no set of quantities can have.
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
         """
-        return budget_of(self, tolerances, limits, correlation)
+        slopes = {
+            **{order: self.of_liner(order) for order in ORDERS},
+            **{name: getattr(self, name) for name in ("probes", "cells", "cells_velocity_first")},
+        }
+        return budget_of(self.parameters, self.values, slopes, tolerances, limits, correlation)
 
 
 def sensitivities(

@@ -49,15 +49,17 @@ SHARED = (*SCALARS, *TEXTS, "fluid", "reference")  # one value for the whole fil
 LISTS: dict[str, Any] = {"dropped": {}, "provenance": {}, "notes": []}  # per station, as JSON
 
 
-def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
+def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path) -> None:
     """Write stations to one file; the old one, if any, is replaced only when the new is whole.
 
     Args:
-        records: stations; they share fluid, tone, levels, liner and references.
+        records: one station or several; they share fluid, tone, levels, liner and references.
         path: .h5 or .nc; .csv for a single station.
     Raises:
         ValueError: no station, stations of different cases, several stations for a .csv.
     """
+    if isinstance(records, BurstRecord):
+        records = [records]
     if not records:
         raise ValueError(f"{path}: no station to write")
     if Path(path).suffix.lower() == ".csv":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -12,6 +11,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_number, require_choice, require_positive
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Written
 from torchliner.records.probes import signal_tensor
 from torchliner.records.velocity_plane import SOURCE_SIDES
 
@@ -20,7 +20,7 @@ COMPONENTS = ("wall_normal", "streamwise")
 
 
 @dataclass(frozen=True, eq=False)
-class BurstRecord:
+class BurstRecord(Written):
     """Bursts of one station: a particle's passage each, at random times.
 
     Arrival times may repeat or step back, as some files have them; ``validate_bursts`` drops such
@@ -163,9 +163,3 @@ class BurstRecord:
         arrays = {n: v[mask] for n in UNITS if (v := getattr(self, n)) is not None}
         total = {r: self.dropped.get(r, 0) + said.get(r, 0) for r in [*self.dropped, *said]}
         return replace(self, **arrays, dropped=total)
-
-    def write(self, path: str | Path) -> None:
-        """Write one HDF5 file, or CSV if the name ends in .csv; see docs/ldv.md."""
-        from torchliner.io.burst_file import write_bursts
-
-        write_bursts([self], path)

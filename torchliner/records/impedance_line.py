@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -17,6 +16,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Drawn
 from torchliner.records.uncertainty import Interval
 
 
@@ -50,7 +50,7 @@ class LineAverage:
 
 
 @dataclass(frozen=True, eq=False)
-class ImpedanceLine:
+class ImpedanceLine(Drawn):
     """Impedance of every segment of every station, with averages and all choices.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S
@@ -171,15 +171,3 @@ class ImpedanceLine:
         reflected = reflection_from_admittance(self.admittance)
         wave = self.fluid.characteristic_impedance * self.velocity_amplitude / (1 - reflected)
         return spl_from_pressure_amplitude(wave)
-
-    def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/ldv_line.md."""
-        from torchliner.io.line_file import write_line
-
-        write_line(self, path)
-
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Draw resistance and reactance along the line; returns the matplotlib figure."""
-        from torchliner.report.line_figures import draw_lines
-
-        return draw_lines([self], path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -18,12 +17,13 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False)
-class ImpedanceMap:
+class ImpedanceMap(Drawn):
     """Educed impedance of every probe, with its averages and all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner.
@@ -158,15 +158,3 @@ class ImpedanceMap:
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""
         return replace(self, alongside=(*self.alongside, *others))
-
-    def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file, or CSV if the name ends in .csv; see docs/formats.md."""
-        from torchliner.io.map_file import write_map
-
-        write_map(self, path)
-
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Draw the map, (x, z) or along x; returns the matplotlib figure, saved if ``path``."""
-        from torchliner.report.figures import draw_map
-
-        return draw_map(self, path)

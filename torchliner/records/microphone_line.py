@@ -6,7 +6,6 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from torchliner.checks import (
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Written
 from torchliner.records.unit_doubts import unit_doubts
 from torchliner.records.velocity_plane import SOURCE_SIDES
 
@@ -31,7 +31,7 @@ LOUDEST = 194.0  # dB: a peak of one atmosphere
 
 
 @dataclass(frozen=True, eq=False)
-class MicrophoneLine:
+class MicrophoneLine(Written):
     r"""Complex pressure amplitudes of tones along a straight duct with a lined wall.
 
     Args:
@@ -297,9 +297,3 @@ class MicrophoneLine:
                 f"{1e3 * margin:g} mm; at least two are needed"
             )
         return self.select(inside.nonzero()[:, 0])
-
-    def write(self, path: str | Path) -> None:
-        """Write netCDF-4, or CSV if the name ends in .csv; see docs/wall_pressure.md."""
-        from torchliner.io.microphone_file import write_microphones
-
-        write_microphones(self, path)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from torch import Tensor
 
 from torchliner.checks import require_complex
+from torchliner.records.outlets import Written
 
 
 @dataclass(frozen=True, eq=False)
-class PointImpedances:
+class PointImpedances(Written):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner.
@@ -76,9 +76,3 @@ class PointImpedances:
         """Index of a frequency (Hz), None if it is not among these."""
         close = (self.frequency / frequency - 1).abs() < 1e-6
         return int(close.nonzero()[0]) if bool(close.any()) else None
-
-    def write(self, path: str | Path) -> None:
-        """Write netCDF-4, or CSV if the name ends in .csv; see docs/formats.md."""
-        from torchliner.io.point_file import write_points
-
-        write_points(self, path)

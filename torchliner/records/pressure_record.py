@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 
 SIGNALS = {
@@ -24,7 +24,7 @@ SIGNALS = {
 
 
 @dataclass(frozen=True, eq=False)
-class PressureRecord(AtProbes):
+class PressureRecord(Written, AtProbes):
     """Pressures around a liner on one time base, for the in situ method and for microphones.
 
     Facesheet and backplate go together; a record may hold them, microphones, or both.
@@ -198,12 +198,6 @@ class PressureRecord(AtProbes):
     def probe_shape(self) -> tuple[int, ...]:
         """Shape of the facesheet's probe axes: (z, x), (probe,) or ()."""
         return () if self.facesheet is None else tuple(self.facesheet.shape[:-1])
-
-    def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file; see docs/formats.md."""
-        from torchliner.io.pressure_file import write_pressure
-
-        write_pressure(self, path)
 
 
 def _require_finite(signal: Tensor, label: str, name: str) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
+from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 
@@ -27,7 +27,7 @@ class StoredVelocity(Reader, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityPlane(AtProbes):
+class VelocityPlane(Written, AtProbes):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
@@ -153,12 +153,6 @@ class VelocityPlane(AtProbes):
             if (value := getattr(self, name)) is not None and not isinstance(value, Tensor)
         }
         return replace(self, **stored) if stored else self
-
-    def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file; see docs/formats.md."""
-        from torchliner.io.plane_file import write_plane
-
-        write_plane(self, path)
 
 
 def _velocity_tensor(value: Any, label: str, name: str) -> Any:

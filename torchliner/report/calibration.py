@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.eduction.calibration import Calibration
+from torchliner.eduction.velocity import educe
 from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
 from torchliner.report.style import COLOURS
@@ -198,8 +199,6 @@ def prediction_rows(
         reference: name of the impedance beside which it is put, if the plane has it.
         noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
     """
-    from torchliner.eduction.velocity import educe
-
     said = found.choices
     first = educe(plane, before, phase=said.phase, edge=said.edge, drive=said.drive,
                   mean=said.mean, kernel=said.kernel)  # fmt: skip

@@ -12,6 +12,7 @@ from torchliner.eduction.drive import ProbeVelocity
 from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.report.numbers import velocity_along_x
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384
@@ -123,8 +124,6 @@ def _range(values: Tensor) -> str:
 
 
 def _rms(plane: VelocityPlane) -> float:
-    from torchliner.report.numbers import velocity_along_x
-
     profile = velocity_along_x(plane).values["v' rms (m/s)"]
     return float((profile**2).mean() ** 0.5)
 

@@ -26,7 +26,7 @@ def place_along(line: ImpedanceLine) -> tuple[np.ndarray, str]:
 
 @styled
 def draw_lines(
-    lines: Sequence[ImpedanceLine],
+    lines: ImpedanceLine | Sequence[ImpedanceLine],
     path: str | Path | None = None,
     frequency_index: int = 0,
     labels: Sequence[str] | None = None,
@@ -37,6 +37,8 @@ def draw_lines(
     Area: three standard deviations over the segments, as in the paper. Dark band: the statistical
     interval of the mean. Crosses: stations that do not count in averages.
     """
+    if isinstance(lines, ImpedanceLine):
+        lines = [lines]
     figure, axes = subplots(1, 2, 3.5)
     names = _labels(lines, labels)
     for axis, (part, text) in zip(axes[0], PARTS, strict=True):
@@ -119,7 +121,7 @@ def draw_line_velocity(
 
 @styled
 def draw_averages(
-    lines: Sequence[ImpedanceLine],
+    lines: ImpedanceLine | Sequence[ImpedanceLine],
     path: str | Path | None = None,
     frequency_index: int = 0,
     labels: Sequence[str] | None = None,
