@@ -121,7 +121,7 @@ def draw_line_velocity(
 
 @styled
 def draw_averages(
-    lines: ImpedanceLine | Sequence[ImpedanceLine],
+    lines: Sequence[ImpedanceLine],
     path: str | Path | None = None,
     frequency_index: int = 0,
     labels: Sequence[str] | None = None,
