@@ -34,10 +34,11 @@ import torch
 from scipy.sparse.linalg import splu
 
 import torchliner as tl
+from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
 from torchliner.duct.lee import DuctSolver, solve_duct
-from torchliner.duct.lee_assembled import assemble, node_places
 from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.verification import node_places
 from torchliner.eduction.microphone_errors import draw_pressures
 from torchliner.flow_profiles import TanhProfile
 

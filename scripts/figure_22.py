@@ -9,8 +9,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from studies.jet_figures import draw_jets, exponent_lines, height_over_mach, height_over_velocity
 from torchliner.duct.jets import jet_scaling
-from torchliner.report.jets import draw_jets, exponent_lines, height_over_mach, height_over_velocity
 
 SHEARS = (0.05, 0.1)  # the paper's, and that of its duct computations
 

@@ -23,12 +23,12 @@ from scipy.signal import welch
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.report.arrivals import draw_attenuation, draw_effects, draw_spectra
+from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
+from studies.slotting import slotted_correlation, slotted_spectrum
 from torchliner.report.numbers import Array, Table
 from torchliner.signals.arrivals import METHODS, GridSignal, onto_grid
 from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part
-from torchliner.signals.slotting import slotted_correlation, slotted_spectrum
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
 KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the record that is truth

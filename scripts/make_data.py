@@ -17,10 +17,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from studies.resolved_pressure import read_resolved_pressure
 from torchliner.io.plane_file import write_plane
 from torchliner.io.pressure_file import write_pressure
 from torchliner.io.resolved import read_channel, read_resolved
-from torchliner.io.resolved_pressure import read_resolved_pressure
 from torchliner.records import VelocityPlane
 
 HERE = Path(__file__).resolve().parent.parent / "data"

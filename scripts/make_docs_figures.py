@@ -17,7 +17,6 @@ import kt_mismatch
 import ldv_interpolation
 import side_by_side
 import truth_page
-
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
 from torchliner.eduction.averaging import ORDERS

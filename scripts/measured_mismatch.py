@@ -25,9 +25,9 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 import torchliner as tl
+from studies.mismatch import MeasuredWave, draw_mismatch, wave_rows
 from torchliner.eduction.wave_decomposition import split_waves
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.report.mismatch import MeasuredWave, draw_mismatch, wave_rows
 from torchliner.report.numbers import write_rows
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")

@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import b2a_line
 import numpy as np
 import torch
 
+import b2a_line
 import torchliner as tl
 from torchliner.duct.catalogue import DuctSetup, load_duct
 from torchliner.duct.duct_field import DuctField

@@ -19,6 +19,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torchliner as tl
+from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
+from studies.truth_reasons import (
+    MotionRow,
+    ReasonRow,
+    motion_row,
+    plain_motion,
+    reason_row,
+)
 from torchliner.eduction.averaging import ORDERS
 from torchliner.io.hdf5 import written_whole
 from torchliner.report.numbers import write_rows
@@ -31,14 +39,6 @@ from torchliner.report.truth import (
     errors_by_rule,
     format_complex,
     truth_table,
-)
-from torchliner.report.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from torchliner.report.truth_reasons import (
-    MotionRow,
-    ReasonRow,
-    motion_row,
-    plain_motion,
-    reason_row,
 )
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -14,7 +14,8 @@ PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
 FLOORS = {
     "version": 0, "words": 0, "checks": 0.5, "units": 0.5, "text_columns": 1, "fluid": 1,
     "conversions": 1, "flow_profiles": 1, "toml_files": 1.5, "records": 2, "signals": 3,
-    "liners": 4, "duct": 4, "replay": 5, "io": 6, "eduction": 7, "report": 8, "cli": 9, "__main__": 10,
+    "liners": 4, "duct": 4, "replay": 5, "io": 6, "eduction": 7, "report": 8, "cli": 9,
+    "__main__": 10,
 }  # fmt: skip
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py")
 

@@ -13,10 +13,10 @@ from scipy.integrate import dblquad
 from scipy.signal import lombscargle
 
 import torchliner as tl
+from studies.slotting import slotted_correlation
 from torchliner.signals.arrivals import METHODS, UniformGrid, interpolate, onto_grid
 from torchliner.signals.attenuation import poisson_attenuation, poisson_power, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part
-from torchliner.signals.slotting import slotted_correlation
 
 FREQUENCY, RATE = 1500.0, 15e3
 quiet = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

@@ -9,12 +9,12 @@ import pytest
 import scipy.linalg
 import torch
 
+from oracles.mode_matching import match_modes
 from torchliner.duct.case import DuctCase
 from torchliner.duct.lee import solve_duct
 from torchliner.duct.lee_basis import Basis, Rows
 from torchliner.duct.lee_columns import condense_column
 from torchliner.duct.mesh import build_mesh
-from torchliner.duct.mode_matching import match_modes
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.verification import exact_mode_error, order_table
 from torchliner.flow_profiles import (

@@ -14,13 +14,14 @@ import torch
 from conftest import load_script
 from scipy.sparse.linalg import spsolve
 
+from oracles.lee_assembled import solve_assembled
 from torchliner.duct.case import DuctCase
 from torchliner.duct.duct_field import DuctField
 from torchliner.duct.lee import solve_duct
-from torchliner.duct.lee_assembled import node_places, solve_assembled
 from torchliner.duct.lee_ends import EndModes
 from torchliner.duct.lee_swept import sweep_duct
 from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.verification import node_places
 from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 
 VELOCITY = "continuous-velocity"

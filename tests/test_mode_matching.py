@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.duct.mode_matching import match_modes
+from oracles.mode_matching import match_modes
 from torchliner.duct.modes import duct_modes
 from torchliner.flow_profiles import UniformProfile
 

@@ -12,7 +12,7 @@ import xarray
 from conftest import DATA, SHARED, turbulence
 
 import torchliner as tl
-from torchliner.io.resolved_pressure import read_resolved_pressure
+from studies.resolved_pressure import read_resolved_pressure
 
 FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5",
         "o": SHARED / "data" / "resolved_orifice_3d.h5"}  # fmt: skip

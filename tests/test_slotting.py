@@ -9,7 +9,7 @@ import pytest
 import torch
 from test_arrivals import FREQUENCY, RATE, TIMES, normal, poisson, tone
 
-from torchliner.signals.slotting import slotted_correlation, slotted_spectrum
+from studies.slotting import slotted_correlation, slotted_spectrum
 
 
 def brute_force(times: np.ndarray, values: np.ndarray, slot: float, count: int) -> list[float]:

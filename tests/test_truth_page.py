@@ -12,12 +12,12 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, SHARED, load_script, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.eduction.hole_velocity import hole_velocity
-from torchliner.eduction.limits import reach, speed_that_gives
+from studies.harmonics import phase_locked_power
+from studies.hole_velocity import hole_velocity
+from studies.limits import reach, speed_that_gives
+from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
 from torchliner.report.numbers import write_rows
 from torchliner.report.truth import TruthRow, errors_by_rule, format_rules
-from torchliner.report.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from torchliner.signals.harmonics import phase_locked_power
 
 page = load_script("truth_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")

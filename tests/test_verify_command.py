@@ -6,8 +6,11 @@ import itertools
 import json
 import math
 
+import numpy as np
 import pytest
+import torch
 
+from oracles.mode_matching import match_modes
 from torchliner.cli.main import main
 from torchliner.report import verify
 
@@ -40,6 +43,14 @@ def test_an_error_that_grows_is_no_order():
     assert not first(rows)["passed"]
     below = {"flow": "no flow", "degree": 1, "error": 5e-12, "order": -3.0}
     assert first([*rows[:3], below])["passed"]
+
+
+def test_the_matched_modes_are_those_of_the_oracle():
+    """The stored wall pressure is what 40 matched modes give."""
+    both = match_modes(verify.HEIGHT, (0.0, 0.15), verify.FREQUENCY, verify.TRUE, modes=40)
+    matched = both.fields(np.linspace(-0.05, 0.2, 26), verify.HEIGHT)[0]
+    stored = torch.tensor(verify.MATCHED, dtype=torch.complex128)
+    assert float((matched - stored).abs().max()) < 1e-12
 
 
 def test_the_ending_is_checked_first(capsys):

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.duct.case import DuctCase
 from torchliner.duct.duct_field import DuctField
-from torchliner.duct.lee_assembled import node_places
+from torchliner.duct.lee_basis import Basis
 from torchliner.duct.lee_ends import EndModes, end_modes
 from torchliner.duct.lee_ports import solve_ports
 from torchliner.duct.lee_swept import sweep_duct
@@ -120,3 +121,15 @@ def exact_mode_error(
     phase = torch.exp(-1j * mode.wavenumber[0, 0] * torch.as_tensor(x - start))
     wanted = mode.at(y)[0][0, 0] * phase
     return float((found - wanted).abs().max() / wanted.abs().max()), mesh.unknowns
+
+
+def node_places(mesh: DuctMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
+    nodes = Basis.of_degree(mesh.degree).nodes.numpy()
+    x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes
+    y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * nodes
+    shape = (*x.shape[:1], *y.shape, len(nodes))
+    return (
+        np.broadcast_to(x[:, None, None, :], shape),
+        np.broadcast_to(y[None, :, :, None], shape),
+    )

@@ -12,13 +12,29 @@ import torch
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.duct.lee import DuctSolver
-from torchliner.duct.mode_matching import match_modes
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.verification import CASES, order_table
 from torchliner.flow_profiles import UniformProfile
 
 HEIGHT, FREQUENCY, TRUE = 50e-3, 1500.0, 2.33 - 0.30j
 PUBLISHED = 21.45776 - 2.51104j  # c 343 m/s, M 0.3, Ingard-Myers, downstream
+# p on the opposite wall at 26 places, x = -0.05 to 0.2 m, by 40 matched modes of a rigid-lined-
+# rigid duct without flow (scripts/oracles/mode_matching.py; a test makes it again).
+MATCHED = [
+    0.2704552450943+1.0271604121750j, 0.5155037953053+0.9576063187013j,
+    0.7228570904701+0.8184073163452j, 0.8776459015565+0.6213699585782j,
+    0.9693617773489+0.3832519489909j, 0.9928123251979+0.1243871387856j,
+    0.9485982968854-0.1332453745550j, 0.8430050078108-0.3686617515250j,
+    0.6871704797449-0.5639968643637j, 0.4957601435968-0.7061651850346j,
+    0.2853704083406-0.7875519369247j, 0.0729319461596-0.8060461097437j,
+    -0.1257229743350-0.7646159289669j, -0.2970328397231-0.6705713721768j,
+    -0.4305628577086-0.5346087251811j, -0.5195136447357-0.3697173821858j,
+    -0.5608734643568-0.1900281172895j, -0.5552287505999-0.0096821325109j,
+    -0.5062803559214+0.1582006036708j, -0.4201647247873+0.3023734122851j,
+    -0.3047542887011+0.4140488285505j, -0.1690593979716+0.4872139981404j,
+    -0.0229609531903+0.5186046992979j, 0.1231899302920+0.5076991622879j,
+    0.2590041369513+0.4566242351932j, 0.3747245416864+0.3700638785677j,
+]  # fmt: skip
 FLOOR = 1e-11  # of p: the error of the exact modes
 LEAST = 0.5  # by which the last step may miss p + 1: with upwind fluxes p + 1/2 is sure
 
@@ -73,8 +89,7 @@ def _matched() -> dict[str, Any]:
     places = np.linspace(-0.05, 0.2, 26)
     solver = DuctSolver(case, FREQUENCY, keep="walls")
     field = solver.solve(TRUE).wall_pressure(places)
-    both = match_modes(HEIGHT, (0.0, 0.15), FREQUENCY, TRUE, modes=40)
-    matched, _, _ = both.fields(places, HEIGHT)
+    matched = torch.tensor(MATCHED, dtype=torch.complex128)
     away = float((field - matched).abs().max() / matched.abs().max())
     return _check("rigid-lined-rigid without flow against 40 matched modes", away, 1e-4)
 

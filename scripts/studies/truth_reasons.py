@@ -8,13 +8,13 @@ from typing import Any
 
 import torch
 
+from studies.harmonics import phase_locked_power
+from studies.hole_velocity import hole_velocity
+from studies.limits import reach, speed_that_gives
 from torchliner.eduction.averaging import sort_into_cells
-from torchliner.eduction.hole_velocity import hole_velocity
-from torchliner.eduction.limits import reach, speed_that_gives
 from torchliner.eduction.velocity import educe
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
-from torchliner.signals.harmonics import phase_locked_power
 
 FASTEST = 100.0  # m/s, for the sets that a model can reach; o145 and the g cases stay below
 

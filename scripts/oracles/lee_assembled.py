@@ -43,18 +43,6 @@ def solve_assembled(
     return found, float(24 * (factors.L.nnz + factors.U.nnz))
 
 
-def node_places(mesh: DuctMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
-    nodes = Basis.of_degree(mesh.degree).nodes.numpy()
-    x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes
-    y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * nodes
-    shape = (*x.shape[:1], *y.shape, len(nodes))
-    return (
-        np.broadcast_to(x[:, None, None, :], shape),
-        np.broadcast_to(y[None, :, :, None], shape),
-    )
-
-
 def assemble(
     case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh
 ) -> tuple[sparse.csc_matrix, Complex]:

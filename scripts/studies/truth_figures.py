@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from studies.limits import reach
+from studies.truth_reasons import FASTEST, ReasonRow
 from torchliner.eduction.averaging import ORDERS
-from torchliner.eduction.limits import reach
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
 from torchliner.report.style import COLOURS, MARKERS
 from torchliner.report.truth import DEFAULT, DRIVES, PHASES, TruthRow, drive_label
-from torchliner.report.truth_reasons import FASTEST, ReasonRow
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)
