@@ -29,10 +29,10 @@ from scipy.special import j1
 import torchliner as tl
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
-from torchliner.io.line_csv import line_rows
+from torchliner.io.line_file import line_rows
+from torchliner.report.figure import RC
 from torchliner.report.line_figures import draw_averages, draw_line_velocity, draw_lines
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import RC
+from torchliner.report.table import write_rows
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m

@@ -27,7 +27,6 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.eduction.velocity import educe
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.edges import Record
 from torchliner.replay.emissions import Sent
@@ -39,6 +38,7 @@ from torchliner.replay.sources import HeldSpeed
 from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
+from torchliner.tdibc.educe import educe
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
 PARTS = ("engines", "slopes", "worth", "stations", "duct", "files", "memory", "start")

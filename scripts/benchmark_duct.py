@@ -36,11 +36,11 @@ from scipy.sparse.linalg import splu
 import torchliner as tl
 from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
-from torchliner.duct.lee import DuctSolver, solve_duct
-from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.verification import node_places
-from torchliner.eduction.microphone_errors import draw_pressures
 from torchliner.flow_profiles import TanhProfile
+from torchliner.lee.mesh import DuctMesh, build_mesh
+from torchliner.lee.orders import node_places
+from torchliner.lee.solver import DuctSolver, solve_duct
+from torchliner.signals.microphone_errors import draw_pressures
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j
 CASE = DuctCase(TanhProfile(0.3, HEIGHT, 0.1), -0.2, 0.35, (0.0, 0.15))

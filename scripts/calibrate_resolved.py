@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from torchliner.eduction.averaging import ORDERS
+from torchliner.records.cells import ORDERS
 from torchliner.report.calibration import (
     PredictionRow,
     draw_predictions,
@@ -28,7 +28,7 @@ from torchliner.report.calibration import (
     parameter_rows,
     prediction_rows,
 )
-from torchliner.report.numbers import write_rows
+from torchliner.report.table import write_rows
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, RESULTS = ROOT / "data", ROOT / "results" / "calibration"

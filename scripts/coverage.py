@@ -25,7 +25,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
-from torchliner.report.numbers import write_rows
+from torchliner.report.table import write_rows
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}

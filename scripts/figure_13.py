@@ -22,10 +22,10 @@ import numpy as np
 
 import torchliner as tl
 from torchliner.duct.catalogue import DuctSetup, load_duct
-from torchliner.duct.duct_field import DuctField
 from torchliner.duct.tables import impedance_along
+from torchliner.lee.field import DuctField
 from torchliner.report.duct import draw_walls, microphones_of
-from torchliner.report.numbers import write_rows
+from torchliner.report.table import write_rows
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}
 ASSUMED, HEIGHTS = 1.36 - 0.67j, {"R - 25 %": 0.75, "assumed Z": 1.0, "R + 25 %": 1.25}

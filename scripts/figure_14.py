@@ -24,9 +24,8 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.catalogue import load_duct
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.duct import solved_line
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import write_rows
 from torchliner.report.wall_pressure import draw_cloud, draw_levels
 
 SIDES = ("upstream", "downstream")

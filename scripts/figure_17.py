@@ -13,13 +13,13 @@ import warnings
 from pathlib import Path
 
 from torchliner.checks import DataWarning
-from torchliner.eduction.in_situ import in_situ
-from torchliner.eduction.velocity import educe
+from torchliner.in_situ.dean import in_situ
 from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.report.figures import draw_along_x
 from torchliner.report.numbers import impedance_along_x
+from torchliner.tdibc.educe import educe
 
 ROOT = Path(__file__).resolve().parent.parent
 CASES = {"g01_145": "slit", "g03_145": "slit", "o145": "orifice"}

@@ -22,12 +22,11 @@ import numpy as np
 import torchliner as tl
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
-from torchliner.duct.lee import DuctSolver
-from torchliner.duct.mesh import DuctMesh
 from torchliner.flow_profiles import UniformProfile
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.lee.mesh import DuctMesh
+from torchliner.lee.solver import DuctSolver
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import write_rows
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
 PATCH, SHARE, TRUE = 0.2, 0.25, 0.8

@@ -21,15 +21,14 @@ import numpy as np
 
 import torchliner as tl
 from torchliner.duct.catalogue import DuctSetup, load_duct
-from torchliner.duct.lee import DuctSolver
 from torchliner.duct.tables import impedance_along
-from torchliner.eduction.field_fit import fit_field
-from torchliner.eduction.two_wave_fit import two_wave_fit
-from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.lee.solver import DuctSolver
 from torchliner.report.duct import solved_line
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import write_rows
+from torchliner.wall_field.fit import fit_field
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
+from torchliner.wall_waves.two_waves import two_wave_fit
 
 TRUE = 2.33 - 0.30j
 PAPER = {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}

@@ -25,7 +25,7 @@ from torch import Tensor
 import torchliner as tl
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.slotting import slotted_correlation, slotted_spectrum
-from torchliner.report.numbers import Array, Table
+from torchliner.report.table import Array, Table
 from torchliner.signals.arrivals import METHODS, GridSignal, onto_grid
 from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part

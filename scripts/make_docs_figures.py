@@ -19,15 +19,15 @@ import side_by_side
 import truth_page
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
-from torchliner.eduction.averaging import ORDERS
-from torchliner.eduction.heights import study_heights
-from torchliner.eduction.in_situ import in_situ
-from torchliner.eduction.velocity import educe
+from torchliner.heights.study import study_heights
+from torchliner.in_situ.dean import in_situ
 from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
+from torchliner.records.cells import ORDERS
 from torchliner.report import figures, height
 from torchliner.report.spectra import draw_spectrum
+from torchliner.tdibc.educe import educe
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES = ROOT / "data", ROOT / "docs" / "figures"

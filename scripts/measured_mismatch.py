@@ -26,9 +26,9 @@ from torch import Tensor
 
 import torchliner as tl
 from studies.mismatch import MeasuredWave, draw_mismatch, wave_rows
-from torchliner.eduction.wave_decomposition import split_waves
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.report.numbers import write_rows
+from torchliner.report.table import write_rows
+from torchliner.signals.plane_waves import split_waves
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")
 CASES = {"upstream": 0, "downstream": 2}  # source side: its number in the last column

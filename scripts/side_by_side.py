@@ -26,14 +26,13 @@ import torch
 import b2a_line
 import torchliner as tl
 from torchliner.duct.catalogue import DuctSetup, load_duct
-from torchliner.duct.duct_field import DuctField
 from torchliner.duct.tables import impedance_along
+from torchliner.lee.field import DuctField
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
 from torchliner.report.duct import solved_line
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import write_rows
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane

@@ -27,19 +27,11 @@ from studies.truth_reasons import (
     plain_motion,
     reason_row,
 )
-from torchliner.eduction.averaging import ORDERS
+from torchliner.audit.truth import DEFAULT, DRIVES, PHASES, TruthRow, errors_by_rule, truth_table
 from torchliner.io.hdf5 import written_whole
-from torchliner.report.numbers import write_rows
-from torchliner.report.truth import (
-    DEFAULT,
-    DRIVES,
-    PHASES,
-    TruthRow,
-    drive_label,
-    errors_by_rule,
-    format_complex,
-    truth_table,
-)
+from torchliner.records.cells import ORDERS
+from torchliner.report.table import format_complex, write_rows
+from torchliner.report.truth import drive_label
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES, PAGE = ROOT / "data", ROOT / "docs" / "figures", ROOT / "docs" / "truth.md"

@@ -13,10 +13,10 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
+from torchliner.audit.audit import audit
 from torchliner.cli.main import main
-from torchliner.eduction.audit import audit
-from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
 from torchliner.liners.readings import porosity_readings
+from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 
 SLIT = DATA / "slit_n130_y2.5mm.h5"
 SPACING = 12.44e-3 / 16

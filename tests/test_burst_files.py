@@ -9,10 +9,10 @@ import torch
 import xarray
 
 import torchliner as tl
-from torchliner.io.burst_columns import read_burst_columns
 from torchliner.io.burst_csv import read_burst_csv
 from torchliner.io.burst_file import read_burst_file, write_bursts
-from torchliner.io.burst_folder import read_bursts
+from torchliner.io.burst_sources import read_bursts
+from torchliner.io.burst_text import read_burst_columns
 from torchliner.io.dantec import NO_PARTNER, read_dantec, read_position
 
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"

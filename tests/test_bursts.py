@@ -12,7 +12,7 @@ from scipy import stats
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.io.burst_folder import read_bursts
+from torchliner.io.burst_sources import read_bursts
 from torchliner.report.bursts import draw_stations, inspect_stations
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments, interval_histogram

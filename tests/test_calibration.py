@@ -10,15 +10,15 @@ import torch
 from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
 
 import torchliner as tl
+from torchliner.calibration.calibration import calibrate
+from torchliner.calibration.level_weights import law_at, level_weights
+from torchliner.calibration.misfit import Misfit
+from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
-from torchliner.eduction.calibration import calibrate
-from torchliner.eduction.choices import Choices
-from torchliner.eduction.level_weights import law_at, level_weights
-from torchliner.eduction.misfit import Misfit
-from torchliner.eduction.posterior import Posterior, sample_posterior
-from torchliner.eduction.prepare import prepare
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.liners.parameters import plain_liner
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.prepare import prepare
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own

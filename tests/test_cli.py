@@ -198,8 +198,8 @@ def test_convert_array_and_scale(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        ("eduction.velocity.educe", ["educe", SLIT]),
-        ("duct.lee.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
+        ("tdibc.educe.educe", ["educe", SLIT]),
+        ("lee.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
         ("report.verify.order_rows", ["verify"]),
     ],
 )

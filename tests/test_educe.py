@@ -211,9 +211,9 @@ def test_drives(liner):
 @pytest.mark.parametrize("window", [31, 30])
 def test_running_rms_against_a_plain_loop(liner, window):
     """The streamed running rms is the centred mean square, cut at the ends."""
-    from torchliner.eduction.drive import DriveSpeed, ProbeVelocity
-    from torchliner.eduction.survey import survey
     from torchliner.records.slabs import bounds_of
+    from torchliner.replay.drive import DriveSpeed, ProbeVelocity
+    from torchliner.replay.survey import survey
 
     v = turbulence((2, 130), seed=12)
     plane = plane_of(v)
@@ -376,7 +376,7 @@ def test_few_segments_are_noted(liner):
 
 def test_many_cells_are_averaged_like_few(liner, monkeypatch):
     """The matrix for few cells and the scattered sums for many give the same averages."""
-    from torchliner.eduction import drive
+    from torchliner.replay import drive
 
     small = liner.replace(cell_pitch=2e-3, orifice_diameter=1e-3)
     v = turbulence((9, 11, 300), seed=21)

@@ -12,14 +12,14 @@ import torch
 from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
-from torchliner.duct.lee import DuctSolver
 from torchliner.eduction import field_fit, field_search
-from torchliner.eduction.field_doubts import largest_misfit
-from torchliner.eduction.field_fit import fit_field
-from torchliner.eduction.microphone_errors import draw_pressures
-from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.lee.solver import DuctSolver
 from torchliner.records.drawn_impedance import deviation
 from torchliner.report.duct import solved_line
+from torchliner.signals.microphone_errors import draw_pressures
+from torchliner.wall_field.checks import largest_misfit
+from torchliner.wall_field.fit import fit_field
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),

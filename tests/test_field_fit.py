@@ -10,13 +10,13 @@ import torch
 
 import torchliner as tl
 from torchliner.duct.catalogue import duct_text, load_duct
-from torchliner.duct.lee import DuctSolver
-from torchliner.eduction import field_search
-from torchliner.eduction.field_fit import duct_of_line, fit_field
-from torchliner.eduction.field_model import FieldModel
-from torchliner.eduction.fitted_wall import impedance_at
-from torchliner.eduction.wall_pressure import kumaresan_tufts
+from torchliner.lee.solver import DuctSolver
 from torchliner.report.duct import solved_line
+from torchliner.wall_field import search as field_search
+from torchliner.wall_field.fit import duct_of_line, fit_field
+from torchliner.wall_field.model import FieldModel
+from torchliner.wall_field.wall import impedance_at
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 TRUE = 1.4 - 0.6j
 pytestmark = [

@@ -13,10 +13,10 @@ from conftest import DATA, FREQUENCY, RATE, load_script, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.eduction.heights import study_heights
-from torchliner.eduction.imprint import cell_imprint, fit_decay
-from torchliner.eduction.recommend import Limits, recommend_height
-from torchliner.eduction.windows import averaged_planes, grid_of, windows_of
+from torchliner.heights.imprint import cell_imprint, fit_decay
+from torchliner.heights.recommend import Limits, recommend_height
+from torchliner.heights.study import study_heights
+from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PITCH, SPACING = 12.44e-3, 1e-3
@@ -93,7 +93,7 @@ def test_windows_equal_the_plain_loop():
 
 def test_windows_are_thinned_where_memory_would_pass_the_limit(monkeypatch):
     """Every second or third position, still inside."""
-    monkeypatch.setattr("torchliner.eduction.windows.BOXED_BYTES", 8 * 50 * 12)
+    monkeypatch.setattr("torchliner.records.boxes.BOXED_BYTES", 8 * 50 * 12)
     plane = line_plane(turbulence((4, 9, 50), seed=5))
     windows = windows_of(grid_of(plane), 1e-3, torch.ones(4, 9, dtype=torch.bool), 50)
     assert windows.count <= 12

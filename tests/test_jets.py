@@ -12,8 +12,8 @@ from conftest import load_script
 from scipy.integrate import quad
 
 import torchliner as tl
-from torchliner.duct.jets import fit_exponent, jet_scaling, jet_velocity, penetration_height
 from torchliner.flow_profiles import TanhProfile
+from torchliner.heights.jets import fit_exponent, jet_scaling, jet_velocity, penetration_height
 
 HEIGHT = 50e-3
 

@@ -11,9 +11,10 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import FREQUENCY, WALLS, line_of
 
 import torchliner as tl
+from torchliner.cli.kt import educe_line
 from torchliner.cli.main import main
 from torchliner.duct.catalogue import duct_text
-from torchliner.report.wall_pressure import draw_wall, educe_line
+from torchliner.report.wall_pressure import draw_wall
 
 
 @pytest.fixture

@@ -16,13 +16,13 @@ from scipy.sparse.linalg import spsolve
 
 from oracles.lee_assembled import solve_assembled
 from torchliner.duct.case import DuctCase
-from torchliner.duct.duct_field import DuctField
-from torchliner.duct.lee import solve_duct
-from torchliner.duct.lee_ends import EndModes
-from torchliner.duct.lee_swept import sweep_duct
-from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.verification import node_places
 from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
+from torchliner.lee.ends import EndModes
+from torchliner.lee.field import DuctField
+from torchliner.lee.mesh import DuctMesh, build_mesh
+from torchliner.lee.orders import node_places
+from torchliner.lee.solver import solve_duct
+from torchliner.lee.swept import sweep_duct
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0

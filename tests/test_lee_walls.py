@@ -23,13 +23,13 @@ from test_lee import (
 )
 
 from torchliner.duct import lee, lee_swept
-from torchliner.duct.lee import DuctSolver, solve_duct
-from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
     TabulatedProfile,
 )
+from torchliner.lee.mesh import DuctMesh, build_mesh
+from torchliner.lee.solver import DuctSolver, solve_duct
 
 # --- walls --------------------------------------------------------------------------------------
 

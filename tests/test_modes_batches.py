@@ -9,8 +9,8 @@ import torch
 from test_modes import B2A, BOTH, HEIGHT, SHEARED, SPEED, TANH, UNIFORM, VELOCITY, WALLS
 
 import torchliner as tl
-from torchliner.duct.cut_on import cut_on_frequency
 from torchliner.duct.modes import duct_modes
+from torchliner.duct.rigid_spectrum import cut_on_frequency
 from torchliner.flow_profiles import (
     UniformProfile,
 )

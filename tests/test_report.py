@@ -8,10 +8,11 @@ import torch
 from conftest import DATA, plane_of, turbulence
 
 import torchliner as tl
+from torchliner.audit.truth import true_wave_phase, truth_table
 from torchliner.report import figures
 from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
 from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
-from torchliner.report.truth import format_summary, format_truth, true_wave_phase, truth_table
+from torchliner.report.truth import format_summary, format_truth
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -106,7 +107,7 @@ def test_the_style_stays_ours(maps):
     """Drawing does not change the caller's matplotlib settings."""
     import matplotlib
 
-    from torchliner.report.style import RC
+    from torchliner.report.figure import RC
 
     before = {key: matplotlib.rcParams[key] for key in RC}
     figures.draw_map(maps[0])

@@ -11,10 +11,10 @@ from conftest import DATA, FREQUENCY, frozen_plane, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
+from torchliner.calibration.budget import covariance_of
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.eduction.budget import covariance_of
-from torchliner.io.tolerances import parse_tolerance
 from torchliner.liners.parameters import NUMBERS, air_state, value_of, with_values
+from torchliner.units import parse_tolerance
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),

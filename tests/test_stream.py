@@ -11,8 +11,8 @@ import torch
 from conftest import FREQUENCY, RATE, frozen_plane, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.eduction import engines
 from torchliner.records.slabs import WORK_BYTES, bounds_of, read_ahead, rows_per_slab
+from torchliner.tdibc import engines
 
 ENGINES = ("spectral", "unfold")
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -91,7 +91,7 @@ def test_sizes_that_are_none(liner, plane, memory):
 
 def test_sizes():
     """kB to TB, binary prefixes, plain bytes."""
-    from torchliner.eduction.choices import Choices
+    from torchliner.tdibc.choices import Choices
 
     for text, wanted in (("1.5GB", 15 * 10**8), ("2GiB", 2**31), ("500 MB", 5 * 10**8), (7, 7)):
         assert Choices(memory=text).memory_bytes == wanted
@@ -167,8 +167,8 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
     choices = {"engine": engine, "phase": "self-consistent", "missing": "exclude"}
     wanted = [FREQUENCY, 1337.0]  # the second does not repeat from segment to segment
     long = tl.educe(plane, liner, wanted, **choices)
-    monkeypatch.setattr("torchliner.eduction.drive.NARROW", 1)
-    monkeypatch.setattr("torchliner.eduction.survey.TOGETHER", 1)
+    monkeypatch.setattr("torchliner.replay.drive.NARROW", 1)
+    monkeypatch.setattr("torchliner.replay.survey.TOGETHER", 1)
     short = tl.educe(plane, liner, wanted, **choices)
     kept = [0, 2] if gap else [0, 1, 2]
     for name in ("reflection", "coherence", "velocity_amplitude", "velocity_rms"):
@@ -180,7 +180,7 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
 @pytest.mark.parametrize("error", [torch.OutOfMemoryError, MemoryError, RuntimeError])
 def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, monkeypatch, error):
     """Slabs half as long, and a note that says so; other errors are not caught."""
-    monkeypatch.setattr("torchliner.eduction.drive.NARROW", 1)  # slabs as of a wide plane
+    monkeypatch.setattr("torchliner.replay.drive.NARROW", 1)  # slabs as of a wide plane
     real, rows = engines.tone_sums, []
 
     def narrow(ready, backward, progress):
@@ -191,7 +191,7 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, monkeypatch, er
         return real(ready, backward, progress)
 
     wanted = tl.educe(plane, liner)
-    monkeypatch.setattr("torchliner.eduction.velocity.tone_sums", narrow)
+    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", narrow)
     with pytest.warns(tl.DataWarning, match="memory with slabs of 256 samples; slabs of 64"):
         found = tl.educe(plane, liner)
     assert rows == [256, 128, 64]
@@ -201,14 +201,14 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, monkeypatch, er
     def hopeless(ready, backward, progress):
         raise error("DefaultCPUAllocator: can't allocate memory")
 
-    monkeypatch.setattr("torchliner.eduction.velocity.tone_sums", hopeless)
+    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", hopeless)
     with pytest.raises(RuntimeError, match="out of memory even with slabs of one sample of 16"):
         tl.educe(plane, liner)
 
     def broken(ready, backward, progress):
         raise RuntimeError("something else")
 
-    monkeypatch.setattr("torchliner.eduction.velocity.tone_sums", broken)
+    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", broken)
     with pytest.raises(RuntimeError, match="something else"):
         tl.educe(plane, liner)
 
@@ -254,7 +254,7 @@ def test_a_plane_in_memory_is_not_changed(liner, plane):
 def test_several_planes_share_their_tables(liner, engine, monkeypatch):
     """One call for several heights: one kernel table, and each map as with the common levels."""
     planes = [plane_of(s * turbulence((2, 300), seed=i)) for i, s in enumerate((1.0, 0.2, 2.0))]
-    from torchliner.eduction import prepare
+    from torchliner.tdibc import prepare
 
     built = []
     real = prepare.build_kernels

@@ -17,10 +17,10 @@ from torchliner.duct.dispersion import (
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
-from torchliner.eduction.two_wave_fit import _fit_notes, two_wave_fit
-from torchliner.eduction.wall_pressure import _result_notes, kumaresan_tufts
-from torchliner.eduction.wave_sorting import sort_waves
 from torchliner.records import MicrophoneLine
+from torchliner.wall_waves.kumaresan_tufts import _result_notes, kumaresan_tufts
+from torchliner.wall_waves.sort_waves import sort_waves
+from torchliner.wall_waves.two_waves import _fit_notes, two_wave_fit
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)
 

@@ -15,12 +15,12 @@ from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of,
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.eduction import resampling
-from torchliner.eduction.block_deviations import BlockDeviations
-from torchliner.eduction.choices import Choices
-from torchliner.eduction.prepare import prepare
-from torchliner.eduction.velocity import replay
 from torchliner.replay.incident import Means, self_consistent_reflection
+from torchliner.signals import resampling
+from torchliner.tdibc.block_deviations import BlockDeviations
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.educe import replay
+from torchliner.tdibc.prepare import prepare
 
 PERIODS = 20
 SAMPLES = round(PERIODS * RATE / FREQUENCY)

@@ -12,10 +12,10 @@ from conftest import relative_error
 
 import torchliner as tl
 from torchliner.duct.dispersion import CONDITIONS, cut_on_frequency, wavenumber_from_impedance
-from torchliner.eduction.exponentials import find_exponentials
-from torchliner.eduction.microphone_errors import draw_pressures
-from torchliner.eduction.wall_pressure import kumaresan_tufts
 from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.signals.exponentials import find_exponentials
+from torchliner.signals.microphone_errors import draw_pressures
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
 FREQUENCY = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)

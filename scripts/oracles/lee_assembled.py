@@ -12,11 +12,11 @@ from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
 from torchliner.duct.case import DuctCase
-from torchliner.duct.lee_basis import Basis, Rows
-from torchliner.duct.lee_elements import element_operator, element_ports
-from torchliner.duct.lee_ends import EndModes, plane_modes
-from torchliner.duct.lee_walls import wall_of
-from torchliner.duct.mesh import DuctMesh
+from torchliner.lee.basis import Basis, Rows
+from torchliner.lee.elements import element_operator, element_ports
+from torchliner.lee.ends import EndModes, plane_modes
+from torchliner.lee.mesh import DuctMesh
+from torchliner.lee.walls import wall_of
 
 Complex = NDArray[np.complex128]
 

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.numbers import Table
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.report.table import Table
 
 KILO = 1e-3
 RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"

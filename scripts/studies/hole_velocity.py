@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchliner.eduction.averaging import sort_into_cells
 from torchliner.records import PressureRecord, VelocityPlane
+from torchliner.records.cells import sort_into_cells
 
 
 def hole_velocity(record: PressureRecord) -> VelocityPlane:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from torchliner.duct.jets import JetScaling, fit_exponent
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.numbers import Array, Table
-from torchliner.report.style import COLOURS
+from torchliner.heights.jets import JetScaling, fit_exponent
+from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.table import Array, Table
 
 PAPER_EXPONENTS = (0.4, -0.5)  # eq. (A4)
 STYLES = ("-", "--", ":")

@@ -11,11 +11,11 @@ import numpy as np
 
 from studies.limits import reach
 from studies.truth_reasons import FASTEST, ReasonRow
-from torchliner.eduction.averaging import ORDERS
+from torchliner.audit.truth import DEFAULT, DRIVES, PHASES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.style import COLOURS, MARKERS
-from torchliner.report.truth import DEFAULT, DRIVES, PHASES, TruthRow, drive_label
+from torchliner.records.cells import ORDERS
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.truth import drive_label
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)

@@ -11,10 +11,10 @@ import torch
 from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
-from torchliner.eduction.averaging import sort_into_cells
-from torchliner.eduction.velocity import educe
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
+from torchliner.records.cells import sort_into_cells
+from torchliner.tdibc.educe import educe
 
 FASTEST = 100.0  # m/s, for the sets that a model can reach; o145 and the g cases stay below
 

@@ -127,7 +127,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.duct.lee import DuctSolver
+    from torchliner.lee.solver import DuctSolver
     from torchliner.report.duct import (
         draw_field,
         draw_walls,
@@ -158,7 +158,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_rows, modes_of
-    from torchliner.report.numbers import write_rows
+    from torchliner.report.table import write_rows
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), (options.duct,), options.figure)

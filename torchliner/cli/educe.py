@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.cli.insitu import with_in_situ
-    from torchliner.eduction.velocity import educe
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.summary import format_maps, plain_map
+    from torchliner.tdibc.educe import educe
 
     chosen = chosen_from(options)
     if options.no_intervals:

@@ -18,8 +18,8 @@ from torchliner.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from torchliner.eduction.heights import HeightStudy
-    from torchliner.eduction.recommend import Recommendation
+    from torchliner.heights.recommend import Recommendation
+    from torchliner.heights.study import HeightStudy
 
 CHOICES = ("phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory")
 
@@ -46,9 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Study the heights, print rows, facts and the recommendation."""
-    from torchliner.eduction.height_facts import JetFlow
-    from torchliner.eduction.heights import study_heights
-    from torchliner.eduction.recommend import Limits, recommend_height
+    from torchliner.heights.facts import JetFlow
+    from torchliner.heights.recommend import Limits, recommend_height
+    from torchliner.heights.study import study_heights
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.height import write_rows
@@ -126,7 +126,7 @@ def _plain(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
 
 def _print(study: HeightStudy, found: Recommendation) -> None:
     from torchliner.report.height import length_label
-    from torchliner.report.truth import format_complex
+    from torchliner.report.table import format_complex
 
     print(f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "
           "deviation of R and X over windows")  # fmt: skip

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         format_in_situ,
         in_situ_report,
     )
-    from torchliner.report.numbers import write_rows
+    from torchliner.report.table import write_rows
 
     refuse_inputs([options.output], [options.record], options.figure)
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
@@ -90,9 +90,9 @@ def with_in_situ(
 ) -> list[ImpedanceMap]:
     """Maps with the in situ impedances of a pressure record beside them, for ``educe``."""
     from torchliner.checks import DataWarning
-    from torchliner.eduction.cases import require_same_case
-    from torchliner.eduction.in_situ import in_situ
+    from torchliner.in_situ.dean import in_situ
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.records.same_case import require_same_case
 
     record = read_pressure(path)
     made: dict[tuple[float, ...], Any] = {}

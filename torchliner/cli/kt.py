@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.options import (
     add_output_options,
@@ -16,6 +17,10 @@ from torchliner.cli.options import (
     require_ending,
     warnings_on_stderr,
 )
+
+if TYPE_CHECKING:
+    from torchliner.records import MicrophoneLine
+    from torchliner.report.wall_table import Educed
 
 SHARED = ("source_side", "draws", "level_error", "phase_error")
 WAVES = ("condition", "margin")
@@ -71,8 +76,8 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from torchliner.io.microphone_file import read_microphones
-    from torchliner.report.numbers import write_rows
-    from torchliner.report.wall_pressure import draw_wall, educe_line
+    from torchliner.report.table import write_rows
+    from torchliner.report.wall_pressure import draw_wall
     from torchliner.report.wall_table import format_wall, wall_rows
 
     refuse_inputs([options.output], options.lines, options.figure)
@@ -121,3 +126,41 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     if "margin" in chosen:
         chosen["margin"] *= 1e-3
     return chosen
+
+
+def educe_line(
+    line: MicrophoneLine,
+    method: str,
+    *,
+    duct: str | Path | None = None,
+    source_side: str | None = None,
+    **options: Any,
+) -> Educed:
+    """By one of ``METHODS``.
+
+    Args:
+        line: microphones.
+        method: its word.
+        duct: preset or file, for ``field``.
+        source_side: instead of the line's.
+        options: those of ``kumaresan_tufts``, ``two_wave_fit`` and ``fit_field``.
+    Raises:
+        ValueError: ``field`` without a duct.
+    """
+    from torchliner.wall_field.fit import duct_of_line, fit_field
+    from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
+    from torchliner.wall_waves.two_waves import two_wave_fit
+
+    if source_side is not None:
+        line = replace(line, source_side=source_side)
+    if method == "kt":
+        return kumaresan_tufts(line, **options)
+    if method != "field":
+        return two_wave_fit(line, tied=method == "two-waves", **options)
+    if duct is None:
+        raise ValueError(
+            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
+            "(torchliner duct solve NAME --copy FILE writes one to edit)"
+        )
+    solver, wall = duct_of_line(line, duct)
+    return fit_field(line, solver, wall=wall, **options)

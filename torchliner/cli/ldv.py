@@ -64,7 +64,7 @@ def _info(options: argparse.Namespace) -> int:
         inspect_stations,
         intervals_of,
     )
-    from torchliner.report.numbers import write_rows
+    from torchliner.report.table import write_rows
 
     refuse_inputs((options.output, options.intervals, options.figure), files_in(options.source))
     records = [source.read() for source in stations_from(options)]

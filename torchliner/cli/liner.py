@@ -79,7 +79,7 @@ def _facts(liner: Any) -> dict[str, Any]:
 
 
 def _print(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> None:
-    from torchliner.report.truth import format_complex
+    from torchliner.report.table import format_complex
 
     for key, value in facts.items():
         unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""

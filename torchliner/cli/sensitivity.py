@@ -57,10 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
-    from torchliner.eduction.sensitivity import sensitivities
+    from torchliner.calibration.sensitivity import sensitivities
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.numbers import write_rows
     from torchliner.report.sensitivities import (
         budget_correlation,
         budget_rows,
@@ -70,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
         nominal_impedance,
         sensitivity_rows,
     )
+    from torchliner.report.table import write_rows
 
     refuse_inputs([options.output], [options.plane, options.liner], options.figure)
     require_ending(options.output, [".csv"], "--output")

@@ -18,10 +18,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
+    from torchliner.audit.truth import truth_table
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.numbers import write_rows
-    from torchliner.report.truth import format_rules, format_summary, format_truth, truth_table
+    from torchliner.report.table import write_rows
+    from torchliner.report.truth import format_rules, format_summary, format_truth
 
     planes = [read_plane(path) for path in options.planes]
     names = {

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print tables and checks; 1 if one fails."""
-    from torchliner.report.numbers import write_rows
+    from torchliner.report.table import write_rows
     from torchliner.report.verify import checks, format_verification, order_rows
 
     require_ending(options.output, [".csv"], "--output")

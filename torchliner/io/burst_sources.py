@@ -12,9 +12,9 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.burst_columns import read_burst_columns
 from torchliner.io.burst_csv import is_burst_csv, read_burst_csv, stated_place
 from torchliner.io.burst_file import read_burst_file, station_places
+from torchliner.io.burst_text import read_burst_columns
 from torchliner.io.dantec import HEADER_LINES, is_dantec, read_dantec, read_header
 from torchliner.records import BurstRecord
 from torchliner.text_columns import read_lines
@@ -197,3 +197,20 @@ def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
                 "put repeated measurements into folders of their own"
             )
     return order
+
+
+def read_bursts(
+    path: str | Path,
+    columns: str | Sequence[str] | None = None,
+    separator: str = "blank",
+    components: Sequence[str] | None = None,
+    coincidence_window: float | None = None,
+    **about: Any,
+) -> list[BurstRecord]:
+    """Stations of a file or folder, in the order of x, then y, z; by name without positions.
+
+    Arguments and errors are those of ``list_stations``, which names the stations without reading
+    their bursts; and a file with faults is a ValueError.
+    """
+    stations = list_stations(path, columns, separator, components, coincidence_window, **about)
+    return [station.read() for station in stations]

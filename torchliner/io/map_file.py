@@ -29,10 +29,11 @@ from torchliner.io.result_file import (
     Variables,
     plain,
     read_heading,
+    read_uncertainty,
     write_heading,
     write_pair,
+    write_uncertainty,
 )
-from torchliner.io.uncertainty_file import read_uncertainty, write_uncertainty
 from torchliner.records import ImpedanceMap
 
 SCHEMA = "torchliner map 1"

@@ -1,6 +1,5 @@
 """The records everything passes through."""
 
-from torchliner.records.audit import Audit, AuditRow
 from torchliner.records.burst_record import BurstRecord
 from torchliner.records.field_fit import FieldFit
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
@@ -15,8 +14,6 @@ from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "SOURCE_SIDES",
-    "Audit",
-    "AuditRow",
     "BurstRecord",
     "FieldFit",
     "ImpedanceLine",

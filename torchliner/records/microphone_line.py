@@ -23,7 +23,7 @@ from torchliner.checks import (
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
 from torchliner.records.outlets import Written
-from torchliner.records.unit_doubts import unit_doubts
+from torchliner.records.unit_checks import unit_doubts
 from torchliner.records.velocity_plane import SOURCE_SIDES
 
 EQUAL_SPACING = 5e-3  # of the mean spacing

@@ -13,9 +13,8 @@ from torchliner.liners.nonlinear import inverse_parts, powers
 from torchliner.records.slabs import SLAB_ROWS
 from torchliner.replay.block_lines import BlockLine
 from torchliner.replay.compiled import GROUP, PAYS_FROM, Loop, Shape, compile_loop
-from torchliner.replay.gradients import carries_gradient
-from torchliner.replay.levels import VelocityGrid, gather_rows
-from torchliner.replay.part_lines import AnyLine
+from torchliner.replay.levels import VelocityGrid, carries_gradient, gather_rows
+from torchliner.replay.lines import AnyLine
 from torchliner.replay.sources import Columns, SpeedSource, blocks, weighted_sums
 
 MOST_FUSED_PARTS = 16  # of a compiled loop: means over short blocks are summed eagerly

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.replay.gradients import carries_gradient
 from torchliner.replay.kernels import KernelTable
-from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.levels import VelocityGrid, carries_gradient
 
 # In float64 the table's own rounding (1e-16 over the fit's Tikhonov parameter of 1e-7) keeps its
 # singular values above some 1e-11, so that 3e-11 takes nearly full rank; 1e-8 takes 40 of 200.

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from torchliner.checks import require_choice, require_positive
-from torchliner.replay.gradients import carries_gradient
 
 # Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
@@ -109,3 +109,8 @@ def gather_rows(table: Tensor, index: Tensor, weights: list[Tensor]) -> Tensor:
     return torch.nn.functional.embedding_bag(
         index[:, None] + nodes, table, per_sample_weights=torch.stack(weights, dim=1), mode="sum"
     )
+
+
+def carries_gradient(value: Tensor) -> bool:
+    """True if ``value`` requires a gradient or has a tangent of forward differentiation."""
+    return value.requires_grad or forward_ad.unpack_dual(value).tangent is not None

@@ -25,7 +25,7 @@ from torchliner.replay.block_lines import BlockLine, BlockMeans
 from torchliner.replay.column_sums import ColumnSums, Task
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.part_lines import AnyLine
+from torchliner.replay.lines import AnyLine
 from torchliner.replay.sources import SpeedSource, block_elements
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together

@@ -8,7 +8,8 @@ from typing import Any
 import torch
 
 from torchliner.records import ImpedanceMap, PointImpedances
-from torchliner.report.numbers import COMPLEX_PART, Profile, over_z
+from torchliner.report.numbers import Profile, over_z
+from torchliner.report.table import COMPLEX_PART
 
 ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchliner.records import Audit
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import write_rows
-from torchliner.report.style import COLOURS
-from torchliner.report.truth import format_complex
+from torchliner.audit.rows import Audit
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import format_complex, write_rows
 
 ROW_HEIGHT = 0.17  # inches
 

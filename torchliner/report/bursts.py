@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import BurstRecord
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.numbers import Table
-from torchliner.report.style import COLOURS
+from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.table import Table
 from torchliner.signals.burst_flags import station_flags, zero_shares
 from torchliner.signals.burst_moments import (
     HISTOGRAM_BINS,

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.eduction.calibration import Calibration
-from torchliner.eduction.velocity import educe
+from torchliner.calibration.calibration import Calibration
 from torchliner.liners.parameters import NUMBERS
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.style import COLOURS
-from torchliner.report.truth import format_complex
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import format_complex
+from torchliner.tdibc.educe import educe
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 

@@ -13,10 +13,9 @@ import torch
 from torchliner.checks import DataWarning
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.catalogue import DuctSetup
-from torchliner.duct.duct_field import DuctField
+from torchliner.lee.field import DuctField
 from torchliner.records import MicrophoneLine
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
 
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
 

@@ -13,8 +13,7 @@ import torch
 from torchliner.duct.catalogue import DuctSetup
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.style import COLOURS
+from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 
 
 def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:

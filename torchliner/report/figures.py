@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,58 +10,25 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    WIDTH,
+    Figure,
+    finish,
+    styled,
+    subplots,
+)
 from torchliner.report.numbers import (
-    COMPLEX_PART,
-    Table,
     against_height,
     height_label,
     impedance_along_x,
     velocity_along_x,
 )
-from torchliner.report.style import COLOURS, MARKERS, RC, WIDTH
+from torchliner.report.table import COMPLEX_PART, Table
 
-PARTS = (
-    ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
-    ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
-)
 REFERENCE_STYLES = ("-", "--", ":", "-.")
-
-
-Figure = Any  # matplotlib.figure.Figure; imported when drawn
-
-
-def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Draw and save under the style sheet without touching the caller's settings."""
-
-    @functools.wraps(draw)
-    def inner(*arguments: Any, **options: Any) -> Figure:
-        try:
-            import matplotlib
-        except ImportError as error:
-            raise ImportError("figures need matplotlib: pip install torchliner[report]") from error
-        with matplotlib.rc_context(RC):
-            return draw(*arguments, **options)
-
-    return inner
-
-
-def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
-    """A figure of the page's width and its axes, lettered."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, height))
-    axes = figure.subplots(rows, columns, squeeze=False)
-    if columns > 1:
-        for letter, axis in zip("abcdef", axes.flat, strict=False):
-            axis.set_title(f"({letter})", loc="left")
-    return figure, axes
-
-
-def finish(figure: Figure, path: str | Path | None) -> Figure:
-    """Save it if there is a path."""
-    if path is not None:
-        figure.savefig(path)
-    return figure
 
 
 def draw_map(

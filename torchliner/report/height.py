@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.eduction.heights import HeightStudy
+from torchliner.heights.study import HeightStudy
 from torchliner.records import VelocityPlane
-from torchliner.report import numbers
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import COMPLEX_PART, Array, Table, velocity_along_x
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report import table
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import velocity_along_x
+from torchliner.report.table import COMPLEX_PART, Array, Table
 
 ORDERS = ("probes_first", "velocity_first")
 _V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
@@ -54,7 +54,7 @@ def plain_rows(study: HeightStudy) -> list[dict[str, Any]]:
 
 def write_rows(study: HeightStudy, path: str | Path) -> None:
     """``plain_rows`` as CSV; what is not known stays empty."""
-    numbers.write_rows(
+    table.write_rows(
         [
             {name: None if value is None else f"{value:.9g}" for name, value in row.items()}
             for row in plain_rows(study)

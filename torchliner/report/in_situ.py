@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.eduction.in_situ import in_situ
-from torchliner.eduction.wave_decomposition import WaveDecomposition, decompose_waves
+from torchliner.in_situ.dean import in_situ
+from torchliner.in_situ.plane_wave_fit import WaveDecomposition, decompose_waves
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import ORDERS, draw_cells, points_along_x
-from torchliner.report.figures import PARTS, finish, styled, subplots
-from torchliner.report.numbers import COMPLEX_PART
-from torchliner.report.style import COLOURS
-from torchliner.report.truth import format_complex
+from torchliner.report.figure import COLOURS, PARTS, finish, styled, subplots
+from torchliner.report.table import COMPLEX_PART, format_complex
 
 NOWHERE = float("nan")
 

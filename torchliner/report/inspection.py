@@ -8,10 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.eduction.drive import ProbeVelocity
-from torchliner.eduction.survey import Survey, survey
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.replay.drive import ProbeVelocity
+from torchliner.replay.survey import Survey, survey
 from torchliner.report.numbers import velocity_along_x
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1

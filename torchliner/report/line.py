@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from torchliner.io.line_csv import line_rows
+from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
-from torchliner.report.truth import format_complex
+from torchliner.report.table import format_complex
 
 
 def format_line(line: ImpedanceLine) -> str:

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.eduction.budget import Budget
-from torchliner.eduction.sensitivity import Sensitivities
+from torchliner.calibration.budget import Budget
+from torchliner.calibration.sensitivity import Sensitivities
 from torchliner.liners.parameters import NUMBERS
-from torchliner.report.figures import Figure, finish, styled, subplots
-from torchliner.report.style import COLOURS
-from torchliner.report.truth import format_complex
+from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.table import format_complex
 
 SIGNS = {
     "facesheet_thickness": "thickness $L_p$",

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap
-from torchliner.report.figures import PARTS, finish, styled, subplots
-from torchliner.report.numbers import Array, Table, height_label
-from torchliner.report.style import COLOURS
+from torchliner.report.figure import COLOURS, PARTS, finish, styled, subplots
+from torchliner.report.numbers import height_label
+from torchliner.report.table import Array, Table
 
 BARS = 15  # statistical intervals along a curve, about
 

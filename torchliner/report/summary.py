@@ -8,7 +8,7 @@ from typing import Any
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces
 from torchliner.report.numbers import Bounds, HeightRow, against_height
-from torchliner.report.truth import format_complex
+from torchliner.report.table import format_complex
 
 NULL_TEST = (
     "NULL TEST, there is a hard wall below these data and no liner; the values only show what this "

@@ -11,10 +11,10 @@ import torch
 
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
-from torchliner.duct.lee import DuctSolver
 from torchliner.duct.modes import duct_modes
-from torchliner.duct.verification import CASES, order_table
 from torchliner.flow_profiles import UniformProfile
+from torchliner.lee.orders import CASES, order_table
+from torchliner.lee.solver import DuctSolver
 
 HEIGHT, FREQUENCY, TRUE = 50e-3, 1500.0, 2.33 - 0.30j
 PUBLISHED = 21.45776 - 2.51104j  # c 343 m/s, M 0.3, Ingard-Myers, downstream

@@ -3,54 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from torchliner.eduction.field_fit import duct_of_line, fit_field
-from torchliner.eduction.two_wave_fit import two_wave_fit
-from torchliner.eduction.wall_pressure import kumaresan_tufts
 from torchliner.records import MicrophoneLine
-from torchliner.report.figures import PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import COMPLEX_PART
-from torchliner.report.style import COLOURS, MARKERS
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import COMPLEX_PART
 from torchliner.report.wall_table import LEVEL, Educed
-
-
-def educe_line(
-    line: MicrophoneLine,
-    method: str,
-    *,
-    duct: str | Path | None = None,
-    source_side: str | None = None,
-    **options: Any,
-) -> Educed:
-    """By one of ``METHODS``.
-
-    Args:
-        line: microphones.
-        method: its word.
-        duct: preset or file, for ``field``.
-        source_side: instead of the line's.
-        options: those of ``kumaresan_tufts``, ``two_wave_fit`` and ``fit_field``.
-    Raises:
-        ValueError: ``field`` without a duct.
-    """
-    if source_side is not None:
-        line = replace(line, source_side=source_side)
-    if method == "kt":
-        return kumaresan_tufts(line, **options)
-    if method != "field":
-        return two_wave_fit(line, tied=method == "two-waves", **options)
-    if duct is None:
-        raise ValueError(
-            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
-            "(torchliner duct solve NAME --copy FILE writes one to edit)"
-        )
-    solver, wall = duct_of_line(line, duct)
-    return fit_field(line, solver, wall=wall, **options)
 
 
 @styled

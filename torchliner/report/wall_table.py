@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
-from torchliner.report.truth import format_complex
+from torchliner.report.table import format_complex
 
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid

@@ -1,0 +1,284 @@
+"""How far each choice that the paper leaves open moves the answer, beside its statistical interval.
+
+One survey and one replay of the data serve the phase rule, the kernel, the levels, the liner's
+readings, the window, the edge, both halves of the record and half the sampling rate: they are lines
+of one pass (``variants``). Another |v| needs a pass of its own: mean removed, running rms; the
+drive ``rms`` needs none, its |v| is known from the survey. Averaging lengths share one reading; a
+plane at another height costs a survey and a replay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.audit.rows import Audit, AuditRow
+from torchliner.audit.variants import Variant, VariantMaker
+from torchliner.checks import DataWarning
+from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.records.boxes import averaged_planes, grid_of, windows_of
+from torchliner.records.cells import ORDERS
+from torchliner.records.same_case import planes_by_height
+from torchliner.replay.drive import DRIVES, MEANS, DriveSpeed, with_smaller_slabs
+from torchliner.replay.incident import LineSums
+from torchliner.replay.kernels import Liner
+from torchliner.replay.spectral import spectral_sums
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.educe import replay
+from torchliner.tdibc.engines import block_lines_of
+from torchliner.tdibc.prepare import prepare
+from torchliner.tdibc.prepared import Prepared
+from torchliner.tdibc.replayed import Replayed
+
+PHASES = 72  # of the incident wave, over one turn of 2 psi
+LENGTHS = (0.25, 0.5, 1.0)  # of a cell
+AUDITED = ("phase", "engine", "incident", "segment", "response")
+
+
+def audit(
+    planes: VelocityPlane | Sequence[VelocityPlane],
+    liner: Liner,
+    frequency: float | None = None,
+    *,
+    order: str = ORDERS[0],
+    progress: Callable[[int], None] | None = None,
+    **choices: Any,
+) -> Audit:
+    """Vary every open choice by itself and see what it does to the impedance of the whole liner.
+
+    Args:
+        planes: the plane, or several of one case, of which the first is audited and the others
+            are its other heights.
+        liner: as for ``educe``.
+        frequency: Hz, one; default the plane's own tone.
+        order: of averaging, ``probes first`` or ``velocity first``.
+        progress: called with samples read.
+        choices: of the base, see ``torchliner.tdibc.choices.Choices``; the phase rule is
+            ``averaged`` and the engine ``spectral``.
+    Raises:
+        ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
+    """
+    several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
+    for plane in several:
+        if not isinstance(plane, VelocityPlane):
+            raise TypeError(f"planes holds {type(plane).__name__}; VelocityPlane is needed")
+    if len(several) > 1:
+        planes_by_height(several)
+    chosen = _base_choices(choices, order)
+    work = _Work(several, liner, frequency, chosen, ORDERS.index(order), progress)
+    work.lines()
+    work.phases()
+    work.drives()
+    work.lengths()
+    work.heights()
+    for note in work.found.notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    return work.result(order)
+
+
+def _base_choices(choices: dict[str, Any], order: str) -> Choices:
+    if order not in ORDERS:
+        raise ValueError(f"order is {order!r}; one of {', '.join(ORDERS)}")
+    for name in AUDITED:
+        if choices.get(name) is not None:
+            raise ValueError(
+                f"{name} cannot be chosen for an audit: its base is the phase averaged by the "
+                "engine 'spectral', and the other rules are among what it varies"
+            )
+    return Choices(**choices)
+
+
+class _Work:
+    """The audit as it grows."""
+
+    def __init__(
+        self,
+        planes: Sequence[VelocityPlane],
+        liner: Liner,
+        frequency: float | None,
+        chosen: Choices,
+        order: int,
+        progress: Callable[[int], None] | None,
+    ) -> None:
+        # Surveys of all planes: with them the levels span all heights.
+        everything = prepare(planes, liner, frequency, chosen, progress)
+        self.ready, self.others = everything[0], everything[1:]
+        if len(self.ready.frequency) != 1:
+            raise ValueError(f"an audit has one frequency; {len(self.ready.frequency)} are given")
+        self.order, self.progress = order, progress
+        self.rows: list[AuditRow] = []
+        self.skipped: dict[str, str] = {}
+        self.readings = len(planes)
+
+    def lines(self) -> None:
+        """Base and all variants that share its |v|: one pass."""
+        maker = VariantMaker(self.ready)
+        variants, skipped = maker.all()
+        self.skipped |= skipped
+        base = maker.base()
+        ready = self.ready
+        of_blocks = block_lines_of(ready, backward=False)
+        everything = [*base, *variants]
+        sums, notes = with_smaller_slabs(
+            ready.drive.velocity,
+            lambda: spectral_sums(
+                ready.drive, [each.line for each in everything], ready.grid,
+                block_lines=of_blocks, compile_loops=ready.chosen.compile, progress=self.progress,
+            ),
+        )  # fmt: skip
+        self.readings += ready.chosen.drive != "rms"
+        self.replayed = Replayed(
+            dataclasses.replace(ready, notes=(*ready.notes, *notes)),
+            LineSums(_column(sums, 0), _column(sums, 1), sums.blocks),
+        )
+        self.found = self.replayed.map("averaged")
+        self.base = self._value(self.found)
+        if not math.isfinite(abs(self.base)):
+            raise ValueError(
+                f"{ready.plane.name}: the base has no admittance, since every probe counts as "
+                "wall; lower or leave out wall_filter"
+            )
+        for i, variant in enumerate(variants, len(base)):
+            self._add_variant(variant, LineSums(_column(sums, i), None))
+        self._add(
+            "averaging order", ORDERS[1 - self.order], _in_both_orders(self.found)[1 - self.order]
+        )
+
+    def _add_variant(self, variant: Variant, sums: LineSums) -> None:
+        quiet = dataclasses.replace(variant.ready, blocks=None)
+        self._add(variant.factor, variant.name, self._value(Replayed(quiet, sums).map("averaged")))
+
+    def _of_pass(self, ready: Prepared) -> complex:
+        """Another pass over data, without error bars."""
+        quiet = dataclasses.replace(ready, blocks=None)
+        return self._value(replay(quiet, backward=False, progress=self.progress).map("averaged"))
+
+    def _value(self, found: ImpedanceMap) -> complex:
+        return _in_both_orders(found)[self.order]
+
+    def _add(self, factor: str, variant: str, impedance: complex) -> None:
+        self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
+
+    def phases(self) -> None:
+        """Self-consistent, and a stated phase wherever it may lie: no pass."""
+        quiet = Replayed(dataclasses.replace(self.replayed.ready, blocks=None), self.replayed.sums)
+        own = quiet.map("self-consistent")
+        if bool(own.phase_rule.any()):
+            share = 100 * float(own.phase_rule.to(torch.float64).mean())
+            self._add("phase rule", f"self-consistent ({share:.3g} % of probes)", self._value(own))
+        else:
+            limit = self.ready.chosen.minimum_coherence
+            self.skipped["phase rule, self-consistent"] = (
+                f"no probe is coherent with {float(self.ready.frequency[0]):g} Hz by {limit:g}"
+            )
+        found = {}
+        for step in range(PHASES):
+            psi = math.pi * step / PHASES
+            found[psi] = self._value(quiet.map("given", psi))
+        for part, name in (("real", "R"), ("imag", "X")):
+            for word, pick in (("smallest", min), ("largest", max)):
+                psi = pick(found, key=lambda each: getattr(found[each], part))
+                self._add("phase rule", f"given, psi = {psi:.2f} rad ({word} {name})", found[psi])
+
+    def drives(self) -> None:
+        """Other readings of |v|: a pass each, none for the rms of the whole record."""
+        chosen, ready = self.ready.chosen, self.ready
+        others = [(drive, chosen.mean) for drive in DRIVES if drive != chosen.drive]
+        others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
+        for drive, mean in others:
+            source = DriveSpeed(
+                ready.drive.velocity, drive, mean, ready.seen, ready.drive.running_samples
+            )
+            rules = dataclasses.replace(chosen, drive=drive, mean=mean)
+            value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
+            self.readings += drive != "rms"
+            factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
+            self._add(factor, name, value)
+
+    def lengths(self) -> None:
+        """Velocity averaged over shares of a cell before it is replayed: one reading in all."""
+        ready, plane = self.ready, self.ready.plane
+        pitch = getattr(ready.liner, "cell_pitch", None)
+        if pitch is None:
+            self.skipped["averaging length"] = "the liner states no cell_pitch"
+            return
+        try:
+            grid = grid_of(plane)
+        except ValueError as reason:
+            self.skipped["averaging length"] = str(reason)
+            return
+        used = ready.used.reshape(grid.rows, grid.columns)
+        shares = [s for s in LENGTHS if grid.spacing <= s * pitch <= grid.length * (1 + 1e-6)]
+        if not shares:
+            self.skipped["averaging length"] = (
+                f"none of {', '.join(f'{s:g}' for s in LENGTHS)} cells lies between the spacing, "
+                f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
+            )
+            return
+        cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
+        averaged = averaged_planes(plane, cut)
+        self.readings += 1
+        rules = dataclasses.replace(ready.chosen, interval=None)
+        for share, each in zip(shares, averaged, strict=True):
+            # One by one: their levels, like the base's, come from their own velocities.
+            (small,) = prepare([each], ready.liner, ready.frequency, rules)
+            found = replay(small, backward=False).map("averaged")
+            self._add(
+                "averaging length", f"velocity over {share:g} of a cell",
+                complex(found.liner_impedance[0]),
+            )  # fmt: skip
+
+    def heights(self) -> None:
+        """The other planes."""
+        if not self.others:
+            self.skipped["height"] = "one plane is given; name the other heights too"
+        for other in self.others:
+            value = self._of_pass(other)
+            self.readings += 1
+            height = other.plane.height
+            name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
+            self._add("height", name, value)
+
+    def result(self, order: str) -> Audit:
+        """Sorted."""
+        size: dict[str, float] = {}
+        for row in self.rows:
+            size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
+        rows = sorted(self.rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))
+        interval = self._interval()
+        found = self.found
+        return Audit(
+            title=found.title or self.ready.plane.name,
+            frequency=float(self.ready.frequency[0]),
+            order=order,
+            base=self.base,
+            low=None if interval is None else complex(interval.low[0]),
+            high=None if interval is None else complex(interval.high[0]),
+            level=None if interval is None else self.ready.chosen.interval,
+            rows=tuple(rows),
+            skipped=self.skipped,
+            readings=self.readings,
+            choices=dict(found.choices),
+            notes=found.notes,
+        )
+
+    def _interval(self) -> Interval | None:
+        known = self.found.uncertainty
+        if known is None:
+            return None
+        return known.liner if self.order == 0 else known.liner_velocity_first
+
+
+def _in_both_orders(found: ImpedanceMap) -> tuple[complex, complex]:
+    """Of the whole liner, as ``ORDERS``."""
+    return complex(found.liner_impedance[0]), complex(found.liner_impedance_velocity_first[0])
+
+
+def _column(sums: LineSums, index: int) -> Tensor:
+    return sums.forward[:, index : index + 1]

@@ -1,0 +1,186 @@
+"""Every rule beside the true impedance of resolved cases."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from torchliner.conversions import reflection_from_impedance
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.cells import ORDERS
+from torchliner.replay.kernels import Liner
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.educe import replay
+from torchliner.tdibc.prepare import prepare
+
+DRIVES = (
+    ("instantaneous", "kept"),
+    ("instantaneous", "removed"),
+    ("rms", "kept"),
+    ("running-rms", "kept"),
+)
+
+
+PHASES = ("averaged", "self-consistent", "given")
+
+
+DEFAULT = ("instantaneous", "kept", "averaged")
+
+
+NOWHERE = complex(float("nan"), float("nan"))
+
+
+@dataclass(frozen=True)
+class TruthRow:
+    """One educed value beside the truth, all normalised.
+
+    Args:
+        case, height: of the plane; height in m.
+        drive, mean, phase, order: the rule.
+        educed, true: Z.
+        in_situ: what the file states for the in situ method, nan if nothing.
+        low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the
+            replay did not keep the blocks that the rule needs (``self-consistent``).
+    """
+
+    case: str
+    height: float
+    drive: str
+    mean: str
+    phase: str
+    order: str
+    educed: complex
+    true: complex
+    in_situ: complex = NOWHERE
+    low: complex = NOWHERE
+    high: complex = NOWHERE
+
+    @property
+    def rule(self) -> tuple[str, str, str]:
+        """Drive, mean and phase."""
+        return self.drive, self.mean, self.phase
+
+    @property
+    def miss(self) -> complex:
+        """Z - Z_true: dR + j dX, in rho c."""
+        return self.educed - self.true
+
+    @property
+    def error(self) -> float:
+        """|Z - Z_true|, in rho c."""
+        return abs(self.miss)
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON and CSV: complex values as two numbers."""
+        row: dict[str, Any] = {}
+        for key, value in vars(self).items():
+            if isinstance(value, complex):
+                row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
+            else:
+                row[key] = value
+        return {**row, "error": self.error}
+
+    @classmethod
+    def from_plain(cls, row: Mapping[str, Any]) -> TruthRow:
+        """The row of a CSV again."""
+
+        def pair(key: str) -> complex:
+            return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+
+        return cls(
+            str(row["case"]), float(row["height"]), str(row["drive"]), str(row["mean"]),
+            str(row["phase"]), str(row["order"]), pair("educed"), pair("true"), pair("in_situ"),
+            pair("low"), pair("high"),
+        )  # fmt: skip
+
+
+def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
+    """Phase of the incident wave (rad) from the plane-mean velocity at f and the TRUE impedance.
+
+    Only a resolved case knows it; with measured data a reference microphone has to give it.
+    """
+    reflection = reflection_from_impedance(torch.tensor(plane.reference["true"]))
+    amplitude = seen.velocity_amplitude[..., 0].mean()
+    return float((amplitude / (1 - reflection)).angle())
+
+
+def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
+    """All drives x phase rules x averaging orders of one plane with a known impedance.
+
+    Raises:
+        ValueError: the plane states no true impedance or no tone.
+    """
+    if "true" not in plane.reference:
+        raise ValueError(f"{plane.name} states no true impedance (reference 'true')")
+    case = str(plane.provenance.get("case", plane.title))
+    for drive, mean in DRIVES:
+        replayed = replay(prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0])
+        averaged = replayed.map("averaged")
+        for phase in PHASES:
+            known = true_wave_phase(plane, averaged) if phase == "given" else None
+            found = replayed.map(phase, known)
+            known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
+            for order, value, bounds in zip(ORDERS, *_both_orders(found), strict=True):
+                yield TruthRow(
+                    case, plane.height or 0.0, drive, mean, phase, order,
+                    value, complex(plane.reference["true"]), known_in_situ, *bounds,
+                )  # fmt: skip
+
+
+def _both_orders(found: ImpedanceMap) -> tuple[list[complex], list[tuple[complex, complex]]]:
+    """Z of the whole liner in both orders, and the bounds of its intervals."""
+    values = [found.liner_impedance, found.liner_impedance_velocity_first]
+    bounds = [(NOWHERE, NOWHERE)] * 2
+    if (known := found.uncertainty) is not None:
+        both = (known.liner, known.liner_velocity_first)
+        bounds = [(complex(each.low[0]), complex(each.high[0])) for each in both]
+    return [complex(value[0]) for value in values], bounds
+
+
+def truth_table(
+    planes: Sequence[VelocityPlane],
+    liner_of: Callable[[VelocityPlane], Liner],
+    progress: Callable[[int], None] | None = None,
+) -> list[TruthRow]:
+    """``truth_rows`` of several planes, ordered by case and height; ``progress`` per plane."""
+    rows: list[TruthRow] = []
+    for plane in planes:
+        rows += truth_rows(plane, liner_of(plane))
+        if progress is not None:
+            progress(1)
+    return rows
+
+
+@dataclass(frozen=True)
+class RuleErrors:
+    """Errors of one rule over planes: medians and largest of |dR| (real part) and |dX|."""
+
+    drive: str
+    mean: str
+    phase: str
+    order: str
+    planes: int
+    median: complex
+    largest: complex
+
+
+def errors_by_rule(rows: Sequence[TruthRow]) -> list[RuleErrors]:
+    """Of every rule in the rows, in their order."""
+    groups: dict[tuple[str, str, str, str], list[complex]] = {}
+    for row in rows:
+        groups.setdefault((*row.rule, row.order), []).append(row.miss)
+    return [
+        RuleErrors(
+            *rule,
+            len(misses),
+            *(
+                complex(pick([abs(m.real) for m in misses]), pick([abs(m.imag) for m in misses]))
+                for pick in (statistics.median, max)
+            ),
+        )
+        for rule, misses in groups.items()
+    ]

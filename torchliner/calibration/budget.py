@@ -1,0 +1,149 @@
+"""First-order propagation of tolerances: contributions, covariance, standard uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_choice
+from torchliner.liners.parameters import NUMBERS
+from torchliner.records.cells import ORDERS
+from torchliner.units import parse_tolerance
+
+LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
+
+
+@dataclass(frozen=True, eq=False)
+class Contribution:
+    """One line of a budget: change of Z for one standard uncertainty of a parameter."""
+
+    parameter: str
+    value: float
+    half_width: float
+    standard: float
+    impedance: complex
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
+
+    Args:
+        parameters: names, n of them.
+        values, half_widths, standard: SI, (n,).
+        limits: how a half-width was read.
+        correlation: (n, n).
+        contributions: signed change of the liner's Z for one standard uncertainty of each
+            parameter, by order of averaging, complex, (n, F).
+        covariance: of R and X of the liner, by order, (F, 2, 2).
+        probes, cells, cells_velocity_first: standard uncertainty u(R) + j u(X), (..., F).
+    """
+
+    parameters: tuple[str, ...]
+    values: Tensor
+    half_widths: Tensor
+    standard: Tensor
+    limits: str
+    correlation: Tensor
+    contributions: Mapping[str, Tensor]
+    covariance: Mapping[str, Tensor]
+    probes: Tensor
+    cells: Tensor
+    cells_velocity_first: Tensor
+
+    def combined(self, order: str) -> Tensor:
+        """u(R) + j u(X) of the liner, (F,)."""
+        return standard_of(self.covariance[order])
+
+    def sorted(self, order: str, frequency_index: int = 0) -> list[Contribution]:
+        """Contributions, the largest |dZ| first."""
+        amounts = self.contributions[order][:, frequency_index]
+        return [
+            Contribution(
+                self.parameters[i], float(self.values[i]), float(self.half_widths[i]),
+                float(self.standard[i]), complex(amounts[i]),
+            )
+            for i in amounts.abs().argsort(descending=True).tolist()
+        ]  # fmt: skip
+
+
+def standard_of(covariance: Tensor) -> Tensor:
+    """u(R) + j u(X) from (..., 2, 2)."""
+    root = covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
+    return torch.complex(root[..., 0], root[..., 1])
+
+
+def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
+    """Covariance of R and X, (..., 2, 2), from signed changes of Z, complex, (n, ...)."""
+    parts = torch.stack([changes.real, changes.imag], dim=-1)
+    return torch.einsum("i...a,ij,j...b->...ab", parts, correlation, parts)
+
+
+def budget_of(
+    parameters: Sequence[str],
+    values: Tensor,
+    slopes: Mapping[str, Tensor],
+    tolerances: Mapping[str, Any],
+    limits: str,
+    correlation: Mapping[tuple[str, str], float] | None = None,
+) -> Budget:
+    """First-order budget of anything whose slopes in some parameters are known.
+
+    Args:
+        parameters, values: names, SI, (n,).
+        slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
+            ``probes``, ``cells``, ``cells_velocity_first``.
+        tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
+    """
+    factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
+    if not tolerances:
+        raise ValueError("no tolerance is stated; name at least one, e.g. orifice_diameter")
+    for name in tolerances:
+        require_choice("parameter of a tolerance", name, parameters)
+    kept = [i for i, name in enumerate(parameters) if name in tolerances]
+    names = tuple(parameters[i] for i in kept)
+    half_widths = torch.tensor(
+        [
+            parse_tolerance(tolerances[name], name, NUMBERS[name].quantity, value)
+            for name, value in zip(names, values[kept].tolist(), strict=True)
+        ],
+        dtype=torch.float64,
+    )
+    standard = factor * half_widths
+    matrix = _correlation_matrix(names, correlation or {})
+    changes = {
+        name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1))
+        for name, slope in slopes.items()
+    }
+    covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
+    return Budget(
+        names, values[kept], half_widths, standard, limits, matrix,
+        {order: changes[order] for order in ORDERS},
+        {order: covariance[order] for order in ORDERS},
+        *(standard_of(covariance[name]) for name in ("probes", "cells", "cells_velocity_first")),
+    )  # fmt: skip
+
+
+def _correlation_matrix(names: tuple[str, ...], pairs: Mapping[tuple[str, str], float]) -> Tensor:
+    matrix = torch.eye(len(names), dtype=torch.float64)
+    for (first, second), coefficient in pairs.items():
+        for name in (first, second):
+            require_choice("parameter of a correlation", name, names)
+        if first == second or not -1 <= coefficient <= 1:
+            raise ValueError(
+                f"correlation of {first} and {second} is {coefficient:g}; it is -1 to 1, between "
+                "two different parameters"
+            )
+        i, j = names.index(first), names.index(second)
+        matrix[i, j] = matrix[j, i] = coefficient
+    lowest = float(torch.linalg.eigvalsh(matrix)[0])
+    if lowest < -1e-12:
+        raise ValueError(
+            f"these correlations contradict each other: their matrix has the eigenvalue "
+            f"{lowest:.3g}, and none may be negative"
+        )
+    return matrix

@@ -1,0 +1,271 @@
+r"""Derivatives of the educed impedance in every parameter of a liner, from one replay.
+
+The educed reflection is linear in the response R(f, |v|) of the liner, and so are the kernels and
+the tables of the ends of the record. Hence its derivative is the replay of dR/dp in the place of R:
+for each parameter a few more lines (``replay.lines``) in the same pass over the data, whose tables
+over the levels are filled by forward differentiation of the liner alone. Averages and phase rules
+then follow by forward differentiation of the sums.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from torchliner.calibration.budget import Budget, budget_of
+from torchliner.checks import DataWarning
+from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.parameters import (
+    NUMBERS,
+    expand_names,
+    require_sdof,
+    value_of,
+    with_values,
+)
+from torchliner.liners.sdof import SDoFLiner
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.cells import ORDERS
+from torchliner.replay.drive import with_smaller_slabs
+from torchliner.replay.edges import EdgeTable, Reach
+from torchliner.replay.incident import LineSums
+from torchliner.replay.kernels import impedance_of, reflection_at_levels
+from torchliner.replay.levels import interpolate
+from torchliner.replay.lines import Line, plan_lines
+from torchliner.replay.spectral import spectral_sums
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.engines import with_liner
+from torchliner.tdibc.prepare import prepare
+from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.replayed import Replayed
+
+FIELDS = ("probes", "cells", "cells_velocity_first", "liner", "liner_velocity_first")
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """dZ/dp of everything that ``educe`` gives, normalised by rho c per SI unit of p.
+
+    Args:
+        parameters: names, n of them.
+        values: at which the derivatives hold, SI, float64, (n,).
+        probes: complex, (n, ..., F) on the probe axes of the plane; nan where excluded.
+        cells, cells_velocity_first: (n, C, F), in both orders of averaging.
+        liner, liner_velocity_first: whole liner, (n, F), in both orders.
+        level_error: largest error of dR/dp from the interpolation between velocity levels, relative
+            to the largest |dR/dp|, (n,).
+        found: the map itself.
+    """
+
+    parameters: tuple[str, ...]
+    values: Tensor
+    probes: Tensor
+    cells: Tensor
+    cells_velocity_first: Tensor
+    liner: Tensor
+    liner_velocity_first: Tensor
+    level_error: Tensor
+    found: ImpedanceMap
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each parameter, "1" if it has none."""
+        return tuple(NUMBERS[name].unit for name in self.parameters)
+
+    def of_liner(self, order: str) -> Tensor:
+        """Whole liner, (n, F), in one of ``ORDERS``."""
+        return self.liner if order == ORDERS[0] else self.liner_velocity_first
+
+    def scaled(self, steps: Any) -> Sensitivities:
+        """Change of Z, to first order, for a step of each parameter.
+
+        Args:
+            steps: SI, (n,).
+        """
+        amounts = torch.as_tensor(steps, dtype=torch.float64)
+        moved = {
+            name: (part := getattr(self, name)) * amounts.reshape(-1, *(1,) * (part.ndim - 1))
+            for name in FIELDS
+        }
+        return dataclasses.replace(self, **moved)
+
+    def per_percent(self) -> Sensitivities:
+        """Change of Z for 1 % of each parameter's value."""
+        return self.scaled(0.01 * self.values)
+
+    def propagate(
+        self,
+        tolerances: Mapping[str, Any],
+        *,
+        limits: str,
+        correlation: Mapping[tuple[str, str], float] | None = None,
+    ) -> Budget:
+        """First-order standard uncertainty of R and X from stated tolerances.
+
+        Args:
+            tolerances: half-width by parameter, with its unit: ``{"orifice_diameter": "0.02 mm",
+                "porosity": "2 %"}``; a plain number only for what has no unit.
+            limits: what a half-width means: ``rectangular``, limits within which every value is
+                equally likely (standard uncertainty half-width/sqrt 3), or ``standard``, the
+                standard uncertainty itself.
+            correlation: coefficients of pairs of parameters, -1 to 1; others are independent.
+        Returns:
+            The budget, contributions and covariance of R and X.
+        Raises:
+            ValueError: a parameter that was not differentiated, a tolerance without a unit, an
+                unknown reading, correlations that no set of quantities can have.
+        Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
+        """
+        slopes = {
+            **{order: self.of_liner(order) for order in ORDERS},
+            **{name: getattr(self, name) for name in ("probes", "cells", "cells_velocity_first")},
+        }
+        return budget_of(self.parameters, self.values, slopes, tolerances, limits, correlation)
+
+
+def sensitivities(
+    plane: VelocityPlane,
+    liner: SDoFLiner,
+    frequency: Any = None,
+    parameters: Sequence[str] | None = None,
+    *,
+    reference_phase: Any = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Sensitivities:
+    """dZ/dp of the liner, its cells and every probe, for all parameters in one replay.
+
+    Args:
+        plane: wall-normal velocity, (..., T) m/s.
+        liner: SDoF liner.
+        frequency: Hz, one or several; default the plane's tone.
+        parameters: names of ``liners.parameters.NUMBERS``; default all. ``temperature`` and
+            ``pressure`` change c, rho and eta of the liner's gas as those of dry air; the plane's
+            own gas, which scales inferred waves alone, stays.
+        reference_phase: rad, for ``phase="given"``.
+        progress: called with numbers of samples done, 2 T in all.
+        choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
+    Raises:
+        TypeError: a liner without parameters.
+        ValueError: an engine that is not ``spectral``, an unknown parameter, or data that cannot
+            give an answer (see ``educe``).
+    Warns:
+        DataWarning: as ``educe``.
+    Source: Roncen et al. (2026), section 3, differentiated.
+    """
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
+    liner = require_sdof(liner)
+    names = expand_names(NUMBERS if parameters is None else parameters)
+    if not names:
+        raise ValueError("no parameter is named; leave parameters out for all of them")
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
+    if chosen.engine != "spectral":
+        raise ValueError(
+            f"sensitivities are read off engine 'spectral', not {chosen.engine!r}; leave engine "
+            "and incident out"
+        )
+    ready = prepare([plane], liner, frequency, chosen, progress)[0]
+    backward = chosen.phase != "averaged"
+    lines = plan_lines(
+        liner, ready.frequency.tolist(), ready.record, ready.grid, ready.kernels,
+        of_kernel=chosen.uses_kernel_response, backward=backward,
+    )  # fmt: skip
+    errors = []
+    for name in names:
+        more, error = _tangent_lines(ready, name, backward)
+        lines += more
+        errors.append(error)
+    sums, notes = with_smaller_slabs(
+        ready.drive.velocity,
+        lambda: spectral_sums(
+            ready.drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress
+        ),
+    )
+    ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
+    result = _assemble(ready, names, sums, torch.tensor(errors), reference_phase)
+    for note in result.found.notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    return result
+
+
+def _tangent(dual: Tensor) -> Tensor:
+    found = forward_ad.unpack_dual(dual).tangent
+    return torch.zeros_like(dual) if found is None else found
+
+
+def _tangent_lines(ready: Prepared, name: str, backward: bool) -> tuple[list[Line], float]:
+    """Lines of dR/dp, and the largest relative error of its interpolation between levels."""
+    record, grid, liner = ready.record, ready.grid, require_sdof(ready.liner)
+    middle = ((grid.speeds[1:] + grid.speeds[:-1]) / 2)[:, None]
+    lines, errors, reach = [], [], None
+    with forward_ad.dual_level():
+        value = torch.tensor(value_of(liner, name), dtype=torch.float64)
+        moved = with_values(liner, {name: forward_ad.make_dual(value, torch.ones_like(value))})
+        kernels = with_liner(ready, moved).kernels
+        if kernels is not None:
+            # Taps, response and edge tables are linear in R: its tangent in, theirs out.
+            kernels = dataclasses.replace(kernels, taps=_tangent(kernels.taps))
+            reach = Reach(record, kernels.taps.shape[1])
+        for frequency in ready.frequency.tolist():
+            at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
+            table = _tangent(reflection_at_levels(moved, at, grid))
+            exact = _tangent(reflection_from_impedance(impedance_of(moved, at, middle)))
+            between = interpolate(table, *grid.locate(middle[:, 0]))
+            errors.append(float((between - exact).abs().max() / exact.abs().max().clamp(1e-300)))
+            edges = None
+            if ready.chosen.uses_kernel_response:
+                assert kernels is not None
+                table = kernels.response(at)
+            if record.needs_table(frequency):
+                assert kernels is not None
+                assert reach is not None
+                edges = EdgeTable(kernels, reach, frequency)
+            lines.append(Line(frequency, record, None, table, edges, backward))
+    return lines, max(errors)
+
+
+def _assemble(
+    ready: Prepared,
+    names: tuple[str, ...],
+    sums: LineSums,
+    level_error: Tensor,
+    reference_phase: Any,
+) -> Sensitivities:
+    """Averages and phase rule, differentiated along each parameter's tangent of the sums."""
+    phase, count = ready.chosen.phase, len(ready.frequency)
+
+    def part(i: int, value: Tensor | None) -> Tensor | None:
+        return None if value is None else value[:, i * count : (i + 1) * count]
+
+    def both(i: int) -> tuple[Tensor, Tensor | None]:
+        first = part(i, sums.forward)
+        assert first is not None
+        return first, part(i, sums.backward)
+
+    rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
+    forward, backward = both(0)
+    for i in range(1, len(names) + 1):
+        with forward_ad.dual_level():
+            slope, slope_backward = both(i)
+            moved = LineSums(
+                forward_ad.make_dual(forward, slope),
+                None if backward is None else forward_ad.make_dual(backward, slope_backward),
+            )
+            found = Replayed(ready, moved).map(phase, reference_phase)
+            rows["probes"].append(_tangent(found.impedance))
+            rows["cells"].append(_tangent(found.cell_impedance))
+            rows["cells_velocity_first"].append(_tangent(found.cell_impedance_velocity_first))
+            rows["liner"].append(_tangent(found.liner_impedance))
+            rows["liner_velocity_first"].append(_tangent(found.liner_impedance_velocity_first))
+    liner = require_sdof(ready.liner)
+    values = torch.tensor([value_of(liner, name) for name in names], dtype=torch.float64)
+    nominal = Replayed(ready, LineSums(forward, backward)).map(phase, reference_phase)
+    stacked = {name: torch.stack(parts) for name, parts in rows.items()}
+    return Sensitivities(names, values, **stacked, level_error=level_error, found=nominal)

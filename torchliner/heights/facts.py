@@ -1,0 +1,160 @@
+"""What is known of one plane's height besides its impedance: imprint of the cells, jets' reach."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchliner.checks import DataWarning, plain_number
+from torchliner.flow_profiles import TanhProfile
+from torchliner.heights.imprint import Imprint, cell_imprint
+from torchliner.heights.jets import jet_velocity, penetration_height
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.replay.survey import moments
+
+
+@dataclass(frozen=True)
+class JetFlow:
+    """The mean flow that the jets of appendix A.2 stand in; the paper's values of figure 22.
+
+    Args:
+        duct_height: H, m.
+        shear: of ``TanhProfile``.
+    Raises:
+        ValueError: see ``TanhProfile``.
+    """
+
+    duct_height: float = 50e-3
+    shear: float = 0.05
+
+    def __post_init__(self) -> None:
+        self.profile(0.1, 343.2)
+
+    def profile(self, mach: float, sound_speed: float) -> TanhProfile:
+        """The profile at a bulk Mach number."""
+        return TanhProfile(mach, self.duct_height, self.shear, sound_speed)
+
+
+@dataclass(frozen=True)
+class HeightFacts:
+    """One plane: what does not hang on the averaging length.
+
+    Args:
+        height: m.
+        coherence: squared, of v with the tone, median over probes.
+        velocity_rms: v', m/s, over the plane.
+        imprint, mean_imprint, streamwise_imprint: of v'_rms, v_0 and u'_rms along x; None without
+            a whole cell (or without u).
+        jet_velocity, jet_height: m/s and m, eqs (A3) and (A2); None where something is unknown.
+    """
+
+    height: float
+    coherence: float
+    velocity_rms: float
+    imprint: Imprint | None
+    mean_imprint: Imprint | None
+    streamwise_imprint: Imprint | None
+    jet_velocity: float | None
+    jet_height: float | None
+
+
+def facts_of_plane(
+    plane: VelocityPlane, seen: ImpedanceMap, liner: Any, pitch: float | None, flow: JetFlow
+) -> tuple[HeightFacts, list[str]]:
+    """The facts of a plane, and what could not be found out and why.
+
+    Args:
+        plane: with coordinates and a height.
+        seen: its map, at one frequency.
+        liner: with ``surface_porosity`` and ``orifice_diameter``, if it has holes.
+        pitch: L_c, m, or None.
+        flow: for the jets.
+    """
+    assert plane.height is not None
+    rms = seen.velocity_rms.detach().cpu()
+    (fluctuation, steady, stream), notes = _imprints(
+        plane, rms, seen.mean_velocity.detach().cpu(), pitch
+    )
+    speed, height, why = _jet(plane, complex(seen.liner_impedance[0]), liner, flow)
+    facts = HeightFacts(
+        height=plane.height,
+        coherence=float(seen.coherence[..., 0].nanmedian()),
+        velocity_rms=float((rms**2).nanmean().sqrt()),
+        imprint=fluctuation,
+        mean_imprint=steady,
+        streamwise_imprint=stream,
+        jet_velocity=speed,
+        jet_height=height,
+    )
+    return facts, notes + why
+
+
+def _imprints(
+    plane: VelocityPlane, rms: Tensor, mean: Tensor, pitch: float | None
+) -> tuple[list[Imprint | None], list[str]]:
+    if pitch is None:
+        return [None, None, None], ["no cell pitch is known; the cells' imprint cannot be judged"]
+    profiles: list[NDArray[np.float64] | None] = [_over_z(rms**2) ** 0.5, _over_z(mean), None]
+    if plane.streamwise is not None:
+        stream = VelocityPlane(
+            plane.streamwise, sampling_rate=plane.sampling_rate, name=f"{plane.name}, streamwise"
+        )
+        first, square = moments(stream)
+        variance = (square - first**2).clamp(min=0).reshape(plane.probe_shape)
+        profiles[2] = _over_z(variance) ** 0.5
+    try:
+        found = [None if p is None else cell_imprint(plane.x, p, pitch) for p in profiles]
+    except ValueError as error:
+        return [None, None, None], [f"{plane.name}: no imprint can be judged: {error}"]
+    notes = []
+    if found[0] is not None and found[0].cells == 1:
+        notes.append(
+            "the probes span a single cell: the imprint is the harmonics of the pitch in it, and "
+            "nothing shows that they repeat"
+        )
+    return found, notes
+
+
+def _over_z(values: Tensor) -> NDArray[np.float64]:
+    """Mean over z of (z, x); (x) as it is."""
+    return values.reshape(-1, values.shape[-1]).nanmean(0).to(torch.float64).numpy()
+
+
+def _jet(
+    plane: VelocityPlane, impedance: complex, liner: Any, flow: JetFlow
+) -> tuple[float | None, float | None, list[str]]:
+    """U_j, H_j and why one of them is not known."""
+    porosity = getattr(liner, "surface_porosity", None)
+    diameter = getattr(liner, "orifice_diameter", None)
+    if plane.liner == "hard wall":
+        return None, None, ["no jet height: there are no holes in a hard wall"]
+    lacking = [
+        name
+        for name, value in (
+            ("level of the sound", plane.incident_level), ("Mach number", plane.mach),
+            ("porosity", porosity), ("hole diameter", diameter),
+        )
+        if value is None
+    ]  # fmt: skip
+    if lacking:
+        return None, None, [f"no jet height: {' and '.join(lacking)} not stated"]
+    assert plane.incident_level is not None
+    if not 0 < abs(impedance) < float("inf"):
+        return None, None, [f"no jet height at an impedance of {impedance}"]
+    speed = jet_velocity(plane.incident_level, plain_number(porosity), impedance, plane.fluid)
+    if not plane.mach:
+        return speed, None, ["no jet height: without a mean flow A.2 sets no limit to a jet"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: said once, by JetFlow
+        profile = flow.profile(plane.mach, float(plane.fluid.sound_speed))
+    try:
+        reach = penetration_height(speed, plain_number(diameter), profile)
+    except ValueError as error:
+        return speed, None, [f"no jet height: {error}"]
+    return speed, float(reach), []

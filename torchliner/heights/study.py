@@ -1,0 +1,271 @@
+"""Z against the height of the plane and the length the velocity is averaged over."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, frequency_tensor, require_positive
+from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
+from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
+from torchliner.heights.imprint import Decay, fit_decay
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.boxes import Grid, averaged_planes, grid_of, windows_of
+from torchliner.records.same_case import planes_by_height
+from torchliner.replay.kernels import Liner
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.educe import replay
+from torchliner.tdibc.prepare import prepare
+
+CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
+
+Educe = Callable[[Sequence[VelocityPlane]], list[ImpedanceMap]]
+
+
+@dataclass(frozen=True)
+class LengthRow:
+    """Impedance of one plane at one averaging length, both orders.
+
+    Args:
+        height, length: m.
+        probes, windows: probes in a window, and windows.
+        probes_first: 1/<Y> over windows, Y averaged over a window's probes.
+        velocity_first: the same, v averaged over a window's probes and then replayed.
+        probes_first_spread, velocity_first_spread: standard deviation of R and of X over the
+            windows; nan for one.
+    """
+
+    height: float
+    length: float
+    probes: int
+    windows: int
+    probes_first: complex
+    velocity_first: complex
+    probes_first_spread: complex
+    velocity_first_spread: complex
+
+
+@dataclass(frozen=True)
+class HeightStudy:
+    """Everything that speaks for or against a height.
+
+    Args:
+        title: what the planes share.
+        frequency: Hz.
+        pitch: L_c, m; None if there are no cells.
+        lengths: m, rising.
+        rows: lowest plane first, then by length.
+        facts: lowest plane first.
+        decay, first_decay: of the imprint of v'_rms relative to its mean, and of its first
+            harmonic in m/s; None with fewer than three heights.
+        reference: independent impedances, for comparison alone.
+        choices: of the eduction.
+        notes: doubts, and what is not known.
+    """
+
+    title: str
+    frequency: float
+    pitch: float | None
+    lengths: tuple[float, ...]
+    rows: tuple[LengthRow, ...]
+    facts: tuple[HeightFacts, ...]
+    decay: Decay | None
+    first_decay: Decay | None
+    reference: dict[str, complex]
+    choices: dict[str, Any]
+    notes: tuple[str, ...]
+
+    def at_length(self, length: float) -> list[LengthRow]:
+        """The rows of one averaging length, lowest first."""
+        return [row for row in self.rows if row.length == length]
+
+    @property
+    def cell_length(self) -> float:
+        """The averaging length nearest to one cell; without cells the longest."""
+        if self.pitch is None:
+            return self.lengths[-1]
+        pitch = self.pitch
+        return min(self.lengths, key=lambda length: abs(length - pitch))
+
+
+def study_heights(
+    planes: Sequence[VelocityPlane],
+    liner: Liner,
+    frequency: float | None = None,
+    *,
+    lengths: Sequence[float] | None = None,
+    cell_pitch: float | None = None,
+    flow: JetFlow | None = None,
+    reference_phase: float | None = None,
+    progress: Callable[[int], None] | None = None,
+    **choices: Any,
+) -> HeightStudy:
+    """Z over height and averaging length, the cells' imprint, and the jets' height.
+
+    Args:
+        planes: of one case at different heights, each a line along x or a (z, x) plane with even
+            spacing. Planes in files are read by slabs; the averaged velocities of all planes at
+            one length are held in memory, 256 MB a plane at most (fewer windows beyond that).
+        liner: as for ``educe``; its ``cell_pitch``, ``surface_porosity`` and ``orifice_diameter``
+            are used where it has them.
+        frequency: Hz, one; default the planes' own tone.
+        lengths: averaging lengths along x (and z), m, from a spacing to the whole plane; default a
+            spacing, 1/8, 1/4, 1/2, 1, 2, 4 ... cells and the whole plane.
+        cell_pitch: L_c, m; default the liner's.
+        flow: mean flow for the jets' height.
+        reference_phase: rad, for ``phase="given"``.
+        progress: called with 1 per averaging length.
+        choices: see ``torchliner.tdibc.choices.Choices``; tones only. A ``wall_filter`` acts on
+            the averages over probes.
+    Raises:
+        ValueError: planes without or of equal height, of different cases or frequencies, or
+            lengths that do not fit.
+    Warns:
+        DataWarning: what is in ``notes``.
+    Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
+    """
+    ordered = planes_by_height(planes)
+    wanted = _one_frequency(ordered, frequency)
+    pitch = getattr(liner, "cell_pitch", None) if cell_pitch is None else cell_pitch
+    if pitch is not None:
+        require_positive("cell_pitch (m)", pitch)
+    grids = [grid_of(plane) for plane in ordered]
+    long = _checked_lengths(lengths, grids) if lengths else _default_lengths(grids, pitch)
+    # What stands beside the heights are spreads; no interval is shown.
+    chosen = Choices(**{"interval": None, **choices})
+    if chosen.incident is not None:
+        raise ValueError("heights are compared under a tone; leave the incident signal out")
+
+    def educe(some: Sequence[VelocityPlane]) -> list[ImpedanceMap]:
+        return [
+            replay(ready, backward=chosen.phase != "averaged").map(chosen.phase, reference_phase)
+            for ready in prepare(some, liner, wanted, chosen)
+        ]
+
+    maps = educe(ordered)
+    rows = []
+    for length in long:
+        rows += _rows_at(length, ordered, grids, maps, educe)
+        if progress is not None:
+            progress(1)
+    known = [
+        facts_of_plane(plane, seen, liner, pitch, flow or JetFlow())
+        for plane, seen in zip(ordered, maps, strict=True)
+    ]
+    said = [note for seen in maps for note in seen.notes] + [n for _, some in known for n in some]
+    for note in dict.fromkeys(said):
+        warnings.warn(note, DataWarning, stacklevel=2)
+    facts = tuple(one for one, _ in known)
+    return HeightStudy(
+        ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
+        tuple(sorted(rows, key=lambda row: (row.height, row.length))), facts,
+        *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
+        tuple(dict.fromkeys(said)),
+    )  # fmt: skip
+
+
+def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> float:
+    if frequency is None:
+        stated = {plane.frequency for plane in planes}
+        if len(stated) > 1:
+            raise ValueError(
+                f"the planes state different frequencies, {sorted(map(str, stated))}; give one"
+            )
+        frequency = stated.pop()
+    if frequency is None:
+        raise ValueError(f"{planes[0].name} states no frequency; give frequency=..., in Hz")
+    values = frequency_tensor(frequency)
+    if len(values) != 1:
+        raise ValueError(f"heights are compared at one frequency; {len(values)} are given")
+    return float(values[0])
+
+
+def _default_lengths(grids: Sequence[Grid], pitch: float | None) -> list[float]:
+    """A spacing, shares of a cell, whole cells by doubling, the whole plane."""
+    shortest, longest = max(g.spacing for g in grids), min(g.length for g in grids)
+    unit = pitch or longest
+    steps = [shortest, *(share * unit for share in CELL_SHARES)]
+    steps += [unit * 2**k for k in range(math.ceil(math.log2(max(longest / unit, 1))) + 1)]
+    kept = [shortest]
+    for length in [*steps[1:], longest]:
+        # Lengths that come to the same number of probes are one.
+        if kept[-1] + 0.5 * shortest < length <= longest + 0.5 * shortest:
+            kept.append(length)
+    return kept
+
+
+def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[float]:
+    shortest, longest = max(g.spacing for g in grids), min(g.length for g in grids)
+    for length in lengths:
+        require_positive("averaging length (m)", length)
+        if length < shortest * (1 - 1e-3):
+            raise ValueError(
+                f"averaging length {1e3 * length:.4g} mm is below the spacing of the probes, "
+                f"{1e3 * shortest:.4g} mm"
+            )
+        if length > longest + 0.5 * shortest:
+            raise ValueError(
+                f"averaging length {1e3 * length:.4g} mm is above the plane's length, "
+                f"{1e3 * longest:.4g} mm"
+            )
+    return sorted(set(lengths))
+
+
+def _rows_at(
+    length: float,
+    planes: Sequence[VelocityPlane],
+    grids: Sequence[Grid],
+    maps: Sequence[ImpedanceMap],
+    educe: Educe,
+) -> list[LengthRow]:
+    """One averaging length at every height; all planes share one pass of levels and kernels."""
+    shapes = [(grid.rows, grid.columns) for grid in grids]
+    cut = []
+    for plane, grid, seen, shape in zip(planes, grids, maps, shapes, strict=True):
+        used = torch.isfinite(seen.reflection[..., 0].real).cpu().reshape(shape)
+        cut.append(windows_of(grid, length, used, plane.samples))
+    found = educe([averaged_planes(p, [w])[0] for p, w in zip(planes, cut, strict=True)])
+    rows = []
+    for plane, shape, windows, seen, averaged in zip(planes, shapes, cut, maps, found, strict=True):
+        probes = windows.mean(seen.averaged_admittance[..., 0].detach().cpu().reshape(shape))
+        velocity = admittance_from_reflection(averaged.reflection[..., 0].detach().cpu())
+        (z_probes, s_probes), (z_velocity, s_velocity) = _average(probes), _average(velocity)
+        rows.append(
+            LengthRow(
+                height=plane.height or 0.0,
+                length=length,
+                probes=windows.width * windows.height,
+                windows=windows.count,
+                probes_first=z_probes,
+                velocity_first=z_velocity,
+                probes_first_spread=s_probes,
+                velocity_first_spread=s_velocity,
+            )
+        )
+    return rows
+
+
+def _average(admittance: Tensor) -> tuple[complex, complex]:
+    """1/<Y> over windows, and the spread of R and X over them."""
+    known = admittance.reshape(-1)
+    known = known[torch.isfinite(known.real)]
+    impedance = impedance_from_admittance(known)
+    spread = complex(math.nan, math.nan)
+    if len(known) > 1:
+        spread = complex(float(impedance.real.std()), float(impedance.imag.std()))
+    return complex(impedance_from_admittance(known.mean(0, keepdim=True))[0]), spread
+
+
+def _decays(facts: Sequence[HeightFacts], pitch: float | None) -> tuple[Decay | None, Decay | None]:
+    known = [(one.height, one.imprint) for one in facts if one.imprint is not None]
+    if pitch is None or len(known) < len(facts):
+        return None, None
+    heights = [height for height, _ in known]
+    whole = fit_decay(heights, [imprint.relative for _, imprint in known], pitch)
+    return whole, fit_decay(heights, [imprint.first for _, imprint in known], pitch)

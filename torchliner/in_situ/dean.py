@@ -1,0 +1,278 @@
+r"""The in situ method: impedance from the pressures on the facesheet and at the cavity bottom.
+
+``in_situ/cavity.py`` derives the velocity v_in into the whole surface from the pressure p_b
+at the bottom of the cavities, so that with p_f on the facesheet
+
+.. math:: Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH}
+            \quad (\text{lossless}).
+
+Nothing is assumed of the facesheet or of the flow above it.
+
+Two orders of averaging. v_in is one number per cell, p_f is not: it drops towards the hole and is
+lowest in its mouth. The admittance averaged over points is v_in <1/p_f>, the plane wave that the
+surface sends back knows v_in/<p_f>: the first is the paper's, the second is the projection on the
+plane mode (the mean over the surface of p and of v), exact for normal incidence. The ratio of the
+two Z is <p_f><1/p_f>: 1 plus, to leading order, <d^2>/<p_f>^2 with d = p_f - <p_f> complex, which
+is below 1 where the pressure over a hole is in quadrature with the mean.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, frequency_tensor, require_choice
+from torchliner.in_situ.cavity import LOSSES, mouth_velocity_ratio
+from torchliner.records import PointImpedances, PressureRecord
+from torchliner.records.cells import Cells, sort_into_cells
+from torchliner.records.pressure_record import require_record
+from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+
+SILENT = 1e-9  # of a signal's largest value: no tone
+FEWEST_PERIODS = 4.0
+COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
+FEWEST_SAMPLES = 8  # of such a segment
+LOW_COHERENCE = 0.5
+
+
+def in_situ(
+    record: PressureRecord,
+    frequency: Any = None,
+    *,
+    losses: str = "none",
+    window: Any = "hann",
+    segment: float | None = None,
+    start: float = 0.0,
+    allow_short: bool = False,
+) -> PointImpedances:
+    r"""Impedance at every facesheet point, per cell and over the whole surface, after Dean.
+
+    Args:
+        record: facesheet and backplate pressure, cavity depth and porosity.
+        frequency: Hz, one or several; default the record's own tone.
+        losses: of the wave in the cavity, ``none`` or ``viscothermal`` (needs the cavity's
+            hydraulic radius).
+        window: any window of scipy.
+        segment: s of a segment of the H1 estimate, overlapping by half; default one segment, the
+            whole record: tones are then exact.
+        start: s at the beginning that are left out.
+        allow_short: accept fewer than four periods.
+    Returns:
+        Impedances in both orders of averaging (see the module), with the coherence of the two
+        pressures. It comes from the segments, or from segments of two periods if there is only one.
+    Raises:
+        ValueError: a pressure is missing or has no tone; the record is too short; a frequency is at
+            or above Nyquist, or sin(kH) is zero there, by which Dean's formula divides.
+    Warns:
+        DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
+    Source: Dean, J. Sound Vib. 34 (1974) 97, with the cavity porosity and, as an option, the
+        losses of eq. (2.2d) of Roncen et al. (2026); H1 with the backplate as input, since the
+        turbulence on the facesheet is then the output's noise and leaves no bias.
+    """
+    require_record(record)
+    require_choice("losses", losses, LOSSES)
+    if record.facesheet is None or record.cavity_depth is None:
+        missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
+        raise ValueError(f"{record.name}: {missing} is missing; the in situ method needs it")
+    wanted = frequencies_of(record, frequency, start, allow_short)
+    drive, notes = mouth_velocity_ratio(record, wanted, losses)
+    cells, rows = _cells_of(record)
+
+    options: dict[str, Any] = {"window": window, "segment": segment, "start": start}
+    face, back = _amplitudes(record, wanted, options)
+    found = _impedances(face, back * drive, cells, rows)
+    coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
+    notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
+    for note in notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    x, z = record.probe_coordinates()
+    unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
+    return PointImpedances(
+        name="in situ (Dean)",
+        frequency=wanted,
+        cell_x=cells.x,
+        cell_z=cells.z,
+        **found,
+        coherence=coherence,
+        point_x=unknown if x is None else x,
+        point_z=unknown if z is None else z,
+        choices={
+            "method": "in situ", "losses": losses, **options, "source": record.name,
+            "cavity_depth": record.cavity_depth, "cavity_porosity": record.cavity_porosity,
+            "coherence_segments": behind,
+        },
+        notes=tuple(notes),
+    )  # fmt: skip
+
+
+def frequencies_of(
+    record: PressureRecord, frequency: Any, start: float, allow_short: bool
+) -> Tensor:
+    """Those asked for, or the record's tone, Hz, (F,).
+
+    Raises:
+        ValueError: none is stated; one is at or above Nyquist; the record after ``start`` (s) is
+            empty or has fewer than four periods of one.
+    """
+    if frequency is None and record.frequency is None:
+        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
+    wanted = frequency_tensor(
+        record.frequency if frequency is None else frequency, record.sampling_rate
+    ).cpu()
+    if not 0 <= start < record.duration:
+        raise ValueError(
+            f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, "
+            f"which lasts {record.duration:g} s"
+        )
+    periods = float(wanted.min()) * (record.duration - start)
+    if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
+        raise ValueError(
+            f"{record.name} holds {periods:.3g} periods of {float(wanted.min()):g} Hz, fewer "
+            f"than {FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
+        )
+    return wanted
+
+
+def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
+    """The cells, and which row of the backplate belongs to each probe, (P,), -1 for none."""
+    if record.probe_cell is None:
+        cells = sort_into_cells(record, record.cell_pitch)
+    else:
+        labels = record.probe_cell
+        member = Cells(labels, torch.zeros(int(labels.max()) + 1), torch.zeros(0)).membership(
+            labels >= 0
+        )
+        centres = [
+            torch.full((member.shape[1],), torch.nan, dtype=torch.float64)
+            if values is None else member.T @ values
+            for values in record.probe_coordinates()
+        ]  # fmt: skip
+        cells = Cells(labels, *centres)
+    rows = _backplate_rows(record)
+    # A probe that the record puts in no cell has no backplate either.
+    stray = torch.zeros_like(cells.labels) if record.probe_cell is None else cells.labels
+    if rows == 1:
+        return cells, torch.where(stray < 0, -1, 0)
+    if rows == cells.count:
+        return cells, cells.labels
+    if rows == record.probes:
+        return cells, torch.where(stray < 0, -1, torch.arange(rows))
+    raise ValueError(
+        f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells and "
+        f"{record.probes} facesheet probes; give one for all, one per cell or one per probe, and "
+        "the cells by cell_pitch or probe_cell"
+    )
+
+
+def _backplate_rows(record: PressureRecord) -> int:
+    return math.prod(record.backplate.shape[:-1])
+
+
+def _amplitudes(
+    record: PressureRecord, frequency: Tensor, options: dict[str, Any]
+) -> tuple[Tensor, Tensor]:
+    """Tones on the facesheet (S, P, F) and at the backplate (S, C, F)."""
+    found = []
+    for label, count in (("facesheet", record.probes), ("backplate", _backplate_rows(record))):
+        signal = getattr(record, label).reshape(count, -1)
+        lines = segment_amplitudes(signal, frequency, record.sampling_rate, **options)
+        largest = signal.abs().amax(-1).cpu().to(torch.float64)
+        silent = lines.abs().amax(0) <= SILENT * largest[:, None]
+        if bool(silent.any()):
+            row, column = silent.nonzero()[0].tolist()
+            what = "is zero" if float(largest[row]) == 0 else "has no tone"
+            raise ValueError(
+                f"{record.name}: {label} pressure {what} at {float(frequency[column]):g} Hz in "
+                f"{int(silent.any(-1).sum())} of {count} signals, the first is {row}; "
+                f"{'Z would be' if label == 'facesheet' else 'nothing can be divided by'} zero"
+            )
+        found.append(lines)
+    return found[0], found[1]
+
+
+def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> dict[str, Tensor]:
+    """Z of points, cells and surface in both orders; ``velocity`` is rho c v_in, (S, C, F)."""
+    used = rows >= 0
+    through = velocity[:, rows.clamp(min=0)]
+    points = transfer_from_amplitudes(through, face).response
+    points = torch.where(used[:, None], points, torch.full_like(points, torch.nan))
+    inside = (cells.labels >= 0) & used
+    member = cells.membership(used).T.to(torch.complex128)
+    admittance = torch.where(inside[:, None], 1 / points, torch.zeros_like(points))
+    mean_face, mean_through = member @ face, member @ through
+
+    def first(driver: Tensor, response: Tensor) -> Tensor:
+        return transfer_from_amplitudes(driver, response).response
+
+    return {
+        "point_impedance": points,
+        "cell_impedance": 1 / (member @ admittance),
+        "cell_impedance_pressure_first": first(mean_through, mean_face),
+        # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
+        "liner_impedance": 1 / (member @ admittance).mean(0),
+        "liner_impedance_pressure_first": first(mean_through.mean(1), mean_face.mean(1)),
+    }
+
+
+def _coherence(
+    record: PressureRecord,
+    frequency: Tensor,
+    lines: tuple[Tensor, Tensor],
+    cells: Cells,
+    rows: Tensor,
+    options: dict[str, Any],
+) -> tuple[Tensor, int]:
+    """Of the two pressures, mean over a cell's points, (C, F), and the number of segments.
+
+    The amplitudes (S, P, F), (S, C, F) of a single segment say nothing of it; shorter segments do.
+    """
+    used = rows >= 0
+    member = cells.membership(used).T
+
+    def over_cells(face: Tensor, back: Tensor) -> Tensor:
+        found = transfer_from_amplitudes(back[:, rows.clamp(min=0)], face).coherence
+        return member @ torch.where(used[:, None], found, 0.0)
+
+    if len(lines[0]) > 1:
+        return over_cells(*lines), len(lines[0])
+    seconds = record.duration - options["start"]
+    columns, fewest = [], 0
+    for f in frequency:
+        segment = COHERENCE_PERIODS / float(f)
+        if seconds < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:
+            columns.append(torch.full((cells.count, 1), torch.nan, dtype=torch.float64))
+            continue
+        parts = _amplitudes(record, f[None], {**options, "segment": segment})
+        columns.append(over_cells(*parts))
+        fewest = min(fewest or len(parts[0]), len(parts[0]))
+    return torch.cat(columns, -1), fewest
+
+
+def _coherence_notes(record: PressureRecord, coherence: Tensor, segments: int) -> list[str]:
+    low = coherence < LOW_COHERENCE
+    if not bool(low.any()):
+        return []
+    worst = float(coherence[low].min())
+    return [
+        f"{record.name}: the coherence of facesheet and backplate pressure is {worst:.2g} at "
+        f"worst, below {LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} "
+        "segments): turbulence, or no sound at that frequency"
+    ]
+
+
+def _mode_notes(record: PressureRecord, frequency: Tensor) -> list[str]:
+    """Above c/(2 pitch) a cavity as wide as its cell carries more than the plane wave."""
+    if record.cell_pitch is None:
+        return []
+    limit = record.fluid.sound_speed / (2 * record.cell_pitch)
+    if float(frequency.max()) < limit:
+        return []
+    return [
+        f"{record.name}: above {limit:.4g} Hz a cavity as wide as its cell, "
+        f"{1e3 * record.cell_pitch:g} mm, carries transverse waves; Dean's formula knows the plane "
+        "one alone"
+    ]

@@ -1,0 +1,174 @@
+"""Bursts of one station as segments of a uniform signal, a batch axis of the engines."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.ldv.choices import StationChoices
+from torchliner.records import BurstRecord, VelocityPlane
+from torchliner.signals.arrivals import GridSignal, onto_grid
+from torchliner.signals.attenuation import ToneAttenuation, tone_attenuation
+from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
+from torchliner.signals.segments import segment_starts
+from torchliner.tdibc.replayed import SAME_TONE
+
+FEWEST_SEGMENTS = 2
+MOST_POINTS = 3e7  # 240 MB of a station
+
+
+@dataclass(frozen=True)
+class Segments:
+    """A station cut into overlapping segments.
+
+    Args:
+        plane: a probe a segment, (S, n): a view of ``signal``.
+        signal: the station on its grid, the tone corrected if that was asked for.
+        start: of each segment on the clock of the arrivals, s, (S,).
+        hop: samples from one segment to the next.
+        attenuation: factor on a tone over the whole record, complex128, (F,).
+        corrected: frequencies whose tone was corrected, bool, (F,).
+        notes: doubts.
+    """
+
+    plane: VelocityPlane
+    signal: GridSignal
+    start: Tensor
+    hop: int
+    attenuation: Tensor
+    corrected: Tensor
+    notes: tuple[str, ...]
+
+
+def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoices) -> Segments:
+    """Bursts onto a grid, the tone corrected, cut into segments.
+
+    Args:
+        record: validated bursts.
+        frequency: Hz, (F,).
+        how: choices.
+    Raises:
+        ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than
+            a segment, fewer than two arrivals a period, a tone damped below 0.3.
+    """
+    if record.wall_normal is None:
+        raise ValueError(
+            f"{record.name} holds no wall-normal velocity, only streamwise; say which channel "
+            "measures it, e.g. components = -wall_normal"
+        )
+    _require_two_segments(record, how)
+    _require_small_grid(record, how)
+    _require_no_gap(record, how)
+    notes = list(record.notes)
+    with _collected(notes):
+        top = record.frequency or float(frequency.max())
+        signal = onto_grid(
+            record.arrival_time, record.wall_normal, how.grid_rate, how.method,
+            frequency=top, band=how.band_limit, name=record.name,
+        )  # fmt: skip
+        factors = tone_attenuation(
+            record.arrival_time, frequency, method=how.method, band=how.band_limit,
+            grid=signal.grid, name=record.name,
+        )  # fmt: skip
+    own = _is_tone(record, frequency)
+    corrected = own if how.correction != "none" else torch.zeros_like(own)
+    if bool(corrected.any()):
+        signal = _corrected(record, signal, factors, own, how)
+        notes = [note for note in notes if "correct the tone with" not in note]
+    rate = signal.grid.rate
+    starts, length = segment_starts(signal.grid.samples, 0, how.segment, rate, how.overlap)
+    if len(starts) < FEWEST_SEGMENTS:
+        raise ValueError(
+            f"{record.name}: its grid holds one segment of {how.segment:g} s; shorten the segment"
+        )
+    hop = starts[1] - starts[0]
+    plane = VelocityPlane(
+        signal.values.unfold(0, length, hop), sampling_rate=rate, frequency=record.frequency,
+        fluid=record.fluid, incident_level=record.incident_level, mach=record.mach,
+        source_side=record.source_side, liner=record.liner, height=_height(record),
+        displacement_thickness=record.displacement_thickness, name=record.name,
+    )  # fmt: skip
+    begin = signal.grid.start + torch.tensor(starts, dtype=torch.float64) / rate
+    return Segments(plane, signal, begin, hop, factors.factor[0], corrected, tuple(notes))
+
+
+def _require_two_segments(record: BurstRecord, how: StationChoices) -> None:
+    lasts = float(record.arrival_time[-1] - record.arrival_time[0])
+    needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - how.overlap)) * how.segment
+    if lasts < needed or record.bursts < 2:
+        raise ValueError(
+            f"{record.name}: {record.bursts} bursts over {lasts:.4g} s; two segments of "
+            f"{how.segment:g} s with an overlap of {how.overlap:g} take {needed:.4g} s. Measure "
+            "longer, or shorten the segment"
+        )
+
+
+def _require_small_grid(record: BurstRecord, how: StationChoices) -> None:
+    if how.grid_rate is None:
+        return
+    points = float(record.arrival_time[-1] - record.arrival_time[0]) * how.grid_rate
+    if points > MOST_POINTS:
+        raise ValueError(
+            f"{record.name}: a grid of {how.grid_rate:g} Hz has {points:.3g} points (limit "
+            f"{MOST_POINTS:g}); {record.bursts} bursts fill far fewer, lower grid_rate"
+        )
+
+
+def _require_no_gap(record: BurstRecord, how: StationChoices) -> None:
+    steps = record.arrival_time.diff()
+    longest = int(steps.argmax())
+    if float(steps[longest]) > how.segment:
+        raise ValueError(
+            f"{record.name}: no burst for {float(steps[longest]):.4g} s from "
+            f"{float(record.arrival_time[longest]):.6g} s on, longer than a segment of "
+            f"{how.segment:g} s, which would be made up; cut the record there"
+        )
+
+
+def _height(record: BurstRecord) -> float | None:
+    return record.y if record.y is not None and record.y > 0 else None
+
+
+def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
+    """Where there is a tone to correct: at the record's own, or at the only frequency asked for."""
+    if record.frequency is None:
+        return torch.full_like(frequency, len(frequency) == 1, dtype=torch.bool)
+    return (frequency / record.frequency - 1).abs() < SAME_TONE
+
+
+def _corrected(
+    record: BurstRecord, signal: GridSignal, factors: ToneAttenuation, own: Tensor,
+    how: StationChoices,
+) -> GridSignal:  # fmt: skip
+    chosen = replace(
+        factors, factor=factors.factor[:, own], image=factors.image[:, own],
+        frequency=factors.frequency[own],
+    )  # fmt: skip
+    smallest = float(chosen.factor.abs().min())
+    if smallest < LEAST_FACTOR:
+        raise ValueError(
+            f"{record.name}: {how.method} reconstruction leaves {smallest:.3g} of the tone; a "
+            f"correction would raise noise {1 / smallest:.3g} times (limit: {LEAST_FACTOR:g}). "
+            "More arrivals are needed, or correction='none' leaves the tone as it is"
+        )
+    arrivals = record.arrival_time if how.correction == "tone-and-noise" else None
+    return corrected_coherent_part(signal, chosen, arrivals).signal
+
+
+@contextmanager
+def _collected(notes: list[str]) -> Iterator[None]:
+    """Doubts become notes of the station; the line as a whole warns once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for each in caught:
+        if issubclass(each.category, DataWarning):
+            notes.append(str(each.message))
+        else:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)

@@ -1,0 +1,166 @@
+"""The sound field of a solved duct, anywhere in it and along its walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchliner.checks import require_choice
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.case import SOURCES, DuctCase, other_side
+from torchliner.lee.swept import SweptDuct, point_rows
+
+WALLS = ("opposite", "lined")
+POINTS_AT_ONCE = 512
+
+
+@dataclass(frozen=True, eq=False)
+class DuctField:
+    """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
+
+    Args:
+        case: the duct.
+        frequency: Hz, (F,).
+        source: its side.
+        waves: X of ``lee_ports``, Pa, (..., F, D).
+        swept: the duct's answers to unit waves.
+        dtype: of what is read from the field; the sums are done in complex128.
+    """
+
+    case: DuctCase
+    frequency: Tensor
+    source: str
+    waves: Tensor
+    swept: SweptDuct
+    dtype: torch.dtype = torch.complex128
+
+    def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P).
+
+        Args:
+            x, y: m, (P,) or numbers.
+        Raises:
+            ValueError: a point outside the duct, or the solver kept the walls only.
+        """
+        if not self.swept.parts[0].incoming:
+            raise ValueError(
+                "the solver kept what the walls need (keep='walls'); build it with keep='all' to "
+                "read fields inside"
+            )
+        places, heights = np.broadcast_arrays(_places(x), _places(y))
+        _require_inside("x", places, self.case.start, self.case.end)
+        _require_inside("y", heights, 0.0, self.case.height)
+        blocks = []
+        for first in range(0, len(places), POINTS_AT_ONCE):
+            some = slice(first, first + POINTS_AT_ONCE)
+            parts = []
+            for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
+                rows = point_rows(self.swept, part, places[some], heights[some])
+                parts.append(torch.einsum("fpqd,...fd->...fpq", rows, waves))
+            blocks.append(torch.cat(parts, -3))
+        p, u, v = torch.cat(blocks, -2).to(self.dtype).unbind(-1)
+        speed = self.case.density * self.case.profile.sound_speed
+        return p, u / speed, v / speed
+
+    def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
+        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
+        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
+
+        Args:
+            x: m, (P,) or a number.
+            wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
+        """
+        arriving, leaving = self._wall_waves(_places(x), wall)
+        return (arriving + leaving).to(self.dtype)
+
+    def wall_velocity(self, x: Any) -> Tensor:
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
+
+        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
+        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
+        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
+        """
+        arriving, leaving = self._wall_waves(_places(x), "lined")
+        velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
+        return velocity.to(self.dtype)
+
+    def wall_level(self, x: Any, wall: str = "opposite") -> Tensor:
+        """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
+        return spl_from_pressure_amplitude(self.wall_pressure(x, wall))
+
+    def wall_phase(self, x: Any, wall: str = "opposite") -> Tensor:
+        """Phase of the pressure on a wall, degrees, -180 to 180, (..., F, P)."""
+        return torch.rad2deg(torch.angle(self.wall_pressure(x, wall)))
+
+    @property
+    def reflection(self) -> Tensor:
+        """Plane-like mode that reaches the source's end over the one sent from it, (..., F).
+
+        Both at that end, as wall pressures; what the end sends back in counts as sent.
+        """
+        return self._end_ratio(back=True)
+
+    @property
+    def transmission(self) -> Tensor:
+        """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
+        return self._end_ratio(back=False)
+
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).
+
+        Args:
+            end: ``upstream`` or ``downstream``.
+        """
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
+
+    def _end_ratio(self, back: bool) -> Tensor:
+        sent, returned = self.end_waves(self.source)
+        out = returned if back else self.end_waves(other_side(self.source))[1]
+        return (out / sent).to(self.dtype)
+
+    def _waves_of_parts(self) -> tuple[Tensor, ...]:
+        sizes = [len(part.upper) for part in self.swept.parts]
+        return self.waves.split(sizes, -2)
+
+    def _wall_waves(self, x: NDArray[np.float64], wall: str) -> tuple[Tensor, Tensor]:
+        """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
+        require_choice("wall", wall, WALLS)
+        _require_inside("x", x, self.case.start, self.case.end)
+        mesh, basis = self.swept.mesh, self.swept.basis
+        column = np.clip(np.searchsorted(mesh.x, x, "right") - 1, 0, len(mesh.x) - 2)
+        values = basis.values((x - mesh.x[column]) / np.diff(mesh.x)[column]).to(self.waves)
+        which = torch.as_tensor(column).to(values.device)
+        parts = []
+        for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
+            kept = part.upper if wall == "opposite" else part.lower
+            rows = torch.einsum("pn,fpnd->fpd", values, kept[:, which])
+            parts.append(torch.einsum("fpd,...fd->...fp", rows, waves))
+        arriving = torch.cat(parts, -2)
+        if wall == "opposite" or not mesh.lined.any():
+            return arriving, arriving
+        number = torch.as_tensor(np.cumsum(mesh.lined) - 1).to(which)[which].clamp(min=0)
+        from_wall = self.waves[..., 2:-2].unflatten(-1, (-1, basis.count))[..., number, :]
+        leaving = (from_wall * values).sum(-1)
+        return arriving, torch.where(
+            torch.as_tensor(mesh.lined).to(which.device)[which], leaving, arriving
+        )
+
+
+def _places(values: Any) -> NDArray[np.float64]:
+    if isinstance(values, Tensor):
+        values = values.detach().cpu().numpy()
+    return np.atleast_1d(np.asarray(values, np.float64)).ravel()
+
+
+def _require_inside(name: str, values: NDArray[np.float64], low: float, high: float) -> None:
+    outside = ~((values >= low) & (values <= high))
+    if outside.any():
+        raise ValueError(
+            f"{name} = {values[outside][0]:g} m lies outside the duct, {low:g} to {high:g} m"
+        )

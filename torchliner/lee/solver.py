@@ -1,0 +1,168 @@
+"""The linearised Euler equations in a lined duct, one frequency or many, one impedance or many."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, require_choice
+from torchliner.duct.case import SOURCES, DuctCase
+from torchliner.duct.wall_impedance import require_slip_condition, result_type
+from torchliner.lee.ends import warn_of_mode_1
+from torchliner.lee.field import DuctField
+from torchliner.lee.mesh import DuctMesh, build_mesh
+from torchliner.lee.ports import CHUNK, solve_ports
+from torchliner.lee.swept import SweptDuct, sweep_duct
+from torchliner.lee.walls import Wall, wall_of
+
+MEMORY = 2 * 2**30  # bytes that the waves may take
+
+
+class DuctSolver:
+    """A duct and its frequencies, swept once; every impedance and source side then costs little.
+
+    The columns of the mesh are condensed, one for each width, with or without a lined wall, and
+    joined by two sweeps, with the lined wall and both ends left open. What an impedance, an end
+    reflection or the side of the source changes is a system of the wall's own points, some hundred,
+    which is solved for each of them. The discrete solution is the whole system's, to rounding.
+
+    Args:
+        case: the duct.
+        frequency: Hz, (F,).
+        mesh: default ``build_mesh`` for the highest frequency.
+        keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what
+            pressures and velocities along both walls need.
+        memory: bytes that the waves may take, those kept and those of the sweep in hand.
+    Raises:
+        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a
+            missing slip condition.
+    Warns:
+        DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges
+            gets there.
+    """
+
+    def __init__(
+        self,
+        case: DuctCase,
+        frequency: Any,
+        mesh: DuctMesh | None = None,
+        *,
+        keep: str = "all",
+        memory: float = MEMORY,
+    ) -> None:
+        self.case = case
+        self.frequency = frequency_tensor(frequency)
+        self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
+        if self.mesh.case is not case:
+            raise ValueError("the mesh was built for another DuctCase; build one for this")
+        self.keep = require_choice("keep", keep, ("all", "walls"))
+        self.slip_mach = 0.0
+        if case.liner and require_slip_condition(case.profile, case.slip_condition):
+            self.slip_mach = float(case.profile.mach(0.0))
+        self.mesh.warn_if_coarse(float(self.frequency.max()))
+        warn_of_mode_1(case, self.frequency)
+        self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory)
+
+    def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
+        """The field of one or many impedances.
+
+        Args:
+            impedance: Z, normalised, v into the wall: numbers or a tensor, broadcast against (F, S)
+                for F frequencies and S lined patches, leading axes free; or a function of x (m,
+                (P,)) and frequency (Hz, (F,)) that returns (..., F, P). 0 and inf are walls like
+                others. Gradients by a tensor, or through a function, pass.
+            source: instead of that of the case.
+        Returns:
+            DuctField of shape (..., F).
+        Raises:
+            ValueError: shapes that do not fit, Z nan or -1.
+            RuntimeError: a singular system.
+        Warns:
+            DataWarning: negative resistance.
+        """
+        side = require_choice("source", source or self.case.source, SOURCES)
+        wall = None
+        if self.case.liner:
+            k = self.case.wavenumber(self.frequency)
+            wall = wall_of(
+                impedance, self.mesh, self._swept.basis, k, self.frequency, self.slip_mach
+            )
+        starts, returns = self._ends(side)
+        waves = self._solve_in_parts(wall, starts, returns)
+        kind = torch.complex128 if callable(impedance) else result_type(impedance)
+        return DuctField(self.case, self.frequency, side, waves, self._swept, kind)
+
+    def _ends(self, side: str) -> tuple[Tensor, Tensor]:
+        """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
+        case, down = self.case, side == "upstream"
+        alpha = self._swept.modes.wavenumber[:, 0 if down else 1].real
+        distance = case.place_of_incidence(side) - (case.start if down else case.end)
+        amplitude = case.incident * torch.exp(1j * alpha * distance)
+        sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
+        shape = self.frequency.shape
+        both = []
+        for value in (case.source_reflection, case.end_reflection):
+            # A plain complex number would become complex64.
+            exact = value if isinstance(value, Tensor) else np.asarray(value, np.complex128)
+            tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
+            both.append(tensor.expand(torch.broadcast_shapes(tensor.shape, shape)))
+        returns = torch.stack(torch.broadcast_tensors(*both), -1)
+        return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
+
+    def _solve_in_parts(self, wall: Wall | None, starts: Tensor, returns: Tensor) -> Tensor:
+        """X of all items; a part of them at a time, so that their matrices do not pile up."""
+        response = self._swept.response
+        batches = [starts.shape[:-1], returns.shape[:-1]]
+        size = response.wall.shape[-2] + 2
+        if wall is not None:
+            inner = 2 if wall.arrive is not None else 3
+            batches.append(wall.send.shape[:-inner])
+        shape = torch.broadcast_shapes(*batches)
+        lead = shape[:-1]
+        count = math.prod(lead)
+        per_item = 16 * size**2 * shape[-1]
+        step = max(1, int(CHUNK // per_item))
+        if count <= step or wall is None:
+            return solve_ports(response, wall, starts, returns)
+        flat = wall.flattened(lead)
+        ends = [
+            t.expand(*lead, *t.shape[-2:]).reshape(count, *t.shape[-2:]) for t in (starts, returns)
+        ]
+        parts = [
+            solve_ports(response, flat.select(at), *(end[at] for end in ends))
+            for at in (slice(i, i + step) for i in range(0, count, step))
+        ]
+        found = torch.cat(parts)
+        return found.reshape(*lead, *found.shape[1:])
+
+
+def solve_duct(
+    case: DuctCase,
+    frequency: Any,
+    impedance: Any = math.inf,
+    mesh: DuctMesh | None = None,
+    *,
+    keep: str = "all",
+) -> DuctField:
+    """The sound field of a lined duct with flow.
+
+    Args:
+        case: the duct.
+        frequency: Hz, (F,).
+        impedance: Z; see ``DuctSolver.solve``.
+        mesh: default ``build_mesh`` for the highest frequency.
+        keep: ``all`` or ``walls``; see ``DuctSolver``.
+    Returns:
+        DuctField of shape (..., F).
+    Raises:
+        ValueError, RuntimeError: see ``DuctSolver`` and its ``solve``.
+    Warns:
+        DataWarning: as there.
+    """
+    if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
+        frequency = frequency_tensor(frequency).to(impedance.device)
+    return DuctSolver(case, frequency, mesh, keep=keep).solve(impedance)

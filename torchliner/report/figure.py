@@ -1,0 +1,78 @@
+"""The one way to make a figure."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+PARTS = (
+    ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
+    ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
+)
+
+
+Figure = Any  # matplotlib.figure.Figure; imported when drawn
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Draw and save under the style sheet without touching the caller's settings."""
+
+    @functools.wraps(draw)
+    def inner(*arguments: Any, **options: Any) -> Figure:
+        try:
+            import matplotlib
+        except ImportError as error:
+            raise ImportError("figures need matplotlib: pip install torchliner[report]") from error
+        with matplotlib.rc_context(RC):
+            return draw(*arguments, **options)
+
+    return inner
+
+
+def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+    """A figure of the page's width and its axes, lettered."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    if columns > 1:
+        for letter, axis in zip("abcdef", axes.flat, strict=False):
+            axis.set_title(f"({letter})", loc="left")
+    return figure, axes
+
+
+def finish(figure: Figure, path: str | Path | None) -> Figure:
+    """Save it if there is a path."""
+    if path is not None:
+        figure.savefig(path)
+    return figure
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+WIDTH = 6.6  # in, text width of a journal page
+
+RC: Any = {
+    "font.size": 9.0,
+    "font.family": "serif",
+    "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix",
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4.0,
+    "axes.linewidth": 0.6,
+    "figure.dpi": 120,
+    "savefig.dpi": 200,
+    "figure.constrained_layout.use": True,
+}

@@ -1,0 +1,116 @@
+"""Pressures at several places split into two plane waves."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import torch
+from torch import Tensor
+
+SINGULAR = 1e3  # condition number: three digits of every pressure are lost
+
+
+DOUBTFUL = 20.0
+
+
+COINCIDENT = 1e-9  # m
+
+
+def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
+    """k+ (towards the surface) and k- (away from it), 1/m, (F,); see the module for the signs.
+
+    Args:
+        frequency: Hz.
+        sound_speed: m/s.
+        mach: of the mean flow away from the surface, \\|M\\| < 1.
+    """
+    if not abs(mach) < 1:
+        raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
+    k = 2 * torch.pi * frequency / sound_speed
+    return k / (1 - mach), k / (1 + mach)
+
+
+def split_waves(
+    pressure: Tensor,
+    places: Tensor,
+    frequency: Tensor,
+    sound_speed: float,
+    mach: float = 0.0,
+    velocity: Tensor | None = None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Least-squares amplitudes of the two waves from complex pressures.
+
+    Args:
+        pressure: Pa, complex, (..., M, F).
+        places: y of the microphones, m, (M,).
+        frequency: Hz, (F,).
+        sound_speed: m/s.
+        mach: of the mean flow away from the surface.
+        velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many
+            equations more, which do not know the flow's turbulence as the pressures do.
+    Returns:
+        A and B at y = 0, (..., 2, F); relative residual, (..., F); condition number, (F,).
+    Raises:
+        ValueError: fewer than two microphones (one with velocities), microphones that coincide, or
+            a spacing of half a wavelength.
+    Source: for M = 0 and two microphones, ISO 10534-2.
+    """
+    fewest = 2 if velocity is None else 1
+    if len(places) < fewest:
+        raise ValueError(
+            f"{len(places)} microphone is given; two waves need at least two"
+            if len(places) else "no microphone is given; two waves need at least two"
+        )  # fmt: skip
+    _refuse_coincident(places)
+    plus, minus = wavenumbers(frequency, sound_speed, mach)
+    towards = torch.exp(1j * plus[:, None] * places)
+    away = torch.exp(-1j * minus[:, None] * places)
+    rows = torch.stack([towards, away], -1)
+    measured = pressure.to(torch.complex128)
+    if velocity is not None:
+        rows = torch.cat([rows, torch.stack([towards, -away], -1)], dim=1)
+        measured = torch.cat([measured, velocity.to(torch.complex128)], dim=-2)
+    values = torch.linalg.svdvals(rows)
+    condition = values[:, 0] / values[:, 1].clamp(min=1e-300)
+    _refuse_singular(condition, places, frequency, sound_speed, mach)
+    right = measured.movedim(-1, -2)  # (..., F, equations)
+    waves = torch.einsum("fij,...fj->...fi", torch.linalg.pinv(rows), right)
+    left = right - torch.einsum("fij,...fj->...fi", rows, waves)
+    residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
+    return waves.movedim(-1, -2), residual, condition
+
+
+def _refuse_coincident(places: Tensor) -> None:
+    for i, j in combinations(range(len(places)), 2):
+        if abs(float(places[i] - places[j])) < COINCIDENT:
+            raise ValueError(
+                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they "
+                "measure one pressure: move or leave out one of them"
+            )
+
+
+def _refuse_singular(
+    condition: Tensor, places: Tensor, frequency: Tensor, sound_speed: float, mach: float
+) -> None:
+    worst = int(condition.argmax())
+    if float(condition[worst]) < SINGULAR:
+        return
+    half = sound_speed * (1 - mach**2) / (2 * float(frequency[worst]))
+    span = float(places.max() - places.min())
+    raise ValueError(
+        f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz "
+        f"(condition number {float(condition[worst]):.2g}): their spacing is {span / half:.4g} "
+        f"times half a wavelength, {1e3 * half:.4g} mm, and a whole number of these, or 0, tells "
+        "the two waves not apart; take another frequency or another pair"
+    )
+
+
+def best_pair(
+    places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0
+) -> tuple[int, int]:
+    """The two microphones best conditioned at their worst frequency."""
+    plus, minus = wavenumbers(frequency, sound_speed, mach)
+    mean = (plus + minus) / 2
+    pairs = list(combinations(range(len(places)), 2))
+    apart = [float(torch.sin(mean * (places[i] - places[j])).abs().min()) for i, j in pairs]
+    return pairs[max(range(len(pairs)), key=lambda n: apart[n])]

@@ -1,0 +1,126 @@
+"""A map from what a replay gave, with every choice that led to it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import plain_number
+from torchliner.liners.grazing import goodrich_resistance
+from torchliner.records import ImpedanceMap, Interval, Uncertainty
+from torchliner.replay.kernels import impedance_of
+from torchliner.replay.lines import interpolation_error
+from torchliner.tdibc.prepared import Prepared
+from torchliner.version import __version__
+
+
+def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
+    """Every choice, and what followed from it."""
+
+    plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
+    facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
+    describe = getattr(ready.liner, "describe", None)
+    facts["liner"] = describe() if describe else {"model": type(ready.liner).__name__}
+    facts |= {
+        "velocity_max": ready.grid.maximum,
+        "coherence_segments": ready.seen.segments,
+        "sampling_rate": plane.sampling_rate,
+        "samples": plane.samples,
+        "source": plane.name,
+        "surface": plane.liner,
+        "data": dict(plane.provenance),
+    }
+    if kernels is not None:
+        facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
+        facts["kernel_band"] = list(kernels.band)
+    if facts["response"] == "kernel" or not hasattr(ready.liner, "speed_law"):
+        with torch.no_grad():
+            facts["level_error"] = max(
+                interpolation_error(ready.liner, f, ready.grid) for f in ready.frequency.tolist()
+            )
+    return facts
+
+
+def goodrich_of(ready: Prepared) -> Tensor | None:
+    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
+    plane, porosity = ready.plane, getattr(ready.liner, "surface_porosity", None)
+    diameter = getattr(ready.liner, "orifice_diameter", None)
+    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
+        return None
+    added = goodrich_resistance(
+        plane.mach, porosity, plane.displacement_thickness, plain_number(diameter)
+    )
+    with torch.no_grad():
+        return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
+
+
+def assemble(
+    ready: Prepared,
+    phase: str,
+    reflection: Tensor,
+    held: Tensor,
+    peak: Tensor,
+    notes: list[str],
+    uncertainty: Uncertainty | None = None,
+    wall: Tensor | None = None,
+) -> ImpedanceMap:
+    """The map.
+
+    Args:
+        ready: prepared plane.
+        phase: rule that was used.
+        reflection: R of probes and cell averages, (P + C, F).
+        held: whether the rule held there, (P + C, F).
+        peak: complex peak amplitude of v into the liner, (P + C, F).
+        notes: all doubts.
+        uncertainty: intervals, of the probes as (P, F).
+        wall: probes that count as wall in averages over probes, (P, F).
+    """
+    plane, cells, seen = ready.plane, ready.cells, ready.seen
+    kept = ready.used.to(reflection.device)
+
+    def on_probes(value: Tensor) -> Tensor:
+        """The probes' part, on the plane's axes; nan where a probe was left out."""
+        part = value[: plane.probes]
+        if part.dtype != torch.bool:
+            shape = (-1, *(1,) * (part.ndim - 1))
+            nan = complex(float("nan"), float("nan")) if part.is_complex() else float("nan")
+            part = torch.where(
+                kept.reshape(shape), part, torch.tensor(nan, dtype=part.dtype, device=part.device)
+            )
+        return part.reshape((*plane.probe_shape, *value.shape[1:]))
+
+    probes = reflection[: plane.probes]
+    if uncertainty is not None:
+        parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
+        uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
+    return ImpedanceMap(
+        frequency=ready.frequency,
+        reflection=on_probes(probes),
+        mean_velocity=on_probes(seen.mean),
+        velocity_rms=on_probes(seen.rms),
+        velocity_amplitude=on_probes(peak),
+        coherence=on_probes(seen.coherence),
+        phase_rule=on_probes(held),
+        cell_x=cells.x,
+        cell_z=cells.z,
+        cell_reflection=cells.average_reflection(probes, kept, wall),
+        cell_reflection_velocity_first=reflection[plane.probes :],
+        x=plane.x,
+        z=plane.z,
+        height=plane.height,
+        fluid=plane.fluid,
+        reference=dict(plane.reference),
+        mach=plane.mach,
+        incident_level=plane.incident_level,
+        source_side=plane.source_side,
+        goodrich=goodrich_of(ready),
+        title=plane.title,
+        choices=facts_of(ready, phase),
+        notes=tuple(notes),
+        uncertainty=uncertainty,
+        wall=None if wall is None else on_probes(wall),
+    )

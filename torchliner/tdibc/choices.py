@@ -1,0 +1,276 @@
+"""Every choice of an eduction in one validated place."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, fields
+from typing import Any
+
+import torch
+
+from torchliner.checks import require_choice, require_positive
+from torchliner.records.slabs import WORK_BYTES
+from torchliner.replay.compiled import COMPILE
+from torchliner.replay.drive import DRIVES, MEANS
+from torchliner.replay.edges import EDGE_RULES
+from torchliner.replay.incident import PHASE_RULES
+from torchliner.replay.kernels import KERNELS
+from torchliner.replay.waves import parse_signal
+
+ENGINES = ("spectral", "unfold", "direct")
+RESPONSES = ("model", "kernel")
+RESAMPLED = ("time", "time-span", "time-cells")
+MOST_DRAWS = 100_000
+FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the paper leaves open, and what it does not.
+
+    Args:
+        engine: ``spectral`` (fast, tones), ``unfold`` (the whole reflected signal) or ``direct``
+            (the literal sum, in float64); ``auto``: ``spectral``, with an incident signal
+            ``unfold``.
+        incident: signal that is sent at the liner instead of tones: ``Tones``, ``Sweep``,
+            ``BandNoise``, ``Recorded``, or text such as "noise:300:6000". R(f) is then the
+            H1 estimate, sum Y X* / sum |X|^2 over the segments.
+        segment: s of a segment of the estimate, overlapping by half; default the whole record.
+        phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known),
+            ``self-consistent`` (from v's own part at f) or ``given``.
+        edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
+            ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
+            with ``Recorded``.
+        window: any window of scipy, applied to the reflected signal. Default ``hann``; with
+            ``Sweep``, ``BandNoise`` and ``Recorded`` over the whole record ``boxcar``.
+        drive: |v| that drives the kernel: ``instantaneous``, ``rms`` over the record, or
+            ``running-rms`` over ``running_window``.
+        mean: time-mean velocity ``kept`` in the drive or ``removed``.
+        kernel: ``two-sided`` or ``causal``.
+        response: ``model`` (R of the liner itself) or ``kernel`` (that of the impulse responses);
+            by default the model's for the two-sided kernel, whose error is reported.
+        band: Hz, where the kernel stands for the liner; default 300-3500 Hz, widened to the
+            frequencies asked for and to the incident signal's band.
+        levels, spacing, interpolation: velocity grid of the tables.
+        velocity_max: top of the grid, m/s; default from the whole record, rounded up.
+        pre_roll: s at the start of the record that only emit; the window comes after.
+        running_window: s; default one period of the lowest frequency.
+        minimum_coherence: squared coherence of v with the tone below which ``self-consistent``
+            falls back to ``averaged``; without a tone 0.5 is passed in 1 of 128 with 8 segments
+            of two periods, in 1 of 2 with 2 (then noted).
+        wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as
+            wall: admittance 0 in the averages over probes (section 7.2). Its own value stays, and
+            the averages with velocity first are not touched. Default off.
+        missing: probes holding nan or inf: ``refuse`` the plane or ``exclude`` them.
+        allow_short: accept fewer than four periods.
+        device, dtype: where and in what precision R is evaluated; default those of the data.
+        memory: bytes, or text such as "2GB", for slabs and work arrays; what the program itself
+            (some 0.4 GB) and the result (some 200 B a probe and frequency) take comes on top.
+            Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
+        compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
+            ``always``; the numbers stay the same.
+        interval: level of the statistical intervals, 0 to 1; None for no intervals. They are had
+            for tones; an incident signal has none.
+        draws, seed: of the moving-block bootstrap behind them.
+        resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
+            z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
+        rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
+            default 5e-6 in float32, 3e-11 in float64.
+    """
+
+    engine: str = "auto"
+    phase: str = "averaged"
+    edge: str = "auto"
+    window: Any = None
+    drive: str = "instantaneous"
+    mean: str = "kept"
+    kernel: str = "two-sided"
+    response: str | None = None
+    band: tuple[float, float] | None = None
+    levels: int = 200
+    spacing: str = "sqrt"
+    interpolation: str = "cubic"
+    velocity_max: float | None = None
+    pre_roll: float = 0.0
+    running_window: float | None = None
+    minimum_coherence: float = 0.5
+    missing: str = "refuse"
+    allow_short: bool = False
+    device: str | torch.device | None = None
+    dtype: str | torch.dtype | None = None
+    memory: int | str | None = None
+    compile: str = "auto"
+    rank_tolerance: float | None = None
+    incident: Any = None
+    segment: float | None = None
+    interval: float | None = 0.95
+    draws: int = 999
+    seed: int = 0
+    resample: str = "time"
+    wall_filter: float | None = None
+
+    def __post_init__(self) -> None:
+        self._fill_in()
+        require_choice("engine", self.engine, ENGINES)
+        require_choice("phase rule", self.phase, PHASE_RULES)
+        require_choice("edge rule", self.edge, EDGE_RULES)
+        require_choice("drive", self.drive, DRIVES)
+        require_choice("mean", self.mean, MEANS)
+        require_choice("kernel", self.kernel, KERNELS)
+        require_choice("missing", self.missing, ("refuse", "exclude"))
+        if self.response is not None:
+            require_choice("response", self.response, RESPONSES)
+        if self.response == "model" and (self.kernel == "causal" or self.engine != "spectral"):
+            raise ValueError(
+                f"response='model' bypasses the kernel, which engine={self.engine!r}, "
+                f"kernel={self.kernel!r} ask for; leave response out"
+            )
+        if not 0 <= self.pre_roll < float("inf"):
+            raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
+        if self.pre_roll and self.edge == "wrap":
+            raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
+        require_choice("compile", self.compile, COMPILE)
+        for name in ("velocity_max", "running_window", "rank_tolerance", "segment"):
+            if getattr(self, name) is not None:
+                require_positive(name, getattr(self, name))
+        if not 0 <= self.minimum_coherence <= 1:
+            raise ValueError(f"minimum_coherence is {self.minimum_coherence:g}; it is 0 to 1")
+        if self.wall_filter is not None and not 0 <= self.wall_filter <= 1:
+            raise ValueError(
+                f"wall_filter is {self.wall_filter:g}; it is a squared coherence, 0 to 1"
+            )
+        self._check_resampling()
+        self.memory_bytes  # noqa: B018  checked here
+        self.working_device(torch.device("cpu"))
+        self.working_dtype(torch.float64)
+
+    def _check_resampling(self) -> None:
+        require_choice("resample", self.resample, RESAMPLED)
+        if self.interval is None:
+            return
+        require_positive("interval", self.interval)
+        if self.interval >= 1:
+            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
+        for name, most in (("draws", MOST_DRAWS), ("seed", 2**63 - 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} is {value!r}; a whole number is needed")
+            if not 0 <= value <= most:
+                raise ValueError(f"{name} is {value}; it is 0 to {most}")
+        fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
+        if self.draws < fewest:
+            raise ValueError(
+                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
+                f"{fewest}"
+            )
+
+    def _fill_in(self) -> None:
+        """Defaults that hang on the incident signal, and what does not go with one."""
+        wave = self.incident
+        if isinstance(wave, str):
+            wave = parse_signal(wave)
+            if wave is None:
+                raise ValueError(
+                    f"incident signal {self.incident!r} is no generated one; read a file with "
+                    "torchliner.read_signal"
+                )
+            object.__setattr__(self, "incident", wave)
+        if wave is not None and not hasattr(wave, "sampled"):
+            raise TypeError(
+                f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)"
+            )
+        if wave is not None and self.engine == "spectral":
+            raise ValueError(
+                "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"
+            )
+        if wave is not None and self.phase != "averaged":
+            raise ValueError(
+                f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"
+            )
+        if wave is not None and self.wall_filter is not None:
+            raise ValueError(
+                "wall_filter asks for the coherence of v with a tone; with an incident signal "
+                "there is none, leave it out"
+            )
+        if wave is None and self.segment is not None:
+            raise ValueError("segment is only used with an incident signal")
+        defaults = {
+            "engine": "spectral" if wave is None else "unfold",
+            "edge": "finite" if wave is None else wave.edge,
+            "window": "hann" if wave is None or self.segment is not None else wave.window,
+        }
+        for name, value in defaults.items():
+            if getattr(self, name) in (None, "auto"):
+                object.__setattr__(self, name, value)
+
+    @property
+    def uses_kernel_response(self) -> bool:
+        """Whether the lines come from the impulse responses rather than from the model."""
+        return self.response == "kernel" or self.kernel == "causal" or self.engine != "spectral"
+
+    @property
+    def memory_bytes(self) -> int | None:
+        """``memory`` in bytes."""
+        if self.memory is None:
+            return None
+        found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(self.memory).strip())
+        if found is None:
+            raise ValueError(
+                f"memory is {self.memory!r}; give bytes or a size such as '500MB' or '2GB'"
+            )
+        base = 1024 if found[3] else 1000
+        return int(float(found[1]) * base ** " kMGT".index(found[2] or " "))
+
+    @property
+    def slab_memory(self) -> int | None:
+        """Bytes of the limit for slabs and work: all but what ``unfold`` stages and carries."""
+        memory = self.memory_bytes
+        return memory if memory is None or self.engine != "unfold" else memory - self._half(memory)
+
+    @property
+    def tail_memory(self) -> int | None:
+        """Bytes of the limit for what ``unfold`` stages and carries."""
+        memory = self.memory_bytes
+        return None if memory is None else self._half(memory)
+
+    @staticmethod
+    def _half(memory: int) -> int:
+        return max(0, memory - WORK_BYTES) // 2
+
+    def working_device(self, default: torch.device) -> torch.device:
+        """The device asked for, checked."""
+        try:
+            device = torch.device(default if self.device is None else self.device)
+        except RuntimeError as error:
+            raise ValueError(
+                f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
+            ) from error
+        if device.type == "cuda" and not torch.cuda.is_available():
+            raise ValueError(
+                f"device {str(device)!r} is asked for, but torch {torch.__version__} sees no CUDA "
+                "device; use device='cpu' or install a CUDA build of torch"
+            )
+        return device
+
+    def working_dtype(self, default: torch.dtype) -> torch.dtype:
+        """The precision asked for, checked; ``direct`` is always float64."""
+        wanted = self.dtype
+        if isinstance(wanted, str):
+            wanted = DTYPES[require_choice("dtype", wanted, DTYPES)]
+        if wanted is not None and wanted not in DTYPES.values():
+            raise ValueError(f"dtype is {wanted}; float32 or float64")
+        if self.engine == "direct":
+            return torch.float64
+        return default if wanted is None else wanted
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for a file."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        plain["incident"] = None if self.incident is None else self.incident.label
+        for key in ("device", "dtype"):
+            plain[key] = None if plain[key] is None else str(plain[key])
+        plain["response"] = "kernel" if self.uses_kernel_response else "model"
+        plain["window"] = self.window if isinstance(self.window, str) else list(self.window)
+        return plain

@@ -1,0 +1,113 @@
+"""DIR-TDIBC: impedance from wall-normal velocity, probe by probe, without a propagation model."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from pathlib import Path
+from typing import Any
+
+from torchliner.checks import DataWarning
+from torchliner.records import VelocityPlane
+from torchliner.replay.drive import with_smaller_slabs
+from torchliner.replay.kernels import Liner
+from torchliner.tdibc.broadband import educe_signal
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.engines import tone_sums
+from torchliner.tdibc.prepare import prepare
+from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.replayed import Replayed
+
+
+def educe(
+    plane: Any,
+    liner: Liner,
+    frequency: Any = None,
+    *,
+    reference_phase: Any = None,
+    reflected: str | Path | None = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Any:
+    """Impedance map of a plane: a known wave replayed through a liner driven by |v(t)|.
+
+    The educed reflection is the window-weighted mean of the liner model's own R(f, |v(t)|) (plus
+    its 2 f line once a phase is stated): it is the response of YOUR model to YOUR velocity data.
+
+    Args:
+        plane: wall-normal velocity, (..., T) m/s; or several planes, which then share velocity
+            levels and kernels, so that their maps can be compared to the last digit.
+        liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
+        frequency: Hz, one or several; default the plane's own tone; with ``Tones`` these, with
+            ``Sweep`` and ``BandNoise`` the lines of the segments in their band, 200 at most.
+        reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at
+            the first sample; broadcast over the probe axes (add a last axis for several
+            frequencies).
+        reflected: file to write the reflected signal of every probe to (docs/formats.md); needs an
+            incident signal.
+        progress: called with numbers of samples done, 2 T a plane in all.
+        choices: see ``torchliner.tdibc.choices.Choices``.
+    Returns:
+        The map, on the probe axes of the plane, with cell and liner averages in both orders; a
+        list of maps for several planes.
+    Raises:
+        ValueError: data or options that cannot give an answer; the message says what would.
+        TypeError: a value of the wrong kind.
+    Warns:
+        DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
+    Source: Roncen et al. (2026), section 3. Departures: two-sided kernels, edge rules, phase rules
+        and drives are named (docs/method.md), and the errors of kernel and levels are reported.
+    """
+    several = isinstance(plane, (list, tuple))
+    planes = list(plane) if several else [plane]
+    for each in planes:
+        if not isinstance(each, VelocityPlane):
+            raise TypeError(
+                f"plane is {type(each).__name__}; make a VelocityPlane of your data first"
+            )
+    if not planes:
+        raise ValueError("no plane is given")
+    if not hasattr(liner, "impedance"):
+        raise TypeError(
+            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
+            "by load_liner"
+        )
+    chosen = Choices(**choices)
+    _check_signal_output(chosen, reference_phase, reflected, len(planes))
+    found = []
+    for ready in prepare(planes, liner, frequency, chosen, progress):
+        if chosen.incident is not None:
+            result = educe_signal(ready, reflected, progress)
+        else:
+            replayed = replay(ready, backward=chosen.phase != "averaged", progress=progress)
+            result = replayed.map(chosen.phase, reference_phase)
+        for note in result.notes:
+            warnings.warn(note, DataWarning, stacklevel=2)
+        found.append(result)
+    return found if several else found[0]
+
+
+def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, count: int) -> None:
+    if chosen.incident is None and reflected is not None:
+        raise ValueError(
+            "a reflected signal needs an incident one; name it, e.g. incident='noise:300:3500' or "
+            "Tones(1400.0)"
+        )
+    if reflected is not None and count > 1:
+        raise ValueError("several planes would share one reflected file; educe them one by one")
+    if chosen.incident is not None and reference_phase is not None:
+        raise ValueError("reference_phase is for tones; an incident signal has its own phase")
+
+
+def replay(ready: Prepared, *, backward: bool = True, progress: Progress | None = None) -> Replayed:
+    """The pass over the data that ``educe`` makes for tones; any phase rule is then read off it.
+
+    Args:
+        ready: of ``prepare``.
+        backward: False saves half the sums if only ``averaged`` is wanted.
+        progress: called with numbers of samples done.
+    """
+    sums, notes = with_smaller_slabs(
+        ready.drive.velocity, lambda: tone_sums(ready, backward, progress)
+    )
+    return Replayed(dataclasses.replace(ready, notes=(*ready.notes, *notes)), sums)

@@ -1,0 +1,139 @@
+"""Doubts about the data, with numbers: refusals raise, the rest is returned as notes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchliner.records import VelocityPlane
+from torchliner.replay.edges import Record
+from torchliner.replay.kernels import AFTER, BEFORE, Liner
+from torchliner.replay.survey import Survey
+from torchliner.tdibc.choices import Choices
+
+FEWEST_PERIODS = 4.0
+WHOLE_PERIOD_TOLERANCE = 1e-6
+FEWEST_SAMPLES_PER_PERIOD = 8.0
+FLUID_TOLERANCE = 1e-3
+
+
+def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
+    """Whether impulse responses enter at all: wrapped short-cosine windows do without."""
+    return (
+        chosen.engine != "spectral"
+        or chosen.uses_kernel_response
+        or any(record.needs_table(f) for f in frequency.tolist())
+    )
+
+
+def review_record(
+    plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices
+) -> list[str]:
+    """Length and rate against the frequencies."""
+    notes = []
+    if plane.liner == "hard wall":
+        notes.append(
+            f"null test: there is a hard wall below {plane.name} and no liner; the values only "
+            "show what this model makes of such a velocity"
+        )
+    seconds = (record.samples - record.start) / record.sampling_rate
+    wave = chosen.incident
+    # Over segments of a periodic signal the lines asked for need not be the record's.
+    on_lines = wave is None or chosen.segment is None
+    tones = [] if wave is None else getattr(wave, "frequency", torch.zeros(0)).tolist()
+    for f in dict.fromkeys([*frequency.tolist(), *tones]):
+        periods = f * seconds
+        if (
+            record.edge == "wrap"
+            and (on_lines or f in tones)
+            and (round(periods) < 1 or abs(periods - round(periods)) > WHOLE_PERIOD_TOLERANCE)
+        ):
+            remedy = _whole_cut(record, f) if chosen.incident is None else _nearest_line(record, f)
+            raise ValueError(
+                f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods "
+                f"of {f:g} Hz; {remedy}"
+            )
+        # One period of a broadband signal is long enough; its lines are the record's.
+        if chosen.incident is None and (
+            periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short
+        ):
+            raise ValueError(
+                f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
+                f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
+            )
+    per_period = record.sampling_rate / float(frequency.max())
+    if per_period < FEWEST_SAMPLES_PER_PERIOD:
+        notes.append(
+            f"{plane.name} has {per_period:.3g} samples per period of {float(frequency.max()):g} "
+            f"Hz; |v| has corners, and below {FEWEST_SAMPLES_PER_PERIOD:g} they are not resolved"
+        )
+    duration = record.samples / record.sampling_rate
+    if needs_kernels(record, frequency, chosen) and duration < BEFORE + AFTER:
+        notes.append(
+            f"{plane.name} lasts {1e3 * duration:.3g} ms, less than the kernel's "
+            f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"
+        )
+    return notes
+
+
+def _nearest_line(record: Record, frequency: float) -> str:
+    spacing = record.sampling_rate / (record.samples - record.start)
+    line = max(1, round(frequency / spacing)) * spacing
+    return f"the record's lines are {spacing:.6g} Hz apart, the nearest is {line:.9g} Hz"
+
+
+def _whole_cut(record: Record, frequency: float) -> str:
+    """How many samples would hold whole periods, if any number does."""
+    for samples in range(record.samples - 1, 0, -1):
+        periods = samples * frequency / record.sampling_rate
+        if periods < 1:
+            break
+        if abs(periods - round(periods)) <= WHOLE_PERIOD_TOLERANCE:
+            return f"cut it to {samples} samples or use edge='finite'"
+    return "no shorter record holds whole periods at this sampling rate; use edge='finite'"
+
+
+def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
+    """Whether liner and data speak of the same gas."""
+    gas = getattr(liner, "fluid", None)
+    if gas is None:
+        return []
+    pairs = (
+        ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
+        ("density", gas.density, plane.fluid.density, "kg/m3"),
+    )
+    return [
+        f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
+        f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
+        "takes the data's)"
+        for label, mine, theirs, unit in pairs
+        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
+    ]
+
+
+def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]:
+    """Probes that are dead or were left out."""
+    notes = []
+    excluded = int((~used).sum())
+    if excluded:
+        notes.append(f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
+    flat = (seen.largest == seen.smallest)[: plane.probes].cpu() & used
+    still = flat & (seen.largest[: plane.probes].cpu() == 0)
+    if bool(still.any()):
+        notes.append(
+            f"{plane.name}: {int(still.sum())} of {plane.probes} probes are exactly 0 throughout, "
+            f"the first at index {int(still.nonzero()[0])}; they educe the liner at rest"
+        )
+    elif bool(flat.any()) and not bool(flat[used].all()):
+        notes.append(
+            f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are constant, the first "
+            f"at index {int(flat.nonzero()[0])}; dead sensors look like this"
+        )
+    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs())[: plane.probes].max())
+    sound = float(plane.fluid.sound_speed)
+    if peak > sound or not bool(torch.isfinite(seen.mean_square).all()):
+        raise ValueError(
+            f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, "
+            f"{sound:.4g} m/s; check the unit of the data"
+        )
+    return notes

@@ -1,0 +1,85 @@
+"""Levels of |v| and the band of the kernels, which all planes share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from torchliner.replay.kernels import BAND, KernelTable, Liner
+from torchliner.replay.levels import VelocityGrid
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.prepared import Examined
+
+SMALL_SHARE = 1e-3  # of a recorded signal's energy
+
+
+def review_signal(kernels: KernelTable, chosen: Choices, sent: Tensor | None) -> tuple[str, ...]:
+    """Refuse a generated signal beyond the kernel's band; notes on a recorded one."""
+    if sent is None:
+        return ()
+    wave, (low, high) = chosen.incident, kernels.band
+    if wave.band is not None:
+        if wave.band[0] < low or wave.band[1] > high:
+            raise ValueError(
+                f"incident signal {wave.label} reaches beyond the kernel's band, {low:g}-{high:g} "
+                "Hz, where the kernel is not the liner; widen it with band=(low, high) or narrow "
+                "the signal"
+            )
+        return ()
+    power = torch.fft.rfft(sent).abs().square()
+    lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
+    inside = (lines >= low) & (lines <= high)
+    share = 1 - float(power[inside].sum() / power.sum().clamp(min=1e-300))
+    if share < SMALL_SHARE:
+        return ()
+    return (
+        f"{100 * share:.2g} % of the energy of {wave.label} lies outside the kernel's band, "
+        f"{low:g}-{high:g} Hz, where the reflected signal is not the liner's; filter it, or widen "
+        "the band with band=(low, high)",
+    )
+
+
+def velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) -> VelocityGrid:
+    """Levels over the range of all planes; the top is rounded up so that the tables, and with
+    them the last digits of a probe, rarely depend on which other probes are in the data."""
+    top, fastest, plane = -1.0, 0, examined[0].plane
+    for one in examined:
+        peak = torch.maximum(one.seen.largest.abs(), one.seen.smallest.abs())
+        if chosen.mean == "removed":
+            peak = peak + one.seen.mean.abs()
+        here = int(peak[: one.plane.probes].argmax())
+        if float(peak[here]) > top:
+            top, fastest, plane = float(peak[here]), here, one.plane
+    limit = chosen.velocity_max
+    table_limit = getattr(liner, "speed_max", None)
+    if limit is None:
+        limit = 2.0 ** (math.ceil(2 * math.log2(max(top, 1e-3))) / 2) * (1 + 1e-9)
+        if table_limit is not None:
+            limit = min(limit, table_limit)
+    if top > limit or (table_limit is not None and limit > table_limit):
+        place = tuple(int(i) for i in torch.unravel_index(torch.tensor(fastest), plane.probe_shape))
+        kind = "velocity_max" if chosen.velocity_max is not None else "the liner's table"
+        ceiling = limit if table_limit is None else min(limit, table_limit)
+        raise ValueError(
+            f"{plane.name} reaches |v| = {top:.4g} m/s at probe {place}, above {kind}, "
+            f"{ceiling:.4g} m/s; extend it to at least {top * 1.01:.3g} m/s"
+        )
+    return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
+
+
+def kernel_band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> tuple[float, float]:
+    """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
+    if chosen.band is not None:
+        low, high = chosen.band
+    else:
+        asked = torch.cat([one.frequency for one in examined])
+        low, high = min(BAND[0], float(asked.min())), max(BAND[1], float(asked.max()))
+        if chosen.incident is not None and chosen.incident.band is not None:
+            low, high = min(low, chosen.incident.band[0]), max(high, chosen.incident.band[1])
+    known = getattr(liner, "frequency_range", None)
+    if known is not None:
+        low, high = max(low, known[0]), min(high, known[1])
+    return low, high

@@ -1,0 +1,214 @@
+r"""How far a map may be off because its record is finite: moving blocks over time.
+
+The educed R is a weighted mean over time, so the block means of one pass (``replay.block_lines``)
+hold all that a bootstrap needs. What is resampled is the first-order deviation of R; R is turned
+into Z draw by draw. Averages over probes are resampled with the same blocks of time for all
+probes, so that eddies which pass several of them are not counted several times.
+
+What an interval does not cover: how Z differs from place to place (the spread), what the model, the
+phase rule and the other choices do (``torchliner audit``), and a record that is not stationary.
+
+A mean of many probes' admittances is also biased (``groups``): Y is not linear in R, and each
+probe's R scatters over a short record, by an amount that does not fall with the number of probes.
+The bounds are without that bias.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.records import Interval, Uncertainty
+from torchliner.signals.bootstrap import common_run_length
+from torchliner.signals.resampling import COLUMNS, Resampling
+from torchliner.tdibc.block_deviations import BlockDeviations
+from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
+from torchliner.tdibc.prepared import Prepared
+
+FEWEST_RUNS = 8  # below, an interval says little
+SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
+
+
+def uncertainty_of(
+    ready: Prepared, reflection: Tensor, moved: BlockDeviations, wall: Tensor | None
+) -> Uncertainty:
+    """Intervals of probes, rows, cells and the whole liner.
+
+    Args:
+        ready: prepared plane, with blocks.
+        reflection: R of probes and cell averages, complex128, (P + C, F).
+        moved: its deviation in each block.
+        wall: probes that count as wall, (P, F), of ``find_walls``.
+    """
+    chosen, plane, cells = ready.chosen, ready.plane, ready.cells
+    assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
+    weights = ready.blocks.sums(ready.record.weights(0, plane.samples))
+    how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+    single = ready.drive.dtype == torch.float32
+    of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
+    # What adds nothing to a mean admittance: probes left out, or wall.
+    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    silent = silent if wall is None else silent | wall
+    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
+    groups = {
+        name: Groups(torch.where(ready.used, labels, -1), count, admittance, ready.blocks.count)
+        for name, (labels, count) in _labels(ready).items()
+    }
+    parts = []
+    step = max(1, COLUMNS // reflection.shape[1])
+    for low in range(0, plane.probes, step):
+        part = slice(low, min(low + step, plane.probes))
+        series = moved.of(part)
+        parts.append(of_probes.over_time(series, reflection[part]))
+        _add(groups.values(), part, reflection[part], series, how, silent[part])
+    averaged = reflection[plane.probes :]
+    series = moved.of(slice(plane.probes, plane.probes + cells.count))
+    first = Groups(
+        torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
+        ready.blocks.count,
+    )  # fmt: skip
+    _add([first], slice(0, cells.count), averaged, series, how)
+    wide = _tile_rows(groups, chosen.resample)
+    return Uncertainty(
+        probes=_join(parts),
+        along_x=groups["x"].interval(how) if "x" in groups else None,
+        cells=groups["cells"].interval(how),
+        cells_velocity_first=how.over_time(series, averaged),
+        liner=_of_liner(groups, how, wide),
+        liner_velocity_first=_only(first.interval(how)),
+        settings={
+            "level": how.level, "draws": how.draws, "seed": how.seed,
+            "resampled": chosen.resample if wide else "time",
+            "blocks": ready.blocks.count, "periods_per_block": ready.blocks.periods,
+        },
+    )  # fmt: skip
+
+
+def _add(
+    groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, how: Resampling,
+    silent: Tensor | None = None,
+) -> None:  # fmt: skip
+    """Some members to all groupings."""
+    slope = admittance_slope(reflection) * series
+    bias = admittance_bias(reflection, how.second_moment(series))
+    if silent is not None:
+        slope, bias = torch.where(silent, 0, slope), torch.where(silent, 0, bias)
+    for group in groups:
+        group.add(part, slope, bias)
+
+
+def _join(parts: list[Interval]) -> Interval:
+    names = vars(parts[0])
+    return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+
+
+def _only(interval: Interval) -> Interval:
+    """Of the one group, (F,)."""
+    return Interval(*(value[0] for value in vars(interval).values()))
+
+
+def review_uncertainty(ready: Prepared, found: Uncertainty) -> list[str]:
+    """Doubts about the whole liner: fewer than eight runs, one row to resample, a large bias."""
+    return _few_runs(ready, found) + _one_row(ready, found) + _large_bias(ready, found)
+
+
+def _few_runs(ready: Prepared, found: Uncertainty) -> list[str]:
+    runs = float(found.liner.runs.min())
+    moves = float((found.liner.high - found.liner.low).abs().max()) > SMALLEST_WIDTH
+    if runs >= FEWEST_RUNS or not moves:
+        return []
+    periods = found.settings["blocks"] * found.settings["periods_per_block"]
+    return [
+        f"{ready.plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than "
+        f"{FEWEST_RUNS}; they are rough, and about {_periods_for_eight(runs, periods)} periods "
+        f"instead of {periods} would give {FEWEST_RUNS}"
+    ]
+
+
+def _periods_for_eight(runs: float, periods: int) -> int:
+    """Runs grow with the length of the record as S^(2/3), since their own length grows too."""
+    return math.ceil((FEWEST_RUNS / runs) ** 1.5 * periods)
+
+
+def _large_bias(ready: Prepared, found: Uncertainty) -> list[str]:
+    notes = []
+    liner = found.liner
+    for f, bias, error in zip(
+        ready.frequency.tolist(), liner.bias.tolist(), liner.standard_error.tolist(), strict=True
+    ):
+        if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
+            notes.append(
+                f"{ready.plane.name}: the mean of the probes' admittances is off by about "
+                f"{bias.real:+.2g}{bias.imag:+.2g}j in Z at {f:g} Hz, more than its standard "
+                "error, because each probe's record is short; the interval is without that bias, "
+                "the value is not"
+            )
+    return notes
+
+
+def _one_row(ready: Prepared, found: Uncertainty) -> list[str]:
+    rule = ready.chosen.resample
+    if rule == "time" or found.settings["resampled"] != "time":
+        return []
+    count = int(_rows(ready).max()) + 1
+    one, many = ("cell", "cells") if rule == "time-cells" else ("row along z", "rows along z")
+    reason = f"finds one {one}" if count == 1 else f"finds {count} {many} that move as one"
+    return [f"{ready.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
+
+
+def _labels(ready: Prepared) -> dict[str, tuple[Tensor, int]]:
+    """Groups of probes, -1 for none, and how many there are."""
+    plane, cells = ready.plane, ready.cells
+    found = {
+        "liner": (torch.zeros(plane.probes, dtype=torch.int64), 1),
+        "cells": (cells.labels, cells.count),
+    }
+    if len(plane.probe_shape) == 2:
+        columns = plane.probe_shape[1]
+        found["x"] = (torch.arange(plane.probes) % columns, columns)
+    if ready.chosen.resample != "time":
+        rows = _rows(ready)
+        found["rows"] = (rows, int(rows.max()) + 1)
+    return found
+
+
+def _rows(ready: Prepared) -> Tensor:
+    """Groups of probes that are alike: cells, rows of cells along z, or, without cells, rows.
+
+    Rows of probes within one cell are not alike: each has its own place over the holes.
+    """
+    cells, plane = ready.cells, ready.plane
+    if ready.chosen.resample == "time-cells":
+        return cells.labels
+    centres = cells.z[torch.isfinite(cells.z)].unique()
+    if len(centres) > 1:
+        row = torch.searchsorted(centres, cells.z)
+        return torch.where(cells.labels >= 0, row[cells.labels.clamp(min=0)], -1)
+    if len(plane.probe_shape) == 2 and getattr(ready.liner, "cell_pitch", None) is None:
+        return torch.arange(plane.probes) // plane.probe_shape[1]
+    return torch.zeros(plane.probes, dtype=torch.int64)
+
+
+def _tile_rows(groups: dict[str, Groups], resample: str) -> int:
+    """Rows (cells) that a tile is wide; 0 where tiles gain nothing over blocks of time."""
+    rows = groups.get("rows", groups["liner"])
+    if rows.count == 1:
+        return 0
+    wide = 1 if resample == "time-cells" else common_run_length(rows.series.movedim(1, 0))
+    return 0 if wide == rows.count else wide
+
+
+def _of_liner(groups: dict[str, Groups], how: Resampling, wide: int) -> Interval:
+    """(F,): blocks of time, or tiles of time and of ``wide`` rows or cells."""
+    liner = groups["liner"]
+    if not wide:
+        return _only(liner.interval(how))
+    bias = liner.bias(how)
+    reflection = reflection_from_admittance(liner.mean - bias)
+    tiled = how.over_tiles(groups["rows"].series, reflection[0], wide)
+    return _only(liner.with_bias(Interval(*(v[None] for v in vars(tiled).values())), bias))

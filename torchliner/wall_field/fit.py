@@ -1,0 +1,288 @@
+"""Impedance from wall pressures by fitting the linearised Euler equations themselves.
+
+No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
+and evanescent waves of a short liner are part of the model. ``field_search`` says what is
+minimised.
+
+An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
+amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
+``stated`` it is what the case says, and a reflection of 0.05 that the case does not know of moves Z
+by more than any error of the microphones.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning, require_choice
+from torchliner.duct.case import SOURCES, DuctCase, other_side
+from torchliner.duct.catalogue import load_duct
+from torchliner.lee.solver import DuctSolver
+from torchliner.records import FieldFit, MicrophoneLine
+from torchliner.records.drawn_impedance import fine_places
+from torchliner.signals.microphone_errors import (
+    LEVEL_ERROR,
+    PHASE_ERROR,
+    draw_pressures,
+    require_draws,
+)
+from torchliner.wall_field.checks import doubts, largest_misfit
+from torchliner.wall_field.model import FieldModel
+from torchliner.wall_field.search import STEPS, Solution, constant_wall, least_squares
+from torchliner.wall_field.wall import (
+    coordinates,
+    impedance_at,
+    impedance_covariance,
+)
+
+FAR_ENDS = ("fitted", "stated")
+VARIATIONS = ("constant", "linear")
+SAME = 1e-6  # relative, of what line and case both state
+SAME_PLACE = 1e-6  # m
+SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
+
+
+def fit_field(
+    line: MicrophoneLine,
+    solver: DuctSolver,
+    *,
+    wall: str = "opposite",
+    far_end: str = "fitted",
+    variation: str = "constant",
+    start: complex | None = None,
+    draws: int = 0,
+    level_error: float = LEVEL_ERROR,
+    phase_error: float = PHASE_ERROR,
+    generator: torch.Generator | None = None,
+) -> FieldFit:
+    """Impedance of the liner of a duct that fits a line of microphones best.
+
+    Args:
+        line: microphones anywhere along the duct, any spacing.
+        solver: the duct, at the line's frequencies, with one lined patch.
+        wall: of the microphones, ``opposite`` or ``lined``.
+        far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
+        variation: of Z along the liner, ``constant`` or ``linear``.
+        start: impedance where the search begins; default the best of those from a grid. Soft walls,
+            and those near the greatest attenuation, have minima beside the true one.
+        draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its
+            method. Those whose fit does not settle have no impedance (nan).
+        level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
+        generator: of random numbers; default one with seed 0.
+    Returns:
+        The fit, without gradients.
+    Raises:
+        ValueError: too few microphones (four; three with the far end stated; one more for a linear
+            variation) or one outside the duct, an error below 1e-4, a solver for other frequencies,
+            another height, Mach number, sound speed or liner, or with several patches; a stated far
+            end whose reflection is stated for a source on the other side.
+    Warns:
+        DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
+            that is not told from a rigid one, a negative resistance, an end that reflects more than
+            it gets; the same text is in ``notes``. A misfit tells of a wrong duct only as far as
+            there are more microphones than unknowns.
+    """
+    require_choice("far_end", far_end, FAR_ENDS)
+    require_choice("variation", variation, VARIATIONS)
+    require_draws(draws)
+    waves = {"stated": 1, "fitted": 2}[far_end]
+    unknowns = waves + 1 + VARIATIONS.index(variation)
+    _check(line, solver, unknowns)
+    _check_side(line, solver.case, far_end)
+    sources = (line.source_side, other_side(line.source_side))[:waves]
+    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
+        if not SMALLEST <= value < math.inf:
+            raise ValueError(
+                f"{name} is {value:g}; it weights the fit and must be finite and at least "
+                f"{SMALLEST:g}"
+            )
+    pressure = line.pressure.detach().to(torch.complex128)
+    weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
+    model = FieldModel(solver, sources, line.x, wall)
+    freedom = 2 * (line.microphones - unknowns)
+    target = _cases(pressure)
+    if start is None:
+        found = constant_wall(model, target, weights, largest_misfit(freedom))
+    else:
+        found = least_squares(model, target, _begin(start, target), weights)
+    if variation == "linear":
+        begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
+        found = least_squares(model, target, begin, weights)
+    result = _result(found, model, pressure, line, freedom)
+    choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
+               "level_error": level_error,
+               "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
+               "source": line.name, "microphones": line.microphones,
+               "unknowns": solver.mesh.unknowns}  # fmt: skip
+    result = replace(result, choices=choices,
+                     notes=doubts(result, found, line, wall, freedom))  # fmt: skip
+    for note in result.notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    if draws:
+        random = generator or torch.Generator().manual_seed(0)
+        noisy = draw_pressures(
+            pressure, draws, random, level_error=level_error, phase_error=phase_error
+        )
+        again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
+        drawn = _settled(_result(again, model, noisy, line, freedom))
+        result = replace(result, draws=drawn)
+        lost = int((~drawn.converged).sum())
+        if lost:
+            note = (
+                f"{line.name}: {lost} of {drawn.converged.numel()} draws did not settle in {STEPS} "
+                "steps and are left out of mean, deviation, interval and range"
+            )
+            warnings.warn(note, DataWarning, stacklevel=2)
+            result = replace(result, notes=(*result.notes, note))
+    return result
+
+
+def _cases(pressure: Tensor) -> Tensor:
+    """(..., N, F) as (B, F, N)."""
+    return pressure.movedim(-2, -1).reshape(-1, pressure.shape[-1], pressure.shape[-2])
+
+
+def _settled(drawn: FieldFit) -> FieldFit:
+    """With nan where the fit did not settle."""
+    bad = ~drawn.converged
+    nothing = complex(math.nan, math.nan)
+    return replace(
+        drawn,
+        impedance=drawn.impedance.masked_fill(bad, nothing),
+        rise=drawn.rise.masked_fill(bad, nothing),
+        pressure=drawn.pressure.masked_fill(bad[..., None, :], nothing),
+        pressure_along=drawn.pressure_along.masked_fill(bad[..., None, :], nothing),
+    )
+
+
+def _begin(start: complex, pressure: Tensor) -> Tensor:
+    """Coordinates of one impedance for pressures (B, F, N)."""
+    if isinstance(start, str):
+        raise TypeError(f"start is the text {start!r}; a complex number is needed")
+    start = complex(start)
+    if cmath.isnan(start) or start == -1:
+        raise ValueError(f"start is {start}; an impedance other than -1 is needed")
+    wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
+    return coordinates(wall.to(pressure.device))
+
+
+def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:
+    """The solver of a preset or TOML file for a line, and the wall that its microphones are on.
+
+    Args:
+        line: its frequencies are taken; height, Mach number and gas must be the file's.
+        duct: see ``load_duct``. Its source may be on the other side, unless it states reflections
+            that are to be believed.
+    """
+    setup = load_duct(duct, frequency=line.frequency.tolist())
+    return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
+
+
+def _check_side(line: MicrophoneLine, case: DuctCase, far_end: str) -> None:
+    """Reflections of a case are those of its source's end and of the other."""
+    if far_end != "stated" or line.source_side == case.source:
+        return
+    for name in ("end_reflection", "source_reflection"):
+        if bool(torch.as_tensor(getattr(case, name)).abs().max() > 0):
+            raise ValueError(
+                f"the {name} of the duct is stated for a source {case.source}, {line.name} has its "
+                f"source {line.source_side}; state the duct for that source, or leave the far end "
+                "to the fit (far_end='fitted')"
+            )
+
+
+def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
+    case = solver.case
+    if line.source_side not in SOURCES:
+        raise ValueError(
+            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream (in "
+            "the file, or with --source-side)"
+        )
+    if line.microphones <= unknowns:
+        raise ValueError(
+            f"{line.name} has {line.microphones} microphones; impedances and amplitudes, "
+            f"{unknowns} complex unknowns, need at least {unknowns + 1}"
+        )
+    if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
+        raise ValueError(
+            f"{line.name} has frequencies {line.frequency.tolist()} Hz, the duct "
+            f"{solver.frequency.tolist()} Hz; build the solver for those of the line"
+        )
+    if line.pressure.numel() == 0:
+        raise ValueError(
+            f"{line.name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}"
+        )
+    for name in ("end_reflection", "source_reflection"):
+        if torch.as_tensor(getattr(case, name)).ndim > 1:
+            raise ValueError(f"the {name} of the duct has leading axes; a fit takes one duct")
+    if len(case.liner) != 1:
+        raise ValueError(
+            f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"
+        )
+    stated = {
+        "duct_height (m)": (line.duct_height, case.height),
+        "mach": (line.mach, case.profile.bulk_mach),
+        "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
+    }
+    for name, (mine, theirs) in stated.items():
+        if abs(float(mine) - float(theirs)) > SAME * max(abs(float(mine)), abs(float(theirs))):
+            raise ValueError(
+                f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
+                "and the same in both"
+            )
+    if line.liner_start is not None and line.liner_end is not None:
+        start, end = case.liner[0]
+        if max(abs(line.liner_start - start), abs(line.liner_end - end)) > SAME_PLACE:
+            raise ValueError(
+                f"{line.name} has its liner from x = {line.liner_start:g} to {line.liner_end:g} m, "
+                f"the duct from {start:g} to {end:g} m; state one and the same in both"
+            )
+    outside = (line.x < case.start) | (line.x > case.end)
+    if bool(outside.any()):
+        raise ValueError(
+            f"{line.name}: a microphone at x = {float(line.x[outside][0]):g} m lies outside the "
+            f"duct, {case.start:g} to {case.end:g} m"
+        )
+
+
+def _result(
+    found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int
+) -> FieldFit:
+    """The record of a solution for pressures (..., N, F)."""
+    shape = (*pressure.shape[:-2], pressure.shape[-1])
+    along = fine_places(line.x)
+    at, between, far = model.heard(found.place, found.amplitude, along)
+    at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
+    left = (at - pressure).abs().square().sum(-2)
+    wall = impedance_at(found.place)
+    covariance = impedance_covariance(found.place, found.covariance)
+    rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
+    if wall.shape[-1] == 2:
+        rise = 2 * wall[..., 1]
+        spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
+        rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
+    return FieldFit(
+        method="LEE fit",
+        frequency=line.frequency,
+        x=line.x,
+        impedance=wall[..., 0].reshape(shape),
+        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
+        rise=rise.reshape(shape),
+        rise_error=rise_error.reshape(shape),
+        amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
+        end_reflection=far.reshape(shape),
+        pressure=at,
+        along=along,
+        pressure_along=between,
+        residual=(left / pressure.abs().square().sum(-2)).sqrt(),
+        misfit=(found.cost / freedom).reshape(shape),
+        converged=found.converged.reshape(shape),
+        source_side=line.source_side,
+    )

@@ -1,0 +1,248 @@
+r"""Least squares over what a duct model offers.
+
+Microphone i hears :math:`\sum_k A_k h_{ik}(Z)`: for each of K waves that are sent into the duct,
+one from the source or one from either end, the duct's response h to a unit of it times an amplitude
+that is not known. With the measured p_i the residuals are those of :math:`q_i = \sum_k A_k
+h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the imaginary part phase, each over
+its stated error. The wall's P coordinates are found by Levenberg and Marquardt's method with the
+exact derivative of the field by them (h is holomorphic, so one derivative serves both parts); A, in
+which the residuals are linear, is solved for at every place (variable projection: Golub and Pereyra
+1973, with Kaufman's step of 1975).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.wall_field.model import FieldModel
+from torchliner.wall_field.wall import bounded, coordinates
+
+STEPS = 60
+TOLERANCE, SETTLED = 1e-9, 1e-6  # of a step taken, and of one left, in the wall's coordinates
+FARTHEST = 0.3  # step in the wall's coordinates
+STUCK = 1e8  # damping
+NEAR = 1e-3  # tolerance of a first search
+KEPT = 2  # of the places that first searches end at
+SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
+ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valleys
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Impedances to begin from.
+
+    Args:
+        resistance, reactance: all pairs of them.
+        starts: how many of the pairs are begun from.
+    """
+
+    resistance: Sequence[float]
+    reactance: Sequence[float]
+    starts: int
+
+
+STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
+COARSE = Grid(
+    (0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0),
+    (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0),
+    4,
+)
+FINE = Grid((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What fits best.
+
+    Args:
+        place: coordinates of the wall, (B, F, P).
+        amplitude: of the responses, (B, F, K).
+        covariance: of Re rho, Im rho, Re tau, ..., (B, F, 2 P, 2 P).
+        cost: chi squared, (B, F).
+        converged: (B, F).
+    """
+
+    place: Tensor
+    amplitude: Tensor
+    covariance: Tensor
+    cost: Tensor
+    converged: Tensor
+
+
+def constant_wall(
+    model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float
+) -> Solution:
+    """The best constant wall for pressures (B, F, N), P = 1, with no guess.
+
+    From the best of a coarse grid of impedances, and of a fine one where chi squared is above
+    ``poor``: a wrong minimum looks like a wrong duct.
+    """
+    found = from_grid(model, pressure, weights, COARSE)
+    again = (~(found.cost <= poor)).any(-1)
+    if bool(again.any()):
+        other = from_grid(model, pressure[again], weights, FINE)
+        best = _best([_part_by_part(lambda part: part[again], found), other])
+        found = _part_by_part(lambda part, new: part.index_put((again,), new), found, best)
+    return found
+
+
+def _part_by_part(function: Callable[..., Tensor], *found: Solution) -> Solution:
+    """A solution of whose parts each is a function of those of others."""
+    names = [part.name for part in dataclasses.fields(Solution)]
+    return Solution(*(function(*(getattr(one, name) for one in found)) for name in names))
+
+
+def _best(found: Sequence[Solution]) -> Solution:
+    """Of several solutions of the same cases that of least cost, each."""
+    cost = torch.stack([one.cost for one in found])
+    least = torch.where(torch.isfinite(cost), cost, torch.inf).argmin(0)
+
+    def chosen(*parts: Tensor) -> Tensor:
+        each = torch.stack(parts)
+        index = least.reshape(1, *least.shape, *[1] * (each.ndim - 3))
+        return each.gather(0, index.expand(1, *each.shape[1:]))[0]
+
+    return _part_by_part(chosen, *found)
+
+
+def from_grid(
+    model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid
+) -> Solution:
+    """The best constant wall from the best impedances of a grid each.
+
+    Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more
+    than the level. So the impedances of the grid are compared by pressure, not by its logarithm,
+    and the first search takes relative errors of both parts alike.
+    """
+    values = [complex(r, x) for r in grid.resistance for x in grid.reactance]
+    places = coordinates(
+        torch.tensor(values, dtype=torch.complex128, device=pressure.device)[:, None]
+    )
+    fields = model.in_parts(places[:, None].expand(-1, pressure.shape[-2], -1))
+    misfit = torch.stack([_loud_misfit(each, pressure) for each in fields])
+    best = places[misfit.topk(grid.starts, 0, largest=False).indices]  # (S, B, F, 1)
+    repeated = pressure.repeat(grid.starts, 1, 1)
+    rough = least_squares(model, repeated, best.flatten(0, 1), ALIKE, NEAR)
+    cost = rough.cost.reshape(best.shape[:-1]).nan_to_num(torch.inf)
+    kept = cost.topk(KEPT, 0, largest=False).indices[..., None]
+    begin = rough.place.reshape(best.shape).gather(0, kept)
+    return _best([least_squares(model, pressure, each, weights) for each in begin])
+
+
+def _loud_misfit(fields: Tensor, pressure: Tensor) -> Tensor:
+    """Of one wall's fields (F, N, K) with the best amplitudes, Pa^2 over Pa^2, (B, F)."""
+    amplitude = torch.linalg.pinv(fields) @ pressure[..., None]
+    left = (fields @ amplitude)[..., 0] - pressure
+    return left.abs().square().sum(-1) / pressure.abs().square().sum(-1)
+
+
+def least_squares(
+    model: FieldModel,
+    pressure: Tensor,
+    start: Tensor,
+    weights: tuple[float, float],
+    tolerance: float = TOLERANCE,
+) -> Solution:
+    """Levenberg and Marquardt's method on all cases, draws and frequencies at once.
+
+    Lines that are done are left alone while the others go on.
+
+    Args:
+        model: of the duct.
+        pressure: Pa, (B, F, N).
+        start: coordinates of the wall, (B, F, P).
+        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
+        tolerance: of the last step.
+    """
+    place = start.to(torch.complex128).clone()  # a view of one number cannot carry a tangent
+    count = place.shape[-1]
+    amplitude, residual, jacobian = _system(model, place, pressure, weights)
+    cost = residual.square().sum(-1)
+    damping = torch.full_like(cost, 1e-3)
+    moved = torch.full_like(cost, torch.inf)
+    values = (place, amplitude, residual, jacobian, cost)
+    for _ in range(STEPS):
+        on = torch.nonzero(~((moved < tolerance) | (damping >= STUCK)).all(-1))[:, 0]
+        if len(on) == 0:
+            break
+        step = _damped_step(residual[on], jacobian[on], damping[on])[..., : 2 * count]
+        step = step * (FARTHEST / step.norm(dim=-1, keepdim=True)).clamp(max=1)
+        tried = bounded(place[on] + torch.complex(step[..., ::2], step[..., 1::2]))
+        found = _system(model, tried, pressure[on], weights)
+        trial = (tried, *found, found[1].square().sum(-1))
+        better = trial[-1] <= cost[on]
+        # A step so small tells as well if rounding of the cost refuses it.
+        tells = better | (damping[on] <= 1)
+        moved[on] = torch.where(tells, step.norm(dim=-1), moved[on])
+        damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(min=1e-12)
+        for value, new in zip(values, trial, strict=True):
+            which = better.reshape(*better.shape, *[1] * (value.ndim - 2))
+            value[on] = torch.where(which, new, value[on])
+    step = _damped_step(residual, jacobian, torch.full_like(cost, 1e-12))[..., : 2 * count]
+    converged = (moved < tolerance) | (step.norm(dim=-1) < SETTLED)
+    covariance = _inverse(jacobian.mT @ jacobian)[..., : 2 * count, : 2 * count]
+    return Solution(place, amplitude, covariance, cost, converged)
+
+
+def _inverse(normal: Tensor) -> Tensor:
+    """Of a normal matrix; large, not 0 as in a pseudo-inverse, where nothing is known."""
+    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30).rsqrt()
+    by = scale[..., :, None] * scale[..., None, :]
+    values, vectors = torch.linalg.eigh(normal * by)
+    found: Tensor = by * ((vectors / values.clamp(min=SINGULAR)[..., None, :]) @ vectors.mT)
+    return found
+
+
+def _over(fields: Tensor, amplitude: Tensor, pressure: Tensor) -> Tensor:
+    """q, (..., F, N)."""
+    return (fields * amplitude[..., None, :]).sum(-1) / pressure
+
+
+def _linear_amplitude(fields: Tensor, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
+    """A of least weighted error, (..., F, K)."""
+    matrix = _by_amplitude(fields, pressure, weights)
+    size = matrix.norm(dim=-2).clamp(min=1e-300)
+    goal = _residual(torch.ones_like(fields[..., 0]), weights)[..., None]
+    scaled = matrix / size[..., None, :]
+    found = torch.linalg.pinv(scaled.mT @ scaled, hermitian=True) @ (scaled.mT @ goal)
+    parts = found[..., 0] / size
+    return torch.complex(parts[..., ::2], parts[..., 1::2])
+
+
+def _by_amplitude(fields: Tensor, pressure: Tensor, weights: tuple[float, float]) -> Tensor:
+    """Derivatives of the residuals by Re A, Im A, ..., (..., F, 2 N, 2 K)."""
+    columns = [turn * by / pressure for by in fields.unbind(-1) for turn in (1, 1j)]
+    return torch.stack([_residual(column, weights) for column in columns], -1)
+
+
+def _residual(away: Tensor, weights: tuple[float, float]) -> Tensor:
+    """Real and imaginary parts over their errors, (..., 2 N)."""
+    return torch.cat([away.real * weights[0], away.imag * weights[1]], -1)
+
+
+def _system(
+    model: FieldModel, place: Tensor, pressure: Tensor, weights: tuple[float, float]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Best amplitudes (B, F, K), residuals (B, F, 2 N) and their derivatives by Re rho, Im rho,
+    ..., Re A, Im A, ... (B, F, 2 N, 2 P + 2 K)."""
+    fields, slopes = model.with_slope(place)
+    amplitude = _linear_amplitude(fields, pressure, weights)
+    by_place = _over(slopes, amplitude, pressure)
+    columns = [turn * by for by in by_place for turn in (1, 1j)]
+    first = torch.stack([_residual(column, weights) for column in columns], -1)
+    jacobian = torch.cat([first, _by_amplitude(fields, pressure, weights)], -1)
+    return amplitude, _residual(_over(fields, amplitude, pressure) - 1, weights), jacobian
+
+
+def _damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
+    normal = jacobian.mT @ jacobian
+    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30)
+    damped = normal + torch.diag_embed(damping[..., None] * scale)
+    right = -(jacobian.mT @ residual[..., None])
+    step: Tensor = torch.linalg.solve(damped, right)[..., 0]
+    return step

@@ -1,0 +1,188 @@
+"""Impedance from microphones at any places: an incident and a reflected wave of one wall.
+
+``paired_waves`` says what is fitted. The start is the best of a grid of impedances, refined from
+the three best, so that no guess is needed; draws start from the result.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import FEEDS, DataWarning, require_choice
+from torchliner.duct.dispersion import (
+    CONDITIONS,
+    DIRECTIONS,
+    impedance_from_wavenumber,
+    wavenumber_from_impedance,
+)
+from torchliner.duct.relation import Duct, duct_of
+from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
+from torchliner.wall_waves.from_source import (
+    FromSource,
+    duct_notes,
+    seen_from_source,
+    with_draws,
+)
+from torchliner.wall_waves.search import Pairs, fit_pairs, pair_residuals
+
+RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
+REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
+STARTS = 3
+FEWEST = 4  # microphones: more equations than the three unknowns
+WEIGHTS = ("absolute", "relative")
+
+
+def two_wave_fit(
+    line: MicrophoneLine,
+    *,
+    source_side: str | None = None,
+    condition: str = "ingard-myers",
+    tied: bool = True,
+    weights: str = "absolute",
+    margin: float = 0.0,
+    draws: int = 0,
+    level_error: float = LEVEL_ERROR,
+    phase_error: float = PHASE_ERROR,
+    generator: torch.Generator | None = None,
+) -> WallEduction:
+    """Impedance by least squares over a wave with the source and one against it.
+
+    Args:
+        line: microphones at any places; those over the liner are used, all if it names no liner.
+        source_side, condition, margin, draws, level_error, phase_error, generator: as for
+            ``kumaresan_tufts``.
+        tied: both wavenumbers belong to one impedance; else each is free, and the impedance is
+            that of the wave with the source.
+        weights: ``absolute``, of equal errors in Pa, or ``relative``, of equal errors in dB.
+    Returns:
+        Wavenumbers of both waves in ``modes``, the one with the source first.
+    Raises:
+        ValueError: fewer than four microphones (five if free), no known side of the source.
+    Warns:
+        DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
+    """
+    require_choice("condition", condition, CONDITIONS)
+    require_draws(draws)
+    require_choice("weights", weights, WEIGHTS)
+    line = line.over_liner(margin)
+    fewest = FEWEST + (not tied)
+    if line.microphones < fewest:
+        raise ValueError(
+            f"{line.name}: {line.microphones} microphones are used; two "
+            f"{'tied' if tied else 'free'} waves need at least {fewest}"
+        )
+    seen = seen_from_source(line, source_side)
+    first = _educe(seen.pressure, seen, condition, tied, weights, None)
+    notes = duct_notes(line) + _fit_notes(first, line.name)
+    for note in notes:
+        warnings.warn(note, DataWarning, stacklevel=2)
+    start = seen.sign * first.modes
+
+    def educe(pressure: Tensor) -> WallEduction:
+        return _educe(pressure, seen, condition, tied, weights, start)
+
+    errors = {"level_error": level_error, "phase_error": phase_error}
+    return with_draws(replace(first, notes=notes), educe, seen.pressure, draws, generator, **errors)
+
+
+def _educe(
+    pressure: Tensor,
+    seen: FromSource,
+    condition: str,
+    tied: bool,
+    weights: str,
+    start: Tensor | None,
+) -> WallEduction:
+    """From pressures along s, (..., N, F); ``start`` is (..., 2, F) or None for the grid."""
+    line = seen.line
+    values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
+    lead = values.shape[:-1]
+    duct, _ = duct_of(
+        values[..., 0], line.frequency.to(values.device), line.duct_height, seen.mach,
+        line.fluid.sound_speed, condition,
+    )  # fmt: skip
+    flat, duct = values.reshape(-1, values.shape[-1]), duct.flattened()
+    weight = torch.ones_like(flat.real) if weights == WEIGHTS[0] else 1 / flat.abs()
+    distance = seen.distance.to(values.device)
+    if start is None:
+        grid = _grid(seen, condition).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
+        found = _best_of_grid(flat, distance, weight, duct, grid, tied)
+    else:
+        begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
+        found = fit_pairs(flat, distance, weight, duct, begin, tied)
+    wave, amplitude = found.wavenumber, found.amplitude.clone()
+    # The reflected wave is referred to the far end in the fit, to the origin in the record.
+    amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
+    impedance = impedance_from_wavenumber(
+        wave[:, 0].reshape(lead), line.frequency.to(values.device), height=line.duct_height,
+        mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
+    )  # fmt: skip
+    return WallEduction(
+        method="two waves" if tied else "two free waves",
+        frequency=line.frequency,
+        x=line.x,
+        wavenumber=seen.sign * wave[:, 0].reshape(lead),
+        impedance=impedance,
+        modes=seen.sign * wave.reshape(*lead, 2).movedim(-1, -2),
+        amplitudes=amplitude.reshape(*lead, 2).movedim(-1, -2),
+        origin=seen.origin,
+        residual=found.residual.reshape(lead),
+        source_side=seen.source_side,
+        choices={
+            "method": "two-wave fit", "tied": tied, "weights": weights, "condition": condition,
+            "source_side": seen.source_side, "source": line.name,
+            "microphones": line.microphones,
+            "unsettled": int((~found.settled).sum()),
+        },
+    )  # fmt: skip
+
+
+def _grid(seen: FromSource, condition: str) -> Tensor:
+    """Both wavenumbers of a grid of impedances along s, (F, G, 2)."""
+    line = seen.line
+    walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES])
+    both = [
+        wavenumber_from_impedance(
+            walls.to(torch.complex128), line.frequency[:, None], height=line.duct_height,
+            mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
+            direction=direction,
+        )
+        for direction in DIRECTIONS
+    ]  # fmt: skip
+    return torch.stack(both, -1).to(line.pressure.device)
+
+
+def _best_of_grid(
+    flat: Tensor, distance: Tensor, weight: Tensor, duct: Duct, grid: Tensor, tied: bool
+) -> Pairs:
+    """Refined from the best starts of each line."""
+    left = pair_residuals(flat[:, None], distance, weight[:, None], grid)
+    best = left.argsort(-1)[:, :STARTS]
+    begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
+    row = torch.arange(len(flat), device=flat.device).repeat_interleave(best.shape[1])
+    found = fit_pairs(flat[row], distance, weight[row], duct.at(row), begin, tied)
+    residual = torch.where(torch.isfinite(found.residual), found.residual, torch.inf)
+    winner = residual.reshape(len(flat), -1).argmin(-1)
+    index = winner + torch.arange(len(flat), device=flat.device) * best.shape[1]
+    return Pairs(*(part[index] for part in found))
+
+
+def _fit_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+    notes = []
+    if result.choices["unsettled"]:
+        notes.append(
+            f"{name}: {result.choices['unsettled']} of {result.impedance.numel()} fits did not "
+            "settle; their waves may not be the best"
+        )
+    active = result.impedance.real < FEEDS
+    if bool(active.any()):
+        notes.append(
+            f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} "
+            f"values, {float(result.impedance.real[active].min()):.3g} at least"
+        )
+    return tuple(notes)
