@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, load_duct
+from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
 from torchliner.report.duct import draw_walls, microphones_of

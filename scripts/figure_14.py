@@ -21,7 +21,7 @@ from typing import Any
 
 import torchliner as tl
 from torchliner.conversions import pressure_amplitude_from_spl
-from torchliner.duct.catalogue import load_duct
+from torchliner.duct.presets import load_duct
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.duct import solved_line
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots

@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 
 from torchliner.checks import DataWarning
-from torchliner.in_situ.dean import in_situ
+from torchliner.in_situ_method.dean import in_situ
 from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner

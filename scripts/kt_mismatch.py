@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, load_duct
+from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.duct import solved_line
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import write_rows
-from torchliner.wall_field.fit import fit_field
+from torchliner.wall_field.fit_field import fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 from torchliner.wall_waves.two_waves import two_wave_fit
 

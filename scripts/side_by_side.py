@@ -25,7 +25,7 @@ import torch
 
 import b2a_line
 import torchliner as tl
-from torchliner.duct.catalogue import DuctSetup, load_duct
+from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
 from torchliner.liners.cavity import cavity_propagation

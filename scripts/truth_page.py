@@ -27,7 +27,14 @@ from studies.truth_reasons import (
     plain_motion,
     reason_row,
 )
-from torchliner.audit.truth import DEFAULT, DRIVES, PHASES, TruthRow, errors_by_rule, truth_table
+from torchliner.audits.truth_rows import (
+    DEFAULT,
+    DRIVES,
+    PHASES,
+    TruthRow,
+    errors_by_rule,
+    truth_table,
+)
 from torchliner.io.hdf5 import written_whole
 from torchliner.records.cells import ORDERS
 from torchliner.report.table import format_complex, write_rows

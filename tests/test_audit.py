@@ -13,7 +13,7 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.audit.audit import audit
+from torchliner.audits.audit import audit
 from torchliner.cli.main import main
 from torchliner.liners.readings import porosity_readings
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of

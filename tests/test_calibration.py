@@ -10,7 +10,7 @@ import torch
 from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.calibration.calibration import calibrate
+from torchliner.calibration.calibrate import calibrate
 from torchliner.calibration.level_weights import law_at, level_weights
 from torchliner.calibration.misfit import Misfit
 from torchliner.calibration.posterior import Posterior, sample_posterior

@@ -11,7 +11,7 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.duct.catalogue import duct_names, duct_text, load_duct
+from torchliner.duct.presets import duct_names, duct_text, load_duct
 from torchliner.duct.tables import impedance_along
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]

@@ -12,13 +12,14 @@ import torch
 from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
-from torchliner.eduction import field_fit, field_search
 from torchliner.lee.solver import DuctSolver
 from torchliner.records.drawn_impedance import deviation
 from torchliner.report.duct import solved_line
 from torchliner.signals.microphone_errors import draw_pressures
-from torchliner.wall_field.checks import largest_misfit
-from torchliner.wall_field.fit import fit_field
+from torchliner.wall_field import fit_field as field_fit
+from torchliner.wall_field import impedance_search as field_search
+from torchliner.wall_field.fit_field import fit_field
+from torchliner.wall_field.fit_warnings import largest_misfit
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 pytestmark = [

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.duct.catalogue import duct_text, load_duct
+from torchliner.duct.presets import duct_text, load_duct
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.duct import solved_line
-from torchliner.wall_field import search as field_search
-from torchliner.wall_field.fit import duct_of_line, fit_field
+from torchliner.wall_field import impedance_search as field_search
+from torchliner.wall_field.fit_field import duct_of_line, fit_field
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import impedance_at
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts

@@ -10,7 +10,7 @@ import torch
 from conftest import DATA, turbulence
 
 import torchliner as tl
-from torchliner.in_situ.cavity import mouth_velocity_ratio
+from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
 from torchliner.liners.cavity import cavity_impedance
 
 RATE, FREQUENCY, DEPTH = 40000.0, 1400.0, 0.038

@@ -13,7 +13,7 @@ from test_wall_pressure import FREQUENCY, WALLS, line_of
 import torchliner as tl
 from torchliner.cli.kt import educe_line
 from torchliner.cli.main import main
-from torchliner.duct.catalogue import duct_text
+from torchliner.duct.presets import duct_text
 from torchliner.report.wall_pressure import draw_wall
 
 

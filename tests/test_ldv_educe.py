@@ -13,9 +13,9 @@ from test_stations import FREQUENCY, station
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.eduction import bursts as bursts_module
 from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_file import write_bursts
+from torchliner.ldv import educe_bursts as bursts_module
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SHORT = ["--segment", "0.04", "--liner", "onera"]
@@ -257,7 +257,7 @@ def test_what_else_lies_in_the_parts_folder_stays(folder, tmp_path):
 
 def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
     """The numbers of a table count, not its name."""
-    from torchliner.ldv.educe import liner_fingerprint
+    from torchliner.ldv.educe_bursts import liner_fingerprint
 
     found = []
     for factor in (1.0, 2.0):

@@ -22,12 +22,13 @@ from test_lee import (
     solve,
 )
 
-from torchliner.duct import lee, lee_swept
 from torchliner.duct.modes import duct_modes
 from torchliner.flow_profiles import (
     LawOfTheWallProfile,
     TabulatedProfile,
 )
+from torchliner.lee import solver as lee
+from torchliner.lee import swept as lee_swept
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.solver import DuctSolver, solve_duct
 

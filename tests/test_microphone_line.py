@@ -16,7 +16,7 @@ from conftest import turbulence
 import torchliner as tl
 from torchliner.io.microphone_file import read_microphones, write_signals
 from torchliner.records import MicrophoneLine
-from torchliner.signals.reference_channel import reject_flow_noise
+from torchliner.signals.reference_coherence import reject_flow_noise
 
 RATE = 20e3
 PLACES = [0.012 * n for n in range(12)]

@@ -8,7 +8,7 @@ import torch
 from conftest import DATA, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.audit.truth import true_wave_phase, truth_table
+from torchliner.audits.truth_rows import true_wave_phase, truth_table
 from torchliner.report import figures
 from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
 from torchliner.report.spectra import draw_spectrum, impedance_over_frequency

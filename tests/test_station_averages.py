@@ -11,7 +11,7 @@ import torch
 from test_stations import educed, station
 
 from torchliner.conversions import admittance_from_reflection
-from torchliner.ldv.average import (
+from torchliner.ldv.line_average import (
     monte_carlo,
     monte_carlo_deviation,
     segment_admittances,
@@ -71,7 +71,7 @@ def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
 
 def test_monte_carlo_in_parts_is_the_whole(monkeypatch, line):
     whole = monte_carlo(segment_admittances(line), line.segments, 500, 3)
-    monkeypatch.setattr("torchliner.ldv.average.DRAWN", 30)
+    monkeypatch.setattr("torchliner.ldv.line_average.DRAWN", 30)
     assert torch.equal(whole, monte_carlo(segment_admittances(line), line.segments, 500, 3))
 
 

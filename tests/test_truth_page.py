@@ -16,7 +16,7 @@ from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from torchliner.audit.truth import TruthRow, errors_by_rule
+from torchliner.audits.truth_rows import TruthRow, errors_by_rule
 from torchliner.report.table import write_rows
 from torchliner.report.truth import format_rules
 

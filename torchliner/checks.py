@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,6 +18,18 @@ FEEDS = -1e-9  # resistance below which a wall feeds sound; nearer to 0 it is ro
 
 class DataWarning(UserWarning):
     """The answer stands, but the data make it doubtful; the text says by how much."""
+
+
+def tell(notes: str | Iterable[str], depth: int = 1) -> None:
+    """Warn of each note once, as a ``DataWarning``.
+
+    Args:
+        notes: a sentence or several.
+        depth: whose line the warning names: 1, that which called the function that tells; 2, the
+            one above it.
+    """
+    for note in [notes] if isinstance(notes, str) else notes:
+        warnings.warn(note, DataWarning, stacklevel=depth + 2)
 
 
 def plain_number(value: Any) -> float:

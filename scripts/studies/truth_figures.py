@@ -11,7 +11,7 @@ import numpy as np
 
 from studies.limits import reach
 from studies.truth_reasons import FASTEST, ReasonRow
-from torchliner.audit.truth import DEFAULT, DRIVES, PHASES, TruthRow
+from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records.cells import ORDERS
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots

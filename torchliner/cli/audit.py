@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table, sorted by what moves Z most."""
-    from torchliner.audit.audit import audit
+    from torchliner.audits.audit import audit
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.audit import draw_audit, format_audit, plain_audit, write_audit

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
-    from torchliner.calibration.calibration import calibrate
+    from torchliner.calibration.calibrate import calibrate
     from torchliner.io.plane_file import read_plane
     from torchliner.report import calibration as report
 

@@ -19,7 +19,7 @@ from torchliner.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from torchliner.duct.catalogue import DuctSetup
+    from torchliner.duct.presets import DuctSetup
 
 CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
 
@@ -69,7 +69,7 @@ def _add_duct(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """The task named after ``duct``."""
-    from torchliner.duct.catalogue import duct_names, duct_text
+    from torchliner.duct.presets import duct_names, duct_text
 
     copy = getattr(options, "copy", None)
     if options.duct is None and copy is None:
@@ -109,7 +109,7 @@ def _no_option(options: argparse.Namespace, message: str) -> None:
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
-    from torchliner.duct.catalogue import load_duct
+    from torchliner.duct.presets import load_duct
 
     changes: dict[str, Any] = {key: getattr(options, key, None) for key in CHANGES}
     changes = {key: value for key, value in changes.items() if value is not None}

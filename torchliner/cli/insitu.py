@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchliner.checks import tell
 from torchliner.cli.options import (
     add_output_options,
     frequencies,
@@ -89,8 +89,7 @@ def with_in_situ(
     found: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], path: Path
 ) -> list[ImpedanceMap]:
     """Maps with the in situ impedances of a pressure record beside them, for ``educe``."""
-    from torchliner.checks import DataWarning
-    from torchliner.in_situ.dean import in_situ
+    from torchliner.in_situ_method.dean import in_situ
     from torchliner.io.pressure_file import read_pressure
     from torchliner.records.same_case import require_same_case
 
@@ -105,10 +104,8 @@ def with_in_situ(
         if key not in made:
             made[key] = in_situ(record, result.frequency)
         if abs(record.duration / plane.duration - 1) > SAME_DURATION:
-            warnings.warn(
+            tell(
                 f"{path} lasts {1e3 * record.duration:.4g} ms, {plane.name} "
-                f"{1e3 * plane.duration:.4g} ms: the two impedances are of different times",
-                DataWarning,
-                stacklevel=2,
+                f"{1e3 * plane.duration:.4g} ms: the two impedances are of different times"
             )
     return [result.with_alongside(made[tuple(result.frequency.tolist())]) for result in found]

@@ -147,7 +147,7 @@ def educe_line(
     Raises:
         ValueError: ``field`` without a duct.
     """
-    from torchliner.wall_field.fit import duct_of_line, fit_field
+    from torchliner.wall_field.fit_field import duct_of_line, fit_field
     from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
     from torchliner.wall_waves.two_waves import two_wave_fit
 

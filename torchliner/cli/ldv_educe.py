@@ -86,7 +86,7 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.io.line_parts import LineParts
-    from torchliner.ldv.educe import educe_bursts
+    from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line import format_line, plain_line
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
-    from torchliner.calibration.sensitivity import sensitivities
+    from torchliner.calibration.sensitivities import sensitivities
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.sensitivities import (

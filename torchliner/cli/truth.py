@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
-    from torchliner.audit.truth import truth_table
+    from torchliner.audits.truth_rows import truth_table
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.table import write_rows

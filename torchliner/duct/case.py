@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.checks import DataWarning, require_choice, require_positive
+from torchliner.checks import require_choice, require_positive, tell
 from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
 
@@ -88,11 +87,10 @@ class DuctCase:
         for name in ("end_reflection", "source_reflection"):
             most = _largest(name, getattr(self, name))
             if most > GAINS:
-                warnings.warn(
+                tell(
                     f"{name} has a modulus of {most:.4g}, above 1: such an end sends back more "
                     "than it gets, and fields may have no bound",
-                    DataWarning,
-                    stacklevel=3,
+                    depth=2,
                 )
 
     def _check_patch(self, start: float, end: float) -> None:

@@ -16,13 +16,18 @@ is a matter of choice: it is that of rays turned towards a pure resistance.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, DataWarning, require_choice, require_complex, require_positive
+from torchliner.checks import (
+    FEEDS,
+    require_choice,
+    require_complex,
+    require_positive,
+    tell,
+)
 from torchliner.duct.continuation import Values, follow_roots
 from torchliner.duct.relation import CONDITIONS, DIRECTIONS, Duct, duct_of, relation
 
@@ -148,11 +153,10 @@ def _warn_of_sources(impedance: Tensor) -> None:
     active = impedance.real < FEEDS
     if bool(active.any()):
         lowest = float(impedance.real[active].min())
-        warnings.warn(
+        tell(
             f"impedance has a negative resistance, {lowest:.3g} at least, in {int(active.sum())} "
             f"of {active.numel()} values: such a wall feeds the sound",
-            DataWarning,
-            stacklevel=3,
+            depth=2,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.text_columns import Array, header_line, named_columns, read_lines
 
 VELOCITY = {"y": "length", "u": None}
@@ -96,11 +95,9 @@ def _span(x: Array, start: float, end: float, path: Path) -> None:
             "right?"
         )
     if low > start + NEAR or high < end - NEAR:
-        warnings.warn(
+        tell(
             f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
-            "is taken as at the last one",
-            DataWarning,
-            stacklevel=2,
+            "is taken as at the last one"
         )
 
 

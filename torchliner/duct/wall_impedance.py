@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, DataWarning, require_choice
+from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
@@ -40,11 +39,10 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
     lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
     if lowest < FEEDS:
-        warnings.warn(
+        tell(
             f"impedance has a resistance of {lowest:.3g}, below 0: such a wall feeds the sound, "
             "and fields may have no bound",
-            DataWarning,
-            stacklevel=3,
+            depth=2,
         )
     return torch.where(rigid, torch.ones_like(wall), reflection_from_impedance(finite))
 

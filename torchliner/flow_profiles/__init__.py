@@ -4,7 +4,7 @@ from torchliner.flow_profiles.displacement import displacement_thickness
 from torchliner.flow_profiles.law_of_the_wall import LawOfTheWallProfile
 from torchliner.flow_profiles.mean_flow import FlowProfile, MeanFlow
 from torchliner.flow_profiles.simple import ParabolicProfile, UniformProfile
-from torchliner.flow_profiles.tabulated import TabulatedProfile
+from torchliner.flow_profiles.tabulated_profile import TabulatedProfile
 from torchliner.flow_profiles.tanh import THIN_SHEAR, THINNEST_SHEAR, TanhProfile
 
 __all__ = [

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.checks import DataWarning, require_positive
+from torchliner.checks import require_positive, tell
 from torchliner.flow_profiles.mean_flow import SymmetricProfile
 
 THIN_SHEAR, THINNEST_SHEAR = 0.05, 0.03
@@ -55,11 +54,10 @@ class TanhProfile(SymmetricProfile):
             )
         self._check_centreline(f" and shear {self.shear:g}")
         if self.shear < THIN_SHEAR:
-            warnings.warn(
+            tell(
                 f"profile shear is {self.shear:g}, below {THIN_SHEAR:g}: waves on so thin a layer "
                 "may be unstable, and results then depend on the mesh",
-                DataWarning,
-                stacklevel=3,
+                depth=2,
             )
 
     def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:

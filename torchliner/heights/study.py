@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, frequency_tensor, require_positive
+from torchliner.checks import frequency_tensor, require_positive, tell
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
 from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.heights.imprint import Decay, fit_decay
@@ -159,8 +158,7 @@ def study_heights(
         for plane, seen in zip(ordered, maps, strict=True)
     ]
     said = [note for seen in maps for note in seen.notes] + [n for _, some in known for n in some]
-    for note in dict.fromkeys(said):
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(dict.fromkeys(said))
     facts = tuple(one for one, _ in known)
     return HeightStudy(
         ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),

@@ -34,7 +34,7 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.microphone_csv import SCALARS, TEXTS, read_microphone_csv, write_microphone_csv
 from torchliner.records import MicrophoneLine
-from torchliner.signals.reference_channel import RejectedFlow, reject_flow_noise
+from torchliner.signals.reference_coherence import RejectedFlow, reject_flow_noise
 from torchliner.units import si_factor
 
 SCHEMA = "torchliner microphones 1"

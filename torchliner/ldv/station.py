@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor
-from torchliner.ldv.average import station_interval
-from torchliner.ldv.choices import StationChoices
-from torchliner.ldv.segments import Segments, cut_into_segments
+from torchliner.ldv.line_average import station_interval
+from torchliner.ldv.line_choices import StationChoices
+from torchliner.ldv.station_segments import Segments, cut_into_segments
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.kernels import Liner
 from torchliner.replay.survey import PERIODS_PER_SEGMENT

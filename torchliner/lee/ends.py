@@ -11,13 +11,12 @@ left end alike, with the mean of p - u.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.duct.case import DuctCase
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
@@ -80,12 +79,11 @@ def warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
         _warn_of_near_ends(case, float(frequency[~runs].max()))
     if bool(runs.any()):
         highest = float(frequency[runs].max())
-        warnings.warn(
+        tell(
             f"at {highest:g} Hz mode 1 runs too: its cut-on is {cut_on_frequency(profile):.5g} Hz. "
             "Only the plane-like mode is sent in, and the ends let only that out: they reflect "
             "some of mode 1",
-            DataWarning,
-            stacklevel=3,
+            depth=2,
         )
 
 
@@ -100,11 +98,10 @@ def _warn_of_near_ends(case: DuctCase, frequency: float) -> None:
     nearest = min(ends, key=lambda end: decay[end] * ends[end])
     share = math.exp(-decay[nearest] * ends[nearest])
     if decay[nearest] * ends[nearest] < GONE:
-        warnings.warn(
+        tell(
             f"the liner lies {1e3 * ends[nearest]:.3g} mm from the {nearest} end: at "
             f"{frequency:g} Hz {100 * share:.2g} % of mode 1, which its edges make, reaches the "
             f"end, which reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the "
             f"duct there to at least {1e3 * GONE / decay[nearest]:.3g} mm beyond the liner",
-            DataWarning,
-            stacklevel=4,
+            depth=3,
         )

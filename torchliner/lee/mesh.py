@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.checks import DataWarning, require_positive
+from torchliner.checks import require_positive, tell
 from torchliner.duct.case import DuctCase
 
 SAME = 1e-9  # of the duct's length or height
@@ -114,12 +113,11 @@ class DuctMesh:
         """Warn, with the number, of fewer points per wavelength than the degree needs."""
         points, fewest = self.points_per_wavelength(frequency), FEWEST.get(self.degree, 7.0)
         if points < fewest:
-            warnings.warn(
+            tell(
                 f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of "
                 f"the wave against the flow, below {fewest:g} for degree {self.degree}; take "
                 "smaller elements or a higher degree",
-                DataWarning,
-                stacklevel=4,
+                depth=3,
             )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,12 +12,12 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import (
-    DataWarning,
     frequency_tensor,
     plain_number,
     real_tensor,
     require_choice,
     require_positive,
+    tell,
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
@@ -132,8 +131,7 @@ class MicrophoneLine(Written):
             name, levels, phases.reshape(line.pressure.shape),
             line.frequency / line.fluid.sound_speed, float(line.x[-1] - line.x[0]),
         )  # fmt: skip
-        for note in notes:
-            warnings.warn(note, DataWarning, stacklevel=2)
+        tell(notes)
         return replace(line, notes=line.notes + notes)
 
     def _check_places(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchliner.audit.rows import Audit
+from torchliner.audits.rows import Audit
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import format_complex, write_rows
 

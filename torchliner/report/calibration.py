@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.calibration.calibration import Calibration
+from torchliner.calibration.calibrate import Calibration
 from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import format_complex

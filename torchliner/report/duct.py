@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.catalogue import DuctSetup
+from torchliner.duct.presets import DuctSetup
 from torchliner.lee.field import DuctField
 from torchliner.records import MicrophoneLine
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
@@ -37,11 +36,9 @@ def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
     pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
     liner = setup.case.liner if len(setup.case.liner) == 1 else ()
     if len(setup.case.liner) > 1:
-        warnings.warn(
+        tell(
             f"{setup.name} has {len(setup.case.liner)} lined patches, a line of microphones names "
-            "one; it names none, and methods of one liner take all microphones",
-            DataWarning,
-            stacklevel=2,
+            "one; it names none, and methods of one liner take all microphones"
         )
     return MicrophoneLine(
         places, pressure, setup.frequency, duct_height=setup.case.height,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.duct.catalogue import DuctSetup
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.presets import DuctSetup
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 

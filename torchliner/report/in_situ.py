@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.in_situ.dean import in_situ
-from torchliner.in_situ.plane_wave_fit import WaveDecomposition, decompose_waves
+from torchliner.in_situ_method.dean import in_situ
+from torchliner.in_situ_method.plane_wave_fit import WaveDecomposition, decompose_waves
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import ORDERS, draw_cells, points_along_x
 from torchliner.report.figure import COLOURS, PARTS, finish, styled, subplots

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.calibration.budget import Budget
-from torchliner.calibration.sensitivity import Sensitivities
+from torchliner.calibration.sensitivities import Sensitivities
 from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 from torchliner.report.table import format_complex

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from torchliner.audit.truth import DEFAULT, DRIVES, PHASES, TruthRow, errors_by_rule
+from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow, errors_by_rule
 from torchliner.records.cells import ORDERS
 from torchliner.report.table import format_complex
 

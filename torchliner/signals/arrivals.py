@@ -11,7 +11,6 @@ can be computed for the very arrivals of a record (``torchliner.signals.attenuat
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, real_tensor, require_choice, require_positive
+from torchliner.checks import real_tensor, require_choice, require_positive, tell
 from torchliner.signals.spline_fit import spline_fit
 
 METHODS = ("linear", "hold", "band-limited")
@@ -127,8 +126,7 @@ def onto_grid(
     notes = _long_gaps(rates, lengths, places, longest_gap, name)
     if notes and gaps == "refuse":
         raise ValueError(f"{notes[0]}; cut the record there, or accept it with gaps='report'")
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     found = torch.stack([interpolate(t, v, grid, method, band) for t, v in stations])
     parts = (found, rates, lengths, places)
     found, rates, lengths, places = parts if several else (part[0] for part in parts)

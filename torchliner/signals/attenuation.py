@@ -27,7 +27,6 @@ The power of the reconstructed tone is 1 for hold; for linear the mean over an i
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -35,10 +34,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import (
-    DataWarning,
     frequency_tensor,
     require_choice,
     require_positive,
+    tell,
 )
 from torchliner.signals.arrivals import (
     BAND_SHARE,
@@ -173,8 +172,7 @@ def tone_attenuation(
         factor, image, rates = factor[0], image[0], rates[0]
     found = ToneAttenuation(factor, image, wanted, rates, grid, method, window, band)
     notes = _doubts(found, name)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     return replace(found, notes=notes)
 
 

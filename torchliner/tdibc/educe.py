@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from pathlib import Path
 from typing import Any
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.records import VelocityPlane
 from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.kernels import Liner
@@ -81,8 +80,7 @@ def educe(
         else:
             replayed = replay(ready, backward=chosen.phase != "averaged", progress=progress)
             result = replayed.map(chosen.phase, reference_phase)
-        for note in result.notes:
-            warnings.warn(note, DataWarning, stacklevel=2)
+        tell(result.notes)
         found.append(result)
     return found if several else found[0]
 

@@ -18,9 +18,9 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.first_pass import first_pass
 from torchliner.tdibc.frequencies import frequencies_of
+from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Examined, Prepared, Progress
 from torchliner.tdibc.review import needs_kernels, review_liner, review_record, review_survey
-from torchliner.tdibc.tables import kernel_band, review_signal, velocity_grid
 
 
 def prepare(

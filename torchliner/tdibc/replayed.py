@@ -19,8 +19,8 @@ from torchliner.replay.incident import (
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import BlockDeviations
 from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
-from torchliner.tdibc.uncertainty import review_uncertainty, uncertainty_of
 
 
 @dataclass(frozen=True)

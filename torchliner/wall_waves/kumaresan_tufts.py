@@ -10,12 +10,11 @@ the method's assumption; a short liner's reflected and higher waves fold into it
 from __future__ import annotations
 
 import math
-import warnings
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, DataWarning, require_choice
+from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.duct.dispersion import CONDITIONS, impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.exponentials import find_exponentials
@@ -86,8 +85,7 @@ def kumaresan_tufts(
 
     result = educe(seen.pressure)
     notes = duct_notes(line) + _aliasing_notes(seen, spacing) + _result_notes(result, line.name)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     errors = {"level_error": level_error, "phase_error": phase_error}
     return with_draws(result.with_notes(*notes), educe, seen.pressure, draws, generator, **errors)
 

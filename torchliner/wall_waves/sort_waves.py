@@ -7,13 +7,12 @@ towards larger y the one that runs downstream.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records import MicrophoneLine
 from torchliner.signals.plane_waves import DOUBTFUL, split_waves
@@ -110,8 +109,7 @@ def sort_waves(
         float(line.fluid.sound_speed), float(line.mach),
     )  # fmt: skip
     notes = duct_notes(line) + _condition_notes(line, condition)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     return SortedWaves(
         line.frequency, waves[..., 1, :], waves[..., 0, :], place, seen.source_side, residual,
         condition, some.x, notes,

@@ -6,13 +6,12 @@ the three best, so that no guess is needed; draws start from the result.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, DataWarning, require_choice
+from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.duct.dispersion import (
     CONDITIONS,
     DIRECTIONS,
@@ -28,7 +27,7 @@ from torchliner.wall_waves.from_source import (
     seen_from_source,
     with_draws,
 )
-from torchliner.wall_waves.search import Pairs, fit_pairs, pair_residuals
+from torchliner.wall_waves.paired_waves import Pairs, fit_pairs, pair_residuals
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -79,8 +78,7 @@ def two_wave_fit(
     seen = seen_from_source(line, source_side)
     first = _educe(seen.pressure, seen, condition, tied, weights, None)
     notes = duct_notes(line) + _fit_notes(first, line.name)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     start = seen.sign * first.modes
 
     def educe(pressure: Tensor) -> WallEduction:

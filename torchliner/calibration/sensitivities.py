@@ -10,7 +10,6 @@ then follow by forward differentiation of the sums.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import Budget, budget_of
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.parameters import (
     NUMBERS,
@@ -190,8 +189,7 @@ def sensitivities(
     )
     ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
     result = _assemble(ready, names, sums, torch.tensor(errors), reference_phase)
-    for note in result.found.notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(result.found.notes)
     return result
 
 

@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.audit.rows import Audit, AuditRow
-from torchliner.audit.variants import Variant, VariantMaker
-from torchliner.checks import DataWarning
+from torchliner.audits.rows import Audit, AuditRow
+from torchliner.audits.variants import Variant, VariantMaker
+from torchliner.checks import tell
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.cells import ORDERS
@@ -77,8 +76,7 @@ def audit(
     work.drives()
     work.lengths()
     work.heights()
-    for note in work.found.notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(work.found.notes)
     return work.result(order)
 
 

@@ -7,7 +7,6 @@ values found make the fit exact: they are repeated until nothing moves.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,7 @@ from torchliner.calibration.level_weights import law_at, level_weights
 from torchliner.calibration.misfit import Misfit
 from torchliner.calibration.posterior import Posterior, Prediction
 from torchliner.calibration.targets import bounds_of, noise_of, prior_of, references_of
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import require_choice, tell
 from torchliner.liners.parameters import plain_liner, require_sdof, value_of, with_values
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import VelocityPlane
@@ -186,8 +185,7 @@ def calibrate(
     fit = fit_misfit(misfit, share, noise is not None)
     notes = [note for one in ready for note in one.notes]
     result = _result(fit, order, chosen, draws, seed, notes)
-    for note in result.notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(result.notes)
     return result
 
 

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from torchliner.checks import FEEDS
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.wall_field.search import STEPS, Solution
+from torchliner.wall_field.impedance_search import STEPS, Solution
 from torchliner.wall_field.wall import like_rigid
 
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them

@@ -16,16 +16,15 @@ half a wavelength, n (1 - M^2) lambda/2.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
-from torchliner.in_situ.dean import frequencies_of
+from torchliner.in_situ_method.dean import frequencies_of
 from torchliner.records import PressureRecord
 from torchliner.records.pressure_record import require_record
 from torchliner.signals.plane_waves import DOUBTFUL, best_pair, split_waves
@@ -127,8 +126,7 @@ def decompose_waves(
     spread = residual.square().mean(0).sqrt()
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
     notes = _notes(record, name, wanted, places, spread, condition)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     return WaveDecomposition(
         name=name,
         frequency=wanted,

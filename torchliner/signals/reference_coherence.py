@@ -13,14 +13,13 @@ segment.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 from torchliner.signals.windows import Window, make_window
 
@@ -108,8 +107,7 @@ def reject_flow_noise(
     coherence = found.coherence.clamp(max=1)
     error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
     notes = _doubts(coherence, frequency, independent, name)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     return RejectedFlow(
         amplitude=2 * found.response * power.sqrt(),
         coherence=coherence,

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import DataWarning
-from torchliner.ldv.choices import StationChoices
+from torchliner.ldv.line_choices import StationChoices
 from torchliner.records import BurstRecord, VelocityPlane
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import ToneAttenuation, tone_attenuation

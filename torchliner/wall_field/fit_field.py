@@ -14,16 +14,15 @@ from __future__ import annotations
 
 import cmath
 import math
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, require_choice
+from torchliner.checks import require_choice, tell
 from torchliner.duct.case import SOURCES, DuctCase, other_side
-from torchliner.duct.catalogue import load_duct
+from torchliner.duct.presets import load_duct
 from torchliner.lee.solver import DuctSolver
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
@@ -33,9 +32,9 @@ from torchliner.signals.microphone_errors import (
     draw_pressures,
     require_draws,
 )
-from torchliner.wall_field.checks import doubts, largest_misfit
+from torchliner.wall_field.fit_warnings import doubts, largest_misfit
+from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, least_squares
 from torchliner.wall_field.model import FieldModel
-from torchliner.wall_field.search import STEPS, Solution, constant_wall, least_squares
 from torchliner.wall_field.wall import (
     coordinates,
     impedance_at,
@@ -123,8 +122,7 @@ def fit_field(
                "unknowns": solver.mesh.unknowns}  # fmt: skip
     result = replace(result, choices=choices,
                      notes=doubts(result, found, line, wall, freedom))  # fmt: skip
-    for note in result.notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(result.notes)
     if draws:
         random = generator or torch.Generator().manual_seed(0)
         noisy = draw_pressures(
@@ -139,7 +137,7 @@ def fit_field(
                 f"{line.name}: {lost} of {drawn.converged.numel()} draws did not settle in {STEPS} "
                 "steps and are left out of mean, deviation, interval and range"
             )
-            warnings.warn(note, DataWarning, stacklevel=2)
+            tell(note)
             result = replace(result, notes=(*result.notes, note))
     return result
 

@@ -18,9 +18,9 @@ from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import AnyLine, BackwardLine, Line, PartLine, plan_lines
 from torchliner.signals.windows import make_window
+from torchliner.tdibc.level_range import kernel_band
 from torchliner.tdibc.prepared import Prepared
 from torchliner.tdibc.review import FEWEST_PERIODS, FEWEST_SAMPLES_PER_PERIOD
-from torchliner.tdibc.tables import kernel_band
 
 WINDOWS = ("hann", "boxcar", "blackman")
 EDGES = ("finite", "silent", "wrap")

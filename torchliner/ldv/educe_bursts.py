@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -13,12 +12,12 @@ from typing import Any
 
 import torch
 
-from torchliner.checks import DataWarning
+from torchliner.checks import tell
 from torchliner.io.burst_sources import Place, StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
-from torchliner.ldv.average import average_line
-from torchliner.ldv.choices import StationChoices
-from torchliner.ldv.line import join_lines, review_line
+from torchliner.ldv.join_stations import join_lines, review_line
+from torchliner.ldv.line_average import average_line
+from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station import checked_phase, educe_station
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
@@ -144,8 +143,7 @@ def finished_line(
     line = join_lines(lines)
     line = dataclasses.replace(line, average=average_line(line, chosen, how.monte_carlo))
     notes = review_line(line)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=3)
+    tell(notes, depth=2)
     return dataclasses.replace(line, notes=tuple(notes))
 
 

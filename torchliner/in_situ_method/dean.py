@@ -1,6 +1,6 @@
 r"""The in situ method: impedance from the pressures on the facesheet and at the cavity bottom.
 
-``in_situ/cavity.py`` derives the velocity v_in into the whole surface from the pressure p_b
+``in_situ_method/cavity_mouth.py`` derives the velocity v_in into the whole surface from the pressure p_b
 at the bottom of the cavities, so that with p_f on the facesheet
 
 .. math:: Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH}
@@ -19,14 +19,13 @@ is below 1 where the pressure over a hole is in quadrature with the mean.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, frequency_tensor, require_choice
-from torchliner.in_situ.cavity import LOSSES, mouth_velocity_ratio
+from torchliner.checks import frequency_tensor, require_choice, tell
+from torchliner.in_situ_method.cavity_mouth import LOSSES, mouth_velocity_ratio
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.pressure_record import require_record
@@ -87,8 +86,7 @@ def in_situ(
     found = _impedances(face, back * drive, cells, rows)
     coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
     notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
-    for note in notes:
-        warnings.warn(note, DataWarning, stacklevel=2)
+    tell(notes)
     x, z = record.probe_coordinates()
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     return PointImpedances(
