@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.report.calibration import (
     PredictionRow,
     draw_predictions,

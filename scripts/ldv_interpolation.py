@@ -25,8 +25,9 @@ from torch import Tensor
 import torchliner as tl
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.slotting import slotted_correlation, slotted_spectrum
+from torchliner.names import GRID_METHODS
 from torchliner.report.table import Array, Table
-from torchliner.signals.arrivals import METHODS, GridSignal, onto_grid
+from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part
 
@@ -71,10 +72,10 @@ class Flow:
 
 def attenuation_tables() -> tuple[Table, Table]:
     """|G| for drawn arrivals, and the closed forms on finer rates."""
-    found: dict[str, list[float]] = {method: [] for method in METHODS}
+    found: dict[str, list[float]] = {method: [] for method in GRID_METHODS}
     for seed, rate in enumerate(RATES):
         times = Flow(LONG, seed).arrivals(rate)
-        for method in METHODS:
+        for method in GRID_METHODS:
             factor = tone_attenuation(times, FREQUENCY, method=method).factor
             found[method].append(float(factor.abs().squeeze()))
     fine = np.geomspace(RATES[0], RATES[-1], 101)
@@ -128,7 +129,7 @@ def spectra() -> list[Table]:
     times = flow.arrivals(SPECTRUM_RATE)
     values = flow.velocity(times)
     found: list[Table] = []
-    for method in METHODS:
+    for method in GRID_METHODS:
         signal = onto_grid(times, values, GRID, method)
         if not found:
             found.append(_welch(flow.velocity(signal.grid.times), "velocity known everywhere"))
@@ -151,7 +152,7 @@ def effects() -> tuple[list[tuple[str, Table, float]], Table]:
         flow = Flow(LONG, 500 + number)
         times = flow.arrivals(rate)
         values = flow.velocity(times)
-        signals = {method: onto_grid(times, values, GRID, method) for method in METHODS}
+        signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
         signals |= _corrections(times, signals["linear"])
         true = flow.velocity(signals["linear"].grid.times)
         rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))

@@ -24,7 +24,7 @@ from torchliner.in_situ_method.dean import in_situ
 from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.report import figures, height
 from torchliner.report.spectra import draw_spectrum
 from torchliner.tdibc.educe import educe

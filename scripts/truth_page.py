@@ -36,7 +36,7 @@ from torchliner.audits.truth_rows import (
     truth_table,
 )
 from torchliner.io.hdf5 import written_whole
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.report.table import format_complex, write_rows
 from torchliner.report.truth import drive_label
 

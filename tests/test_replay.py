@@ -7,9 +7,10 @@ import torch
 from conftest import FREQUENCY, RATE, turbulence
 
 import torchliner as tl
+from torchliner.names import EDGE_RULES
 from torchliner.records.slabs import bounds_of
 from torchliner.replay.direct import direct_sums, replay_direct
-from torchliner.replay.edges import EDGE_RULES, Record
+from torchliner.replay.edges import Record
 from torchliner.replay.emissions import ComplexTones
 from torchliner.replay.incident import Means
 from torchliner.replay.kernels import build_kernels

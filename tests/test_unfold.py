@@ -7,10 +7,10 @@ import torch
 from conftest import RATE, turbulence
 from test_replay import FREQUENCIES, GRID, make_record
 
+from torchliner.names import EDGE_RULES
 from torchliner.records.slabs import bounds_of
 from torchliner.replay.convolve import CONVOLUTIONS
 from torchliner.replay.direct import direct_sums, replay_direct
-from torchliner.replay.edges import EDGE_RULES
 from torchliner.replay.emissions import ComplexTones, Sent
 from torchliner.replay.factors import factor_taps
 from torchliner.replay.kernels import build_kernels

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.words import did_you_mean
+from torchliner.names import did_you_mean
 
 FEEDS = -1e-9  # resistance below which a wall feeds sound; nearer to 0 it is rounding
 

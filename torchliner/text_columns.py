@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from torchliner.names import did_you_mean
 from torchliner.units import si_factor
-from torchliner.words import did_you_mean
 
 Array = NDArray[np.float64]
 SEPARATORS = (";", "\t", ",")

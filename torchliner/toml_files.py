@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from torchliner.fluid import Fluid
-from torchliner.words import did_you_mean
+from torchliner.names import did_you_mean
 
 
 class Strict(BaseModel):

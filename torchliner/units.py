@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from torchliner.words import did_you_mean
+from torchliner.names import did_you_mean
 
 FACTORS: dict[str, dict[str, float]] = {
     "velocity": {"m/s": 1.0, "m s-1": 1.0, "m s^-1": 1.0, "m.s-1": 1.0, "mm/s": 1e-3, "cm/s": 1e-2,

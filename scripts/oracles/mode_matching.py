@@ -23,9 +23,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive
-from torchliner.duct.case import SOURCES
 from torchliner.duct.chebyshev import derivative_matrix
 from torchliner.duct.wall_impedance import result_type, wall_reflection
+from torchliner.names import SOURCES
 
 EXTRA_POINTS = 30  # Chebyshev points beyond twice the modes
 RESIDUAL = 1e-8  # of the eigenvalue relation, after which a mode counts as found

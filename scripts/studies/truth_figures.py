@@ -13,7 +13,7 @@ from studies.limits import reach
 from studies.truth_reasons import FASTEST, ReasonRow
 from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.truth import drive_label
 

@@ -20,11 +20,11 @@ from torch import Tensor
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.audits.variants import Variant, VariantMaker
 from torchliner.checks import tell
+from torchliner.names import DRIVES, MEANS, ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
-from torchliner.records.cells import ORDERS
 from torchliner.records.same_case import planes_by_height
-from torchliner.replay.drive import DRIVES, MEANS, DriveSpeed, with_smaller_slabs
+from torchliner.replay.drive import DriveSpeed, with_smaller_slabs
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import Liner
 from torchliner.replay.spectral import spectral_sums

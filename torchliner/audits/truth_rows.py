@@ -10,8 +10,8 @@ from typing import Any
 import torch
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import ORDERS
 from torchliner.replay.kernels import Liner
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.liners.parameters import NUMBERS
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.units import parse_tolerance
 
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width

@@ -22,8 +22,8 @@ from torchliner.calibration.targets import bounds_of, noise_of, prior_of, refere
 from torchliner.checks import require_choice, tell
 from torchliner.liners.parameters import plain_liner, require_sdof, value_of, with_values
 from torchliner.liners.sdof import SDoFLiner
+from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import ORDERS
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 

@@ -21,7 +21,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_impedance
 from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.liners.sdof import SDoFLiner
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.replay.incident import Means
 from torchliner.tdibc.engines import tone_sums, with_liner
 from torchliner.tdibc.prepared import Prepared

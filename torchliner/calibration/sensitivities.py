@@ -29,8 +29,8 @@ from torchliner.liners.parameters import (
     with_values,
 )
 from torchliner.liners.sdof import SDoFLiner
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import ORDERS
 from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.edges import EdgeTable, Reach
 from torchliner.replay.incident import LineSums

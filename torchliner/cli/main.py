@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from torchliner.names import did_you_mean
 from torchliner.version import __version__
-from torchliner.words import did_you_mean
 
 COMMANDS = {
     "educe": "impedance map of one or several velocity planes",

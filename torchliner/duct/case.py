@@ -11,11 +11,10 @@ import numpy as np
 import torch
 
 from torchliner.checks import require_choice, require_positive, tell
-from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
+from torchliner.names import CONDITIONS, SOURCES
 
 GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding
-SOURCES = ("upstream", "downstream")
 
 
 def other_side(source: str) -> str:

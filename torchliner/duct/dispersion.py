@@ -29,7 +29,8 @@ from torchliner.checks import (
     tell,
 )
 from torchliner.duct.continuation import Values, follow_roots
-from torchliner.duct.relation import CONDITIONS, DIRECTIONS, Duct, duct_of, relation
+from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
+from torchliner.names import CONDITIONS
 
 __all__ = [
     "CONDITIONS",

@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor, require_choice
+from torchliner.names import CONDITIONS
 
-CONDITIONS = ("ingard-myers", "continuous-velocity")
 DIRECTIONS = ("downstream", "upstream")
 
 

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.duct.relation import CONDITIONS
 from torchliner.flow_profiles import MeanFlow
+from torchliner.names import CONDITIONS
 
 ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep
 

@@ -21,7 +21,6 @@ from torch import Tensor
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import PressureRecord
 
-LOSSES = ("none", "viscothermal")
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth cannot be told from zero
 DOUBTFUL_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 

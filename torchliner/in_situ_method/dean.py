@@ -1,6 +1,6 @@
 r"""The in situ method: impedance from the pressures on the facesheet and at the cavity bottom.
 
-``in_situ_method/cavity_mouth.py`` derives the velocity v_in into the whole surface from the pressure p_b
+``cavity_mouth.py`` derives the velocity v_in into the whole surface from the pressure p_b
 at the bottom of the cavities, so that with p_f on the facesheet
 
 .. math:: Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH}
@@ -25,7 +25,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, tell
-from torchliner.in_situ_method.cavity_mouth import LOSSES, mouth_velocity_ratio
+from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
+from torchliner.names import LOSSES
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.pressure_record import require_record

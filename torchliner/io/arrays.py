@@ -13,9 +13,9 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from torchliner.io.hdf5 import open_file
+from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
-from torchliner.words import did_you_mean
 
 AXES = ("time", "z", "x", "y", "probe")
 

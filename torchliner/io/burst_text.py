@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchliner.checks import require_choice
+from torchliner.names import did_you_mean
 from torchliner.records import BurstRecord
 from torchliner.text_columns import read_lines
 from torchliner.units import si_factor
-from torchliner.words import did_you_mean
 
 Array = NDArray[np.float64]
 QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity",

@@ -17,12 +17,12 @@ import numpy as np
 import torch
 
 from torchliner.io.burst_text import Array, Column, read_columns, record_of
+from torchliner.names import did_you_mean
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
 from torchliner.signals.burst_validation import pair_coincident
 from torchliner.text_columns import read_lines
 from torchliner.units import si_factor
-from torchliner.words import did_you_mean
 
 VERSIONS = ("3", "5")
 HEADER_LINES = 6

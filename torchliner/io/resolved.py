@@ -11,9 +11,9 @@ import numpy as np
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import get_dataset, open_file, place, read_si, text_attribute
+from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
-from torchliner.words import did_you_mean
 
 
 def resolved_cases(path: str | Path) -> dict[str, list[float]]:

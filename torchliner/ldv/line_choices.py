@@ -6,11 +6,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from torchliner.checks import require_choice, require_positive
-from torchliner.signals.arrivals import METHODS
+from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS
 from torchliner.signals.burst_validation import BurstFilters
 
-CORRECTIONS = ("none", "tone", "tone-and-noise")
-FLAGGED = ("exclude", "use", "refuse")
 MOST_DRAWS = 1_000_000
 
 
@@ -44,7 +42,7 @@ class StationChoices:
     filters: BurstFilters = field(default_factory=BurstFilters)
 
     def __post_init__(self) -> None:
-        require_choice("method", self.method, METHODS)
+        require_choice("method", self.method, GRID_METHODS)
         require_choice("correction", self.correction, CORRECTIONS)
         require_choice("flagged", self.flagged, FLAGGED)
         require_positive("segment (s)", self.segment)

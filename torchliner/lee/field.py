@@ -12,8 +12,9 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.case import SOURCES, DuctCase, other_side
+from torchliner.duct.case import DuctCase, other_side
 from torchliner.lee.swept import SweptDuct, point_rows
+from torchliner.names import SOURCES
 
 WALLS = ("opposite", "lined")
 POINTS_AT_ONCE = 512

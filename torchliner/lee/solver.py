@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
-from torchliner.duct.case import SOURCES, DuctCase
+from torchliner.duct.case import DuctCase
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 from torchliner.lee.ends import warn_of_mode_1
 from torchliner.lee.field import DuctField
@@ -18,6 +18,7 @@ from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.ports import CHUNK, solve_ports
 from torchliner.lee.swept import SweptDuct, sweep_duct
 from torchliner.lee.walls import Wall, wall_of
+from torchliner.names import SOURCES
 
 MEMORY = 2 * 2**30  # bytes that the waves may take
 

@@ -11,8 +11,8 @@ from pydantic import Field
 from torchliner import toml_files
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
+from torchliner.names import did_you_mean
 from torchliner.toml_files import FluidTable, Strict, parse_toml, read_text, validated
-from torchliner.words import did_you_mean
 
 
 class SDoFFile(Strict):

@@ -8,7 +8,8 @@ whole surface (phi_c = 1) or as its share of it.
 from __future__ import annotations
 
 from torchliner.checks import plain_number
-from torchliner.liners.sdof import VELOCITY_READINGS, SDoFLiner
+from torchliner.liners.sdof import SDoFLiner
+from torchliner.names import VELOCITY_READINGS
 
 Readings = dict[str, SDoFLiner]
 

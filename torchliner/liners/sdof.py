@@ -21,8 +21,7 @@ from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.facesheet import facesheet_impedance
 from torchliner.liners.nonlinear import SpeedLaw, speed_law_coefficients
-
-VELOCITY_READINGS = ("as_measured", "conserved")
+from torchliner.names import VELOCITY_READINGS
 
 Parameter = float | Tensor
 

@@ -9,11 +9,10 @@ from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.reference_channel import ReferenceChannel
 from torchliner.records.uncertainty import Interval, Uncertainty
-from torchliner.records.velocity_plane import SOURCE_SIDES, StoredVelocity, VelocityPlane
+from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
 from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
-    "SOURCE_SIDES",
     "BurstRecord",
     "FieldFit",
     "ImpedanceLine",

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from torchliner.checks import plain_number, require_choice, require_positive
 from torchliner.fluid import Fluid
+from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import signal_tensor
-from torchliner.records.velocity_plane import SOURCE_SIDES
 
 UNITS = {"arrival_time": "s", "transit_time": "s", "wall_normal": "m/s", "streamwise": "m/s"}
 COMPONENTS = ("wall_normal", "streamwise")

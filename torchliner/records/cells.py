@@ -11,7 +11,6 @@ from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 
-ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
 
 

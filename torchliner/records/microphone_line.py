@@ -21,9 +21,9 @@ from torchliner.checks import (
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
+from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.unit_checks import unit_doubts
-from torchliner.records.velocity_plane import SOURCE_SIDES
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 LOUDEST = 194.0  # dB: a peak of one atmosphere

@@ -10,11 +10,10 @@ from torch import Tensor
 
 from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
+from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
-
-SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 
 
 @runtime_checkable

@@ -20,7 +20,6 @@ from torchliner.replay.levels import VelocityGrid, lagrange_weights
 from torchliner.replay.sources import speed_of
 
 PAYS_FROM = 1.5e9  # velocity samples x lines: some ten seconds of eager work
-COMPILE = ("auto", "never", "always")
 # Samples that one iteration sums. Inductor unrolls sums of up to eight, and then runs along the
 # contiguous columns; a longer sum it would run down the columns, one cache line a sample.
 GROUP = 8

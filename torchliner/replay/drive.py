@@ -14,10 +14,8 @@ from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, r
 from torchliner.replay.sources import Columns, block_elements, blocks
 from torchliner.replay.survey import Survey
 
-DRIVES = ("instantaneous", "rms", "running-rms")
 NARROW = 1 << 16  # velocities of a slab, at least: few columns get longer slabs
 RUNNING_COLUMNS = 4096  # at once, in float64
-MEANS = ("kept", "removed")
 FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
 
 

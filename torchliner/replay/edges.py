@@ -34,8 +34,6 @@ from torch import Tensor
 from torchliner.replay.kernels import KernelTable
 from torchliner.signals.windows import Window
 
-EDGE_RULES = ("finite", "wrap", "silent")
-
 
 @dataclass(frozen=True)
 class Record:

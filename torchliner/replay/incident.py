@@ -16,8 +16,6 @@ from torch import Tensor
 from torchliner.replay.block_lines import BlockMeans
 from torchliner.signals.tones import WindowSums
 
-PHASE_RULES = ("averaged", "self-consistent", "given")
-
 
 @dataclass(frozen=True)
 class LineSums:

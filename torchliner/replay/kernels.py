@@ -18,13 +18,13 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import reflection_from_impedance
+from torchliner.names import KERNELS
 from torchliner.replay.levels import VelocityGrid
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero
 AFTER = 10e-3  # s of taps after zero
 REGULARISATION = 1e-7  # Tikhonov, relative to the largest singular value of the design matrix
-KERNELS = ("two-sided", "causal")
 
 
 class Liner(Protocol):

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from torchliner.checks import require_choice, require_positive
+from torchliner.names import INTERPOLATIONS, SPACINGS
 
 # Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
@@ -36,8 +37,8 @@ class VelocityGrid:
 
     def __post_init__(self) -> None:
         require_positive("velocity_max (m/s)", self.maximum)
-        require_choice("level spacing", self.spacing, ("sqrt", "uniform"))
-        require_choice("interpolation", self.interpolation, STENCILS)
+        require_choice("level spacing", self.spacing, SPACINGS)
+        require_choice("interpolation", self.interpolation, INTERPOLATIONS)
         if self.levels < 4:
             raise ValueError(f"levels is {self.levels}; at least 4 are needed")
 

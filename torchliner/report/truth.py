@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow, errors_by_rule
-from torchliner.records.cells import ORDERS
+from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails

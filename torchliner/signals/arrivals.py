@@ -20,10 +20,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor, require_choice, require_positive, tell
+from torchliner.names import GAPS, GRID_METHODS
 from torchliner.signals.spline_fit import spline_fit
 
-METHODS = ("linear", "hold", "band-limited")
-GAPS = ("report", "refuse")
 STEPS_A_PERIOD = 16  # of a tone, on a derived grid
 STEPS_AN_ARRIVAL = 2  # folds at the mean rate, where Poisson arrivals leave 0.09 of a line
 LONG_GAP = 20.0  # mean intervals; among 150 000 Poisson arrivals one in 3000 records has such a gap
@@ -117,7 +116,7 @@ def onto_grid(
         DataWarning: a gap is longer than ``longest_gap``.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
-    require_choice("method", method, METHODS)
+    require_choice("method", method, GRID_METHODS)
     require_choice("gaps", gaps, GAPS)
     stations, several = checked_stations(arrival_times, values, name)
     times = [each[0] for each in stations]

@@ -39,9 +39,9 @@ from torchliner.checks import (
     require_positive,
     tell,
 )
+from torchliner.names import GRID_METHODS
 from torchliner.signals.arrivals import (
     BAND_SHARE,
-    METHODS,
     UniformGrid,
     checked_stations,
     common_grid,
@@ -149,7 +149,7 @@ def tone_attenuation(
     Warns:
         DataWarning: a factor below 0.95, with the number; fewer than 8 arrivals a period.
     """
-    require_choice("method", method, METHODS)
+    require_choice("method", method, GRID_METHODS)
     several = is_several(arrival_times)
     blank = (
         [torch.zeros(len(t)) for t in arrival_times] if several else torch.zeros(len(arrival_times))

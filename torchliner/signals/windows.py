@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.words import did_you_mean
+from torchliner.names import did_you_mean
 
 NAMES = [
     *("boxcar", "triang", "blackman", "hamming", "hann", "bartlett", "flattop", "parzen", "bohman"),

@@ -10,17 +10,21 @@ from typing import Any
 import torch
 
 from torchliner.checks import require_choice, require_positive
+from torchliner.names import (
+    COMPILE,
+    DRIVES,
+    EDGE_RULES,
+    ENGINES,
+    KERNELS,
+    MEANS,
+    MISSING,
+    PHASE_RULES,
+    RESAMPLED,
+    RESPONSES,
+)
 from torchliner.records.slabs import WORK_BYTES
-from torchliner.replay.compiled import COMPILE
-from torchliner.replay.drive import DRIVES, MEANS
-from torchliner.replay.edges import EDGE_RULES
-from torchliner.replay.incident import PHASE_RULES
-from torchliner.replay.kernels import KERNELS
 from torchliner.replay.waves import parse_signal
 
-ENGINES = ("spectral", "unfold", "direct")
-RESPONSES = ("model", "kernel")
-RESAMPLED = ("time", "time-span", "time-cells")
 MOST_DRAWS = 100_000
 FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
@@ -119,7 +123,7 @@ class Choices:
         require_choice("drive", self.drive, DRIVES)
         require_choice("mean", self.mean, MEANS)
         require_choice("kernel", self.kernel, KERNELS)
-        require_choice("missing", self.missing, ("refuse", "exclude"))
+        require_choice("missing", self.missing, MISSING)
         if self.response is not None:
             require_choice("response", self.response, RESPONSES)
         if self.response == "model" and (self.kernel == "causal" or self.engine != "spectral"):

@@ -10,12 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.records import ImpedanceMap
-from torchliner.replay.incident import (
-    LineSums,
-    Means,
-    given_reflection,
-    self_consistent_reflection,
-)
+from torchliner.replay.incident import LineSums, Means, given_reflection, self_consistent_reflection
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import BlockDeviations
 from torchliner.tdibc.choices import Choices

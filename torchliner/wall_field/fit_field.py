@@ -21,9 +21,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.duct.case import SOURCES, DuctCase, other_side
+from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.presets import load_duct
 from torchliner.lee.solver import DuctSolver
+from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
 from torchliner.signals.microphone_errors import (
@@ -41,8 +42,6 @@ from torchliner.wall_field.wall import (
     impedance_covariance,
 )
 
-FAR_ENDS = ("fitted", "stated")
-VARIATIONS = ("constant", "linear")
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart

@@ -19,6 +19,7 @@ from torchliner.duct.dispersion import (
     wavenumber_from_impedance,
 )
 from torchliner.duct.relation import Duct, duct_of
+from torchliner.names import WEIGHTS
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
 from torchliner.wall_waves.from_source import (
@@ -33,7 +34,6 @@ RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
 STARTS = 3
 FEWEST = 4  # microphones: more equations than the three unknowns
-WEIGHTS = ("absolute", "relative")
 
 
 def two_wave_fit(

@@ -1,0 +1,52 @@
+"""What can be chosen, by name: the one list that library, commands and docs share.
+
+With the standard library alone, so that the command line stays quick. Where a name stands for a
+piece of code, the table of that code is keyed by it, and a test holds the two together.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+# An eduction.
+ENGINES = ("spectral", "unfold", "direct")
+PHASE_RULES = ("averaged", "self-consistent", "given")
+DRIVES = ("instantaneous", "rms", "running-rms")
+MEANS = ("kept", "removed")
+EDGE_RULES = ("finite", "wrap", "silent")
+KERNELS = ("two-sided", "causal")
+RESPONSES = ("model", "kernel")
+SPACINGS = ("sqrt", "uniform")
+INTERPOLATIONS = ("cubic", "linear")
+MISSING = ("refuse", "exclude")
+RESAMPLED = ("time", "time-span", "time-cells")
+COMPILE = ("auto", "never", "always")
+DTYPES = ("float32", "float64")
+ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
+
+# Records and liners.
+SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
+VELOCITY_READINGS = ("as_measured", "conserved")
+
+# Bursts and lines of stations.
+GRID_METHODS = ("linear", "hold", "band-limited")
+GAPS = ("report", "refuse")
+CORRECTIONS = ("none", "tone", "tone-and-noise")
+FLAGGED = ("exclude", "use", "refuse")
+
+# Ducts and pressures.
+SOURCES = ("upstream", "downstream")
+CONDITIONS = ("ingard-myers", "continuous-velocity")
+WEIGHTS = ("absolute", "relative")
+FAR_ENDS = ("fitted", "stated")
+VARIATIONS = ("constant", "linear")
+LOSSES = ("none", "viscothermal")
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """' (did you mean ...?)' or nothing."""
+    if word in known:
+        return ""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f" (did you mean {near[0]!r}?)" if near else ""
