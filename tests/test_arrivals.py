@@ -193,8 +193,6 @@ def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
     assert float((back.signal.values - wanted).abs().max()) < 1e-10
     limit = 0.1 if method != GRID_METHODS[2] else 1e-3
     assert abs(complex(back.line[0]) - amplitude * phase) > limit
-        0.1 if method != GRID_METHODS[2] else 1e-3
-    )
 
 
 @pytest.mark.parametrize("method", GRID_METHODS)

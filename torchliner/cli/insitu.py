@@ -8,7 +8,6 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.checks import tell
 from torchliner.cli.options import (
     add_output_options,
     frequencies,
@@ -89,6 +88,7 @@ def with_in_situ(
     found: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], path: Path
 ) -> list[ImpedanceMap]:
     """Maps with the in situ impedances of a pressure record beside them, for ``educe``."""
+    from torchliner.checks import tell
     from torchliner.in_situ_method.dean import in_situ
     from torchliner.io.pressure_file import read_pressure
     from torchliner.records.same_case import require_same_case
