@@ -34,6 +34,7 @@ GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FLAGGED = ("exclude", "use", "refuse")
+SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text
 
 # Ducts and pressures.
 SOURCES = ("upstream", "downstream")

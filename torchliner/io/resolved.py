@@ -20,7 +20,7 @@ def resolved_cases(path: str | Path) -> dict[str, list[float]]:
     """Cases of a resolved-liner file and the heights (m) of their lines or planes."""
     with open_file(path) as file:
         return {
-            name: [round(float(y), 9) for y in read_si(group, "y_lines", "length", path)]
+            name: [round(float(y), 9) for y in read_si(group, "y_lines", "m", path)]
             for name, group in file.items()
             if isinstance(group, h5py.Group) and "y_lines" in group
         }
@@ -50,15 +50,15 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
             stream = time_last(group, "u_x", (whole, line), path)
-        time = read_si(group, "time", "time", path)
+        time = read_si(group, "time", "s", path)
         truth = "insitu" if three else "wave"
         other = ("top row", "top") if three else ("in situ", "insitu")
         return VelocityPlane(
             velocity,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
             height=cases[case][line],
-            x=read_si(group, "x", "length", path)[::stride],
-            z=read_si(group, "z", "length", path) if three else None,
+            x=read_si(group, "x", "m", path)[::stride],
+            z=read_si(group, "z", "m", path) if three else None,
             streamwise=stream,
             fluid=resolved_fluid(group, path),
             frequency=read_attribute(group, "frequency_Hz", path),
@@ -146,10 +146,10 @@ def read_channel(
         ValueError: no such plane.
     """
     with open_file(path) as file:
-        heights = read_si(file, "y", "length", path)
+        heights = read_si(file, "y", "m", path)
         if not 0 <= plane < len(heights):
             raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {plane}")
-        time = read_si(file, "t", "time", path)
+        time = read_si(file, "t", "s", path)
         values = time_last(file, "v", plane, path)
         stream = None
         if "u_plane1" in file and plane == 1:
@@ -158,8 +158,8 @@ def read_channel(
             values,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
             height=float(heights[plane]),
-            x=read_si(file, "x", "length", path),
-            z=read_si(file, "z", "length", path),
+            x=read_si(file, "x", "m", path),
+            z=read_si(file, "z", "m", path),
             streamwise=stream,
             source_side="none",
             liner="hard wall",

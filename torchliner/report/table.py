@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.io.hdf5 import written_whole
+from torchliner.io.whole_file import written_whole
 
 Array = NDArray[np.float64]
 
