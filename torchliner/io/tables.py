@@ -186,7 +186,7 @@ class FileKind:
     def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
         """A new file with its attributes; an old one is replaced when the new one is whole."""
         with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-            for key, text in self.constants.items():
+            for key, text in self.constants:
                 file.attrs[key] = text
             self.write_head(file, record)
             yield file
