@@ -18,8 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print tables and checks; 1 if one fails."""
+    from torchliner.lee.verification import checks, order_rows
     from torchliner.report.table import write_rows
-    from torchliner.report.verify import checks, format_verification, order_rows
+    from torchliner.report.verify import format_verification
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), ())
