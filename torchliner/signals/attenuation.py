@@ -57,6 +57,7 @@ from torchliner.signals.windows import make_window
 DAMPED = 0.95  # warned of below
 ARRIVALS_A_PERIOD = 8.0  # doubtful below
 CLOSED_FORMS = ("linear", "hold")
+REMEDY = "correct the tone with corrected_coherent_part"
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,7 @@ def _doubts(found: ToneAttenuation, name: str) -> tuple[str, ...]:
             notes.append(
                 f"{name}: {found.method} reconstruction from {slowest:.6g} arrivals a second damps "
                 f"the tone of {frequency:g} Hz to {float(size.mean()):.3f} (least "
-                f"{float(size.min()):.3f}){squared}; correct the tone with corrected_coherent_part"
+                f"{float(size.min()):.3f}){squared}; {REMEDY}"
             )
         if slowest < ARRIVALS_A_PERIOD * frequency:
             notes.append(
