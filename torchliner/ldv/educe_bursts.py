@@ -21,6 +21,7 @@ from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station import checked_phase, educe_station
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.version import __version__
 
@@ -79,7 +80,7 @@ def educe_bursts(
             "by load_liner"
         )
     how, chosen = _sorted_choices(choices)
-    if reference_phase is not None and chosen.phase != "given":
+    if reference_phase is not None and not phase_rule(chosen.phase).takes_phase:
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     references = _references(reference, len(stations))
     phases = checked_phase(reference_phase, len(stations))

@@ -15,6 +15,7 @@ from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station_segments import Segments, cut_into_segments
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.survey import PERIODS_PER_SEGMENT
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
@@ -27,7 +28,6 @@ from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared
-from torchliner.tdibc.replayed import CoherentPart
 
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 NO_TONE = 0.05  # squared coherence with v below which a reference tells no phase
@@ -83,12 +83,12 @@ def educe_station(
     ready = prepare([cut.plane], liner, wanted, segments)[0]
     referred = None if reference is None else _refer(cut, reference, wanted, chosen)
     coherent = None if referred is None else _coherent_part(referred)
-    psi = _phases(cut, wanted, referred, reference_phase) if chosen.phase == "given" else None
-    found = replay(ready, backward=chosen.phase != "averaged").reflection(
-        chosen.phase, psi, coherent
-    )
+    takes_phase = phase_rule(chosen.phase).takes_phase
+    psi = _phases(cut, wanted, referred, reference_phase) if takes_phase else None
+    replayed = replay(ready)
+    rule = replayed.rule(chosen.phase, psi, coherent)
     count = len(cut.start)
-    reflection, held = found.value[:count].cpu(), found.held[:count].cpu()
+    reflection, held = rule.reflection(replayed.means)[:count].cpu(), rule.held[:count].cpu()
     coherence = _coherence(ready, referred, count)
     wall = None if chosen.wall_filter is None else (coherence < chosen.wall_filter)[None]
     vertical = moments.components["wall_normal"]
@@ -118,7 +118,7 @@ def educe_station(
             (
                 *cut.notes,
                 *ready.notes,
-                *found.notes,
+                *rule.notes(count),
                 *_doubts(ready, cut, referred, chosen, wanted),
             ),
         ),
@@ -173,11 +173,12 @@ def _refer(
     return Referred(amplitude, dataclasses.replace(found, coherence=coherence))
 
 
-def _coherent_part(referred: Referred) -> CoherentPart:
-    """v into the liner that follows the reference; the one cell of the plane is their mean."""
+def _coherent_part(referred: Referred) -> tuple[Tensor, Tensor]:
+    """v into the liner that follows the reference, and its coherence; the one cell of the plane
+    is the segments' mean."""
     into = -referred.transfer.response * referred.amplitude
     amplitude = torch.cat([into, into.mean(0, keepdim=True)])
-    return CoherentPart(amplitude, referred.transfer.coherence.expand(amplitude.shape))
+    return amplitude, referred.transfer.coherence.expand(amplitude.shape)
 
 
 def _phases(
