@@ -20,6 +20,7 @@ from torchliner.ldv.station_key import liner_fingerprint, station_key
 from torchliner.ldv.station_reference import checked_phases
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 
 Station = BurstRecord | StationSource
@@ -75,7 +76,7 @@ def educe_bursts(
             "by load_liner"
         )
     station_choices, replay_choices = _split(choices)
-    if reference_phase is not None and replay_choices.phase != "given":
+    if reference_phase is not None and not phase_rule(replay_choices.phase).takes_phase:
         raise ValueError(
             f"reference_phase is only used with phase='given', not {replay_choices.phase!r}"
         )

@@ -21,6 +21,7 @@ from torchliner.ldv.station_reference import (
 from torchliner.ldv.station_segments import Segments, cut_into_segments
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
 from torchliner.signals.burst_validation import validate_bursts
@@ -71,16 +72,20 @@ def educe_station(
     of_segments = dataclasses.replace(choices, interval=None, wall_filter=None)
     ready = prepare([cut.plane], liner, wanted, of_segments)[0]
     tone = None if reference is None else reference_tone(cut, reference, wanted, choices.window)
-    given = choices.phase == "given"
-    found = replay(ready, backward=choices.phase != "averaged").reflection(
+    takes_phase = phase_rule(choices.phase).takes_phase
+    replayed = replay(ready)
+    rule = replayed.rule(
         choices.phase,
-        sound_phases(cut, wanted, tone, reference_phase) if given else None,
+        sound_phases(cut, wanted, tone, reference_phase) if takes_phase else None,
         None if tone is None else tone.coherent_part,
     )
     segments = len(cut.start)
-    reflection = found.value[:segments].cpu()
+    reflection = rule.reflection(replayed.means)[:segments].cpu()
     coherence = ready.seen.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
-    notes = (*cut.notes, *ready.notes, *found.notes, *_warnings_of(ready, cut, tone, choices))
+    notes = (
+        *cut.notes, *ready.notes, *rule.notes(segments),
+        *_warnings_of(ready, cut, tone, choices),
+    )  # fmt: skip
     interval = station_interval(reflection, choices)
     vertical = moments.components["wall_normal"]
     return ImpedanceLine(
@@ -96,7 +101,7 @@ def educe_station(
         coherence=coherence[None],
         attenuation=cut.attenuation[None],
         corrected=cut.corrected[None],
-        phase_held=found.held[:segments].cpu().to(torch.float64).mean(0)[None],
+        phase_held=rule.held[:segments].cpu().to(torch.float64).mean(0)[None],
         rate=_one(cut.signal.mean_rate),
         grid_rate=_one(cut.signal.grid.rate),
         longest_gap=_one(cut.signal.longest_gap),
@@ -108,7 +113,23 @@ def educe_station(
         names=(record.title or record.name,),
         flags=(flags,),
         dropped=(dict(kept.dropped),),
+<<<<<<< HEAD
         station_notes=(notes,),
+=======
+        station_notes=(
+            (
+                *cut.notes,
+                *ready.notes,
+                *rule.notes(count),
+                *_doubts(ready, cut, referred, chosen, wanted),
+            ),
+        ),
+        fluid=record.fluid,
+        reference=dict(record.reference),
+        mach=record.mach,
+        incident_level=record.incident_level,
+        source_side=record.source_side,
+>>>>>>> core
         goodrich=goodrich_of(ready),
         choices=_facts(ready, station_choices, choices, tone is not None),
         **{key: getattr(record, key) for key in CASE},
@@ -137,8 +158,47 @@ def _mean_amplitude(ready: Prepared, phases: Tensor) -> Tensor:
     return 2 * (amplitude * torch.exp(-1j * phases)).mean(0)
 
 
+<<<<<<< HEAD
 def _warnings_of(
     ready: Prepared, cut: Segments, tone: ReferenceTone | None, choices: Choices
+=======
+def _coherent_part(referred: Referred) -> tuple[Tensor, Tensor]:
+    """v into the liner that follows the reference, and its coherence; the one cell of the plane
+    is the segments' mean."""
+    into = -referred.transfer.response * referred.amplitude
+    amplitude = torch.cat([into, into.mean(0, keepdim=True)])
+    return amplitude, referred.transfer.coherence.expand(amplitude.shape)
+
+
+def _phases(
+    cut: Segments, frequency: Tensor, referred: Referred | None, lead: float | None
+) -> Tensor:
+    """psi of each segment, counted from its first sample, rad, (S, F)."""
+    if referred is not None:
+        return referred.amplitude.angle() + (0.0 if lead is None else lead)
+    if lead is None:
+        raise ValueError(
+            "phase='given' needs a reference channel, or reference_phase in rad on the clock of "
+            "the arrivals"
+        )
+    return lead + 2 * torch.pi * torch.outer(cut.start, frequency)
+
+
+def _velocity(
+    ready: Prepared, cut: Segments, referred: Referred | None, frequency: Tensor
+) -> Tensor:
+    """Complex peak amplitude of v into the liner, (F,): mean over the segments, phases aligned."""
+    amplitude = ready.velocity_amplitude[: len(cut.start)].cpu()
+    if referred is None:
+        turns = torch.exp(-2j * torch.pi * torch.outer(cut.start, frequency))
+    else:
+        turns = torch.exp(-1j * referred.amplitude.angle())
+    return 2 * (amplitude * turns).mean(0)
+
+
+def _doubts(
+    ready: Prepared, cut: Segments, referred: Referred | None, chosen: Choices, frequency: Tensor
+>>>>>>> core
 ) -> list[str]:
     """A tone that wanders past the correction; a reference that v does not follow."""
     notes = []
