@@ -10,9 +10,9 @@ from typing import Any
 import torch
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.kernels import Liner
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare

@@ -19,8 +19,8 @@ from torchliner.ldv.join_stations import join_lines, review_line
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station import checked_phase, educe_station
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.tdibc.choices import Choices
 from torchliner.version import __version__
 
@@ -73,11 +73,7 @@ def educe_bursts(
     if isinstance(stations, (str, Path)):
         stations = list_stations(stations)
     stations = _checked(stations)
-    if not hasattr(liner, "impedance"):
-        raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
-            "by load_liner"
-        )
+    model = as_liner(liner)
     how, chosen = _sorted_choices(choices)
     if reference_phase is not None and chosen.phase != "given":
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
@@ -86,7 +82,7 @@ def educe_bursts(
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
     # What all keys share; a table takes some work to tell.
     shared = [] if kept is None else [
-        liner_fingerprint(liner), _plain(frequency), how.describe(), chosen.describe(),
+        liner_fingerprint(model), _plain(frequency), how.describe(), chosen.describe(),
     ]  # fmt: skip
     lines = []
     for station, channel, phase in _along_x(stations, references, phases):
@@ -94,7 +90,7 @@ def educe_bursts(
 
         def work(station: Station = station, known: Any = known, phase: Any = phase) -> Any:
             record = station.read() if isinstance(station, StationSource) else station
-            return educe_station(record, liner, frequency, how, chosen, known, phase)
+            return educe_station(record, model, frequency, how, chosen, known, phase)
 
         if kept is None:
             lines.append(work())
@@ -192,18 +188,18 @@ def _key(station: Station, channel: ReferenceChannel | None, said: list[Any]) ->
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def liner_fingerprint(liner: Any) -> str:
+def liner_fingerprint(liner: LinerModel) -> str:
     """Hash of what a liner says of itself and of its impedances: tables say too little."""
-    low, high = getattr(liner, "frequency_range", None) or (300.0, 3500.0)
-    top = min(20.0, getattr(liner, "speed_max", None) or 20.0)
+    low, high = liner.frequency_range or (300.0, 3500.0)
+    top = min(20.0, liner.speed_max or 20.0)
     speeds = torch.linspace(0, top, 41, dtype=torch.float64)
     with torch.no_grad():
         values = [
             torch.as_tensor(liner.impedance(float(f), speeds)).to(torch.complex128)
             for f in torch.linspace(float(low), float(high), 9)
         ]
-    said = liner.describe() if hasattr(liner, "describe") else type(liner).__name__
-    return _hash([torch.view_as_real(torch.stack(values)), json.dumps(said, default=str)])
+    facts = json.dumps(liner.describe(), default=str)
+    return _hash([torch.view_as_real(torch.stack(values)), facts])
 
 
 def _hash(values: list[Any]) -> str:

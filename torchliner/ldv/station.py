@@ -13,8 +13,8 @@ from torchliner.checks import frequency_tensor, real_tensor
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station_segments import Segments, cut_into_segments
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.survey import PERIODS_PER_SEGMENT
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
@@ -49,7 +49,7 @@ class Referred:
 
 def educe_station(
     record: BurstRecord,
-    liner: Liner,
+    liner: LinerModel,
     frequency: Any,
     how: StationChoices,
     chosen: Choices,

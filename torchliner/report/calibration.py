@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from torchliner.calibration.calibrate import Calibration
-from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import format_complex
 from torchliner.tdibc.educe import educe
@@ -57,9 +56,10 @@ class PredictionRow:
 
 def parameter_rows(found: Calibration) -> list[dict[str, Any]]:
     """One row a parameter: value, spread, bounds, interval."""
+    numbers = found.liner.numbers()
     return [
         {
-            "parameter": name, "value": float(found.values[i]), "unit": NUMBERS[name].unit,
+            "parameter": name, "value": float(found.values[i]), "unit": numbers[name].unit,
             "standard": float(found.standard[i]), "lower_95": float(found.interval[0, i]),
             "upper_95": float(found.interval[1, i]), "low": float(found.low[i]),
             "high": float(found.high[i]), "on_bound": name in found.on_bound,

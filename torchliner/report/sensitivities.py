@@ -10,7 +10,6 @@ import numpy as np
 
 from torchliner.calibration.budget import Budget
 from torchliner.calibration.sensitivities import Sensitivities
-from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 from torchliner.report.table import format_complex
 
@@ -57,7 +56,7 @@ def budget_rows(budget: Budget, frequency: Sequence[float], order: str) -> list[
             rows.append(
                 {
                     "frequency": each, "parameter": part.parameter, "value": part.value,
-                    "unit": NUMBERS[part.parameter].unit, "half_width": part.half_width,
+                    "unit": part.unit, "half_width": part.half_width,
                     "standard": part.standard, "resistance": part.impedance.real,
                     "reactance": part.impedance.imag,
                 }
@@ -153,7 +152,10 @@ def draw_contributions(
             rf"$|\Delta {sign}|$ for one $u(p)$, $10^{{-3}}\rho c$" if total is not None
             else rf"$|\Delta {sign}|$ for 1 % of $p$, $10^{{-3}}\rho c$"
         )  # fmt: skip
-        axis.set_yticks(places, [SIGNS[row["parameter"]] for row in kept] if sign == "R" else [])
+        axis.set_yticks(
+            places,
+            [SIGNS.get(row["parameter"], row["parameter"]) for row in kept] if sign == "R" else [],
+        )
         axis.tick_params(axis="y", length=0)
     handles = [axes[0, 0].barh([0], [0], color=colour) for colour in COLOURS[:2]]
     labels = ["grows with $p$", "falls with $p$"]
