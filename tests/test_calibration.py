@@ -18,7 +18,7 @@ from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.liners.model import LinerModel, Number
-from torchliner.report.calibration import parameter_rows
+from torchliner.report.calibration_report import parameter_table
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
@@ -99,7 +99,7 @@ def test_any_model_that_states_numbers_is_fitted():
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-7)
     assert found.liner.r0 == 0.2
     assert isinstance(found.liner.a, float)
-    assert parameter_rows(found)[0]["unit"] == "s/m"
+    assert parameter_table(found).rows[0]["unit"] == "s/m"
 
 
 def prepared(edge="finite", order="velocity first"):

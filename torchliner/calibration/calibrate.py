@@ -24,6 +24,7 @@ from torchliner.checks import require_choice, tell
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
@@ -153,7 +154,7 @@ def calibrate(
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
-    if chosen.engine != "spectral" or chosen.phase != "averaged":
+    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "
             f"{chosen.engine!r}, {chosen.phase!r}"
