@@ -19,8 +19,8 @@ from torchliner.ldv.station_reference import (
     sound_phases,
 )
 from torchliner.ldv.station_segments import Segments, cut_into_segments
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
@@ -38,7 +38,7 @@ WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole rec
 
 def educe_station(
     record: BurstRecord,
-    liner: Liner,
+    liner: LinerModel,
     frequency: Any,
     station_choices: StationChoices,
     choices: Choices,

@@ -10,7 +10,6 @@ import numpy as np
 
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
-from torchliner.liners.parameters import NUMBERS
 from torchliner.report.figure import (
     PARTS,
     Figure,
@@ -57,9 +56,10 @@ PREDICTIONS = (
 
 def parameter_table(found: Calibration) -> Table:
     """One row a parameter: value, spread, bounds, interval; SI."""
+    numbers = found.liner.numbers()
     rows = [
         {
-            "parameter": name, "value": float(found.values[i]), "unit": NUMBERS[name].unit,
+            "parameter": name, "value": float(found.values[i]), "unit": numbers[name].unit,
             "standard": float(found.standard[i]), "lower_95": float(found.interval[0, i]),
             "upper_95": float(found.interval[1, i]), "low": float(found.low[i]),
             "high": float(found.high[i]), "on_bound": name in found.on_bound,

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND, Liner
+from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
@@ -50,7 +51,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = getattr(liner, "frequency_range", BAND)
+    low, high = as_liner(liner).frequency_range or BAND
     frequency = np.linspace(low, high, 641)
     values = _parts(liner.impedance(frequency, speed))
     return Curves(frequency, values, label, "frequency (Hz)")
