@@ -34,7 +34,7 @@ from torchliner.signals.microphone_errors import (
     require_draws,
 )
 from torchliner.wall_field.fit_warnings import doubts, largest_misfit
-from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, least_squares
+from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import (
     coordinates,
@@ -109,10 +109,10 @@ def fit_field(
     if start is None:
         found = constant_wall(model, target, weights, largest_misfit(freedom))
     else:
-        found = least_squares(model, target, _begin(start, target), weights)
+        found = search(model, target, _begin(start, target), weights)
     if variation == "linear":
         begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
-        found = least_squares(model, target, begin, weights)
+        found = search(model, target, begin, weights)
     result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                "level_error": level_error,
@@ -127,7 +127,7 @@ def fit_field(
         noisy = draw_pressures(
             pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
-        again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
+        again = search(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
         drawn = _settled(_result(again, model, noisy, line, freedom))
         result = replace(result, draws=drawn)
         lost = int((~drawn.converged).sum())

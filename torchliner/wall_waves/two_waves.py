@@ -18,7 +18,7 @@ from torchliner.duct.dispersion import (
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
-from torchliner.duct.relation import Duct, duct_of
+from torchliner.duct.relation import duct_of
 from torchliner.names import WEIGHTS
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
@@ -28,7 +28,7 @@ from torchliner.wall_waves.from_source import (
     seen_from_source,
     with_draws,
 )
-from torchliner.wall_waves.paired_waves import Pairs, fit_pairs, pair_residuals
+from torchliner.wall_waves.paired_waves import Pairs, WavePairs
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -107,12 +107,13 @@ def _educe(
     flat, duct = values.reshape(-1, values.shape[-1]), duct.flattened()
     weight = torch.ones_like(flat.real) if weights == WEIGHTS[0] else 1 / flat.abs()
     distance = seen.distance.to(values.device)
+    lines = WavePairs(flat, distance, weight, duct, tied)
     if start is None:
         grid = _grid(seen, condition).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
-        found = _best_of_grid(flat, distance, weight, duct, grid, tied)
+        found = _best_of_grid(lines, grid)
     else:
         begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
-        found = fit_pairs(flat, distance, weight, duct, begin, tied)
+        found = lines.fit(begin)
     wave, amplitude = found.wavenumber, found.amplitude.clone()
     # The reflected wave is referred to the far end in the fit, to the origin in the record.
     amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
@@ -155,18 +156,14 @@ def _grid(seen: FromSource, condition: str) -> Tensor:
     return torch.stack(both, -1).to(line.pressure.device)
 
 
-def _best_of_grid(
-    flat: Tensor, distance: Tensor, weight: Tensor, duct: Duct, grid: Tensor, tied: bool
-) -> Pairs:
-    """Refined from the best starts of each line."""
-    left = pair_residuals(flat[:, None], distance, weight[:, None], grid)
-    best = left.argsort(-1)[:, :STARTS]
+def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
+    """Refined from the best starts, (P, G, 2), of each line."""
+    best = lines.residuals(grid).argsort(-1)[:, :STARTS]
     begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
-    row = torch.arange(len(flat), device=flat.device).repeat_interleave(best.shape[1])
-    found = fit_pairs(flat[row], distance, weight[row], duct.at(row), begin, tied)
+    row = torch.arange(len(grid), device=grid.device)
+    found = lines.at(row.repeat_interleave(best.shape[1])).fit(begin)
     residual = torch.where(torch.isfinite(found.residual), found.residual, torch.inf)
-    winner = residual.reshape(len(flat), -1).argmin(-1)
-    index = winner + torch.arange(len(flat), device=flat.device) * best.shape[1]
+    index = residual.reshape(best.shape).argmin(-1) + row * best.shape[1]
     return Pairs(*(part[index] for part in found))
 
 
