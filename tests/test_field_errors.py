@@ -12,9 +12,9 @@ import torch
 from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
+from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
 from torchliner.records.drawn_impedance import deviation
-from torchliner.report.duct import solved_line
 from torchliner.signals.microphone_errors import draw_pressures
 from torchliner.wall_field import fit_field as field_fit
 from torchliner.wall_field import impedance_search as field_search

@@ -76,9 +76,8 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from torchliner.io.microphone_file import read_microphones
-    from torchliner.report.table import write_rows
     from torchliner.report.wall_pressure import draw_wall
-    from torchliner.report.wall_table import format_wall, wall_rows
+    from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
     refuse_inputs([options.output], options.lines, options.figure)
     require_ending(options.output, [".csv"], "--output")
@@ -93,13 +92,13 @@ def run(options: argparse.Namespace) -> int:
             lines.append(line)
     tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
     if options.output is not None:
-        write_rows([row.plain() for rows in tables for row in rows], options.output)
+        wall_table([row for rows in tables for row in rows]).write_csv(options.output)
     if options.figure is not None:
         draw_wall(lines, found, options.figure)
     if options.json:
         print_json({"lines": [
             {"name": line.name, "title": line.title, "choices": dict(one.choices),
-             "rows": [row.plain() for row in rows], "notes": [*line.notes, *one.notes]}
+             "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
             for line, one, rows in zip(lines, found, tables, strict=True)
         ]})  # fmt: skip
     else:
