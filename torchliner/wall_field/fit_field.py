@@ -16,6 +16,7 @@ import cmath
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -168,6 +169,21 @@ def _begin(start: complex, pressure: Tensor) -> Tensor:
         raise ValueError(f"start is {start}; an impedance other than -1 is needed")
     wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
     return coordinates(wall.to(pressure.device))
+
+
+def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
+    """``fit_field`` in the duct of a preset or TOML file; ``options`` are its own.
+
+    Raises:
+        ValueError: no duct is stated.
+    """
+    if duct is None:
+        raise ValueError(
+            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
+            "(torchliner duct solve NAME --copy FILE writes one to edit)"
+        )
+    solver, wall = duct_of_line(line, duct)
+    return fit_field(line, solver, wall=wall, **options)
 
 
 def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:

@@ -6,27 +6,24 @@ the three best, so that no guess is needed; draws start from the result.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, tell
-from torchliner.duct.dispersion import (
-    CONDITIONS,
-    DIRECTIONS,
-    impedance_from_wavenumber,
-    wavenumber_from_impedance,
-)
-from torchliner.duct.relation import duct_of
+from torchliner.checks import require_choice
+from torchliner.duct.dispersion import wavenumber_from_impedance
+from torchliner.duct.relation import DIRECTIONS, duct_of
 from torchliner.names import WEIGHTS
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
+from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
 from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
-    seen_from_source,
-    with_draws,
+    over_liner,
+    resistance_notes,
+    wall_eduction,
+    with_notes_and_draws,
 )
 from torchliner.wall_waves.paired_waves import Pairs, WavePairs
 
@@ -65,27 +62,30 @@ def two_wave_fit(
     Warns:
         DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
     """
-    require_choice("condition", condition, CONDITIONS)
-    require_draws(draws)
     require_choice("weights", weights, WEIGHTS)
-    line = line.over_liner(margin)
+    seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
+    line = seen.line
     fewest = FEWEST + (not tied)
     if line.microphones < fewest:
         raise ValueError(
             f"{line.name}: {line.microphones} microphones are used; two "
             f"{'tied' if tied else 'free'} waves need at least {fewest}"
         )
-    seen = seen_from_source(line, source_side)
     first = _educe(seen.pressure, seen, condition, tied, weights, None)
-    notes = duct_notes(line) + _fit_notes(first, line.name)
-    tell(notes)
     start = seen.sign * first.modes
 
     def educe(pressure: Tensor) -> WallEduction:
         return _educe(pressure, seen, condition, tied, weights, start)
 
-    errors = {"level_error": level_error, "phase_error": phase_error}
-    return with_draws(replace(first, notes=notes), educe, seen.pressure, draws, generator, **errors)
+    notes = (*duct_notes(line), *_unsettled_notes(first, line.name),
+             *resistance_notes(first, line.name))  # fmt: skip
+    return with_notes_and_draws(
+        first, notes, educe, seen.pressure, draws, generator, level_error=level_error,
+        phase_error=phase_error,
+    )  # fmt: skip
+
+
+free_wave_fit = partial(two_wave_fit, tied=False)
 
 
 def _educe(
@@ -117,27 +117,13 @@ def _educe(
     wave, amplitude = found.wavenumber, found.amplitude.clone()
     # The reflected wave is referred to the far end in the fit, to the origin in the record.
     amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
-    impedance = impedance_from_wavenumber(
-        wave[:, 0].reshape(lead), line.frequency.to(values.device), height=line.duct_height,
-        mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
-    )  # fmt: skip
-    return WallEduction(
+    return wall_eduction(
+        seen, wave[:, 0].reshape(lead), wave.reshape(*lead, 2), amplitude.reshape(*lead, 2),
+        found.residual.reshape(lead),
         method="two waves" if tied else "two free waves",
-        frequency=line.frequency,
-        x=line.x,
-        wavenumber=seen.sign * wave[:, 0].reshape(lead),
-        impedance=impedance,
-        modes=seen.sign * wave.reshape(*lead, 2).movedim(-1, -2),
-        amplitudes=amplitude.reshape(*lead, 2).movedim(-1, -2),
-        origin=seen.origin,
-        residual=found.residual.reshape(lead),
-        source_side=seen.source_side,
-        choices={
-            "method": "two-wave fit", "tied": tied, "weights": weights, "condition": condition,
-            "source_side": seen.source_side, "source": line.name,
-            "microphones": line.microphones,
-            "unsettled": int((~found.settled).sum()),
-        },
+        condition=condition,
+        choices={"method": "two-wave fit", "tied": tied, "weights": weights,
+                 "unsettled": int((~found.settled).sum())},
     )  # fmt: skip
 
 
@@ -167,17 +153,11 @@ def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
     return Pairs(*(part[index] for part in found))
 
 
-def _fit_notes(result: WallEduction, name: str) -> tuple[str, ...]:
-    notes = []
-    if result.choices["unsettled"]:
-        notes.append(
-            f"{name}: {result.choices['unsettled']} of {result.impedance.numel()} fits did not "
-            "settle; their waves may not be the best"
-        )
-    active = result.impedance.real < FEEDS
-    if bool(active.any()):
-        notes.append(
-            f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} "
-            f"values, {float(result.impedance.real[active].min()):.3g} at least"
-        )
-    return tuple(notes)
+def _unsettled_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+    count = result.choices["unsettled"]
+    if not count:
+        return ()
+    return (
+        f"{name}: {count} of {result.impedance.numel()} fits did not settle; their waves may not "
+        "be the best",
+    )
