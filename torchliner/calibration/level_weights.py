@@ -18,7 +18,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, reflection_from_impedance
+from torchliner.conversions import (
+    admittance_from_reflection,
+    mean_impedance,
+    reflection_from_impedance,
+)
 from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import ORDERS
@@ -60,7 +64,7 @@ class LevelWeights:
 
     def impedance(self, law: Tensor) -> Tensor:
         """Z of the liner, (..., F)."""
-        return 1 / admittance_from_reflection(self.reflection(law)).mean(-2)
+        return mean_impedance(admittance_from_reflection(self.reflection(law)), -2)
 
     def impedances(self, laws: Tensor) -> Tensor:
         """Z for many laws, (M, L, 6) to (M, F), a block of them at a time."""

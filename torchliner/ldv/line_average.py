@@ -20,6 +20,7 @@ from torchliner.conversions import (
     admittance_from_reflection,
     impedance_from_admittance,
     impedance_from_reflection,
+    mean_impedance,
 )
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
@@ -78,8 +79,8 @@ def average_line(line: ImpedanceLine, chosen: Choices, draws: int) -> LineAverag
     spread = line.impedance[line.used]
     several = len(spread) > 1
     return LineAverage(
-        impedance=impedance_from_admittance(mean.mean(0)),
-        monte_carlo=impedance_from_admittance(drawn.mean(0)),
+        impedance=mean_impedance(mean),
+        monte_carlo=mean_impedance(drawn),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
         # One station has no spread.
         spatial_spread=_deviation(spread) if several else torch.full_like(spread[0], torch.nan),

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from torchliner.conversions import impedance_from_admittance
 from torchliner.records import ImpedanceMap, PointImpedances
 from torchliner.report.numbers import Profile, over_z
 from torchliner.report.table import COMPLEX_PART
@@ -21,7 +22,7 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Profile:
     x, average = over_z(
         None if place is None else place[known], 1 / found.point_impedance[known, frequency_index]
     )
-    impedance = 1 / average
+    impedance = impedance_from_admittance(average)
     values = {"resistance": impedance.real.numpy(), "reactance": impedance.imag.numpy()}
     return Profile(x, values, found.name)
 

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.kernels import BAND, Liner
 from torchliner.replay.survey import moments
@@ -37,7 +38,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    impedance = 1 / average
+    impedance = impedance_from_admittance(average)
     values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
