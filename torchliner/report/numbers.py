@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.kernels import BAND
@@ -28,7 +29,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    values = _parts(1 / average)
+    values = _parts(impedance_from_admittance(average))
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
         values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
