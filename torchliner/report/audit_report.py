@@ -7,15 +7,7 @@ from typing import Any
 
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.report.curves import part_of
-from torchliner.report.figure import (
-    COLOURS,
-    PARTS,
-    Figure,
-    finish,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import (
     Column,
     Table,
@@ -114,5 +106,6 @@ def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
         axis.set_yticks(range(len(factors)), factors if part == "resistance" else [])
         axis.tick_params(axis="y", length=0)
         axis.minorticks_off()
-    legend_below(figure, axes[0, 0])
-    return finish(figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}")
+    return finish(
+        figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW
+    )

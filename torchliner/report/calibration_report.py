@@ -11,15 +11,7 @@ import numpy as np
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
 from torchliner.liners.parameters import NUMBERS
-from torchliner.report.figure import (
-    PARTS,
-    Figure,
-    colour_of,
-    finish,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import (
     Column,
     Table,
@@ -150,22 +142,21 @@ def draw_predictions(
     names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
     for axis, (heading, rows) in zip(axes[0], panels.items(), strict=True):
         for row in rows:
-            _draw_prediction(axis, row, colour_of(names.index(row.label)))
+            _draw_prediction(axis, row, COLOURS[names.index(row.label)])
         axis.axhline(0, color="0.8", linewidth=0.6, zorder=0)
         axis.margins(0.08)
         axis.set_title(heading)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for i, name in enumerate(names):
-        axes[0, 0].plot([], [], "-", color=colour_of(i), label=name)
+        axes[0, 0].plot([], [], "-", color=COLOURS[i], label=name)
     for marker, label, face in (
         ("*", "true", "k"),
         ("o", "model as it was", "white"),
         ("s", "calibrated, 95 % ellipse", "k"),
     ):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor=face, label=label)
-    legend_below(figure, axes[0, 0], 3)
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=3)
 
 
 def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:

@@ -10,15 +10,7 @@ import numpy as np
 from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.report.figure import (
-    Figure,
-    colour_of,
-    finish,
-    label_axes,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, ONE_ROW, Figure, finish, label_axes, styled, subplots
 from torchliner.report.table import Column, Table, real_and_imaginary
 
 NEPER = 20 * math.log10(math.e)  # dB
@@ -68,9 +60,8 @@ def draw_modes(
         pressure, _, _ = solved.at(heights)
         for n in range(count):
             shape = pressure[frequency_index, n].abs().numpy()
-            axis.plot(shape / shape.max(), 1e3 * heights, color=colour_of(n),
+            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n],
                       label=f"mode {n}")  # fmt: skip
         label_axes(axis, "$|p|$ over its maximum", "$y$ (mm), liner at 0")
         axis.set_title(f"({'ab'[DIRECTIONS.index(direction)]}) {direction}", loc="left")
-    legend_below(figure, axes[0, 0])
-    return finish(figure, path)
+    return finish(figure, path, legend=ONE_ROW)

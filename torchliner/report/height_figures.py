@@ -19,7 +19,6 @@ from torchliner.report.figure import (
     finish,
     impedance_panels,
     label_axes,
-    legend_below,
     styled,
     subplots,
 )
@@ -106,10 +105,9 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
         if "true" in study.reference:
             true = part_of(study.reference["true"], part)
             axis.axhline(true, color="0.4", linewidth=0.9, linestyle="--", label="true")
-    legend_below(figure, panels[0][0], 3)
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz; bars: standard deviation over windows"
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=3)
 
 
 @styled
@@ -168,8 +166,7 @@ def draw_rms_along_x(
         axes[0, column].set_title(f"({'abc'[column]}) {title}", loc="left")
     for axis, part in zip(axes[:, 0], (_V, _U), strict=True):
         axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
-    legend_below(figure, axes[0, 0], len(heights))
-    return finish(figure, path)
+    return finish(figure, path, legend=axes[0, 0], columns=len(heights))
 
 
 def _finish_column(axes: Any, plane: VelocityPlane, pitch: float | None) -> None:

@@ -10,7 +10,7 @@ from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stat
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.curves import part_of
-from torchliner.report.figure import COLOURS, finish, impedance_panels, legend_below, styled
+from torchliner.report.figure import COLOURS, ONE_ROW, finish, impedance_panels, styled
 from torchliner.report.table import Column, Table, format_complex, real_and_imaginary
 
 COLUMNS = (
@@ -72,6 +72,5 @@ def draw_in_situ(
             draw_cells(axis, points, part, frequency_index, "cells, ")
         if true is not None:
             axis.axhline(part_of(true, part), color="k", linewidth=0.9, label="true")
-    legend_below(figure, panels[0][0])
     title = f"{record.title or record.name}, in situ (Dean), {frequency:g} Hz"
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=ONE_ROW)
