@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from torchliner.report.curves import Curves
+
 PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
@@ -53,6 +55,16 @@ def label_axes(axis: Any, across: str, up: str) -> None:
     """Symbols and units."""
     axis.set_xlabel(across)
     axis.set_ylabel(up)
+
+
+def draw_curve(
+    axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any
+) -> None:
+    """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
+    x = scale * curves.at
+    if f"{name} low" in curves.values:
+        draw_band(axis, x, curves.values[f"{name} low"], curves.values[f"{name} high"], colour)
+    axis.plot(x, curves.values[name], color=colour, **{"label": curves.label} | style)
 
 
 def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:

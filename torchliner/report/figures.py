@@ -18,7 +18,7 @@ from torchliner.report.figure import (
     PARTS,
     WIDTH,
     Figure,
-    draw_band,
+    draw_curve,
     finish,
     impedance_panels,
     label_axes,
@@ -27,8 +27,10 @@ from torchliner.report.figure import (
 )
 from torchliner.report.numbers import (
     against_height,
+    case_title,
     height_label,
     impedance_along_x,
+    interval_words,
     velocity_along_x,
 )
 
@@ -76,13 +78,10 @@ def draw_along_x(
     for axis, part in panels:
         for i, result in enumerate(ordered):
             profile = impedance_along_x(result, frequency_index)
-            colour = COLOURS[i]
-            x = 1e3 * profile.at if result.x is not None else profile.at
-            if f"{part} low" in profile.values:
-                bounds = (profile.values[f"{part} {side}"] for side in ("low", "high"))
-                draw_band(axis, x, *bounds, colour)
-            axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
-            _draw_cells(axis, result, part, frequency_index, MARKERS[i], colour)
+            scale = 1.0 if result.x is None else 1e3
+            label = profile.label or "educed"
+            draw_curve(axis, profile, part, COLOURS[i], scale, label=label)
+            _draw_cells(axis, result, part, frequency_index, MARKERS[i], COLOURS[i])
         _draw_references(axis, ordered, part, frequency_index)
         draw_alongside(axis, ordered, part, frequency_index)
     cells = "cells: filled, admittance over probes; open, velocity first"
@@ -111,10 +110,8 @@ def _draw_cells(
 
 def _band_words(results: Sequence[ImpedanceMap]) -> str:
     """What the bands and bars mean; the spread over x is what the curve itself shows."""
-    found = results[0].uncertainty
-    if found is None:
-        return ""
-    return f"\nbands, bars: {100 * found.settings['level']:g} % statistical interval"
+    words = interval_words(results[0])
+    return f"\nbands, bars: {words}" if words else ""
 
 
 def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
@@ -212,16 +209,11 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
     for axis, i in zip(axes[0], kept, strict=True):
         for j, profile in enumerate(profiles):
             if names[i] in profile.values:
-                axis.plot(
-                    1e3 * profile.at,
-                    profile.values[names[i]],
-                    color=COLOURS[j],
-                    label=profile.label,
-                )
+                draw_curve(axis, profile, names[i], COLOURS[j], 1e3)
         label_axes(axis, "$x$ (mm)", labels[i])
         if i != 0:
             axis.set_ylim(bottom=0)
-    return finish(figure, path, planes[0].title.split(", y =")[0], legend=ONE_ROW)
+    return finish(figure, path, case_title(planes[0]), legend=ONE_ROW)
 
 
 @styled
@@ -230,10 +222,7 @@ def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None =
     figure, panels = impedance_panels(2.9, "frequency $f$ (Hz)")
     for axis, part in panels:
         for i, profile in enumerate(profiles):
-            axis.plot(
-                profile.at, profile.values[part], color=COLOURS[i],
-                linestyle=REFERENCE_STYLES[i % 4], label=profile.label,
-            )  # fmt: skip
+            draw_curve(axis, profile, part, COLOURS[i], linestyle=REFERENCE_STYLES[i % 4])
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
     panels[1][0].set_ylim(-6, 6)
@@ -246,7 +235,7 @@ def _millimetres(values: Any, count: int) -> Any:
 
 def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
     """What several results share: the title up to the height, the frequency, the null test."""
-    title = results[0].title.split(", y =")[0] or "educed impedance"
+    title = case_title(results[0]) or "educed impedance"
     hard = any(result.choices.get("surface") == "hard wall" for result in results)
     frequency = float(results[0].frequency[frequency_index])
     return f"{title}{' (null test)' if hard else ''}, {frequency:g} Hz"

@@ -20,6 +20,17 @@ def height_label(height: float | None) -> str:
     return "" if height is None else f"y = {1e3 * height:.3g} mm"
 
 
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % statistical interval' or nothing."""
+    found = result.uncertainty
+    return "" if found is None else f"{100 * found.settings['level']:g} % statistical interval"
+
+
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """Resistance and reactance along x, and the bounds of their statistical intervals if known.
 

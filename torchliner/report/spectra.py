@@ -11,7 +11,7 @@ import numpy as np
 from torchliner.records import ImpedanceMap
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 from torchliner.report.figure import COLOURS, draw_band, finish, impedance_panels, styled
-from torchliner.report.numbers import height_label
+from torchliner.report.numbers import case_title, height_label, interval_words
 
 BARS = 15  # statistical intervals along a curve, about
 
@@ -59,12 +59,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
         margin = 0.5 * (high - low) + 1e-9
         axis.set_ylim(low - margin, high + margin)
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
-    title = ordered[0].title.split(", y =")[0] or "educed impedance"
-    known = ordered[0].uncertainty
-    bars = "" if known is None else (
-        f"; bars: {100 * known.settings['level']:g} % statistical interval"
-    )  # fmt: skip
-    lines = "solid: admittance over probes, dashed: velocity first"
-    return finish(
-        figure, path, f"{title}; {lines}\nshaded: middle half of the probes{bars}", legend=4
-    )
+    title = case_title(ordered[0]) or "educed impedance"
+    words = interval_words(ordered[0])
+    title += "; solid: admittance over probes, dashed: velocity first\nshaded: middle half of the "
+    title += f"probes; bars: {words}" if words else "probes"
+    return finish(figure, path, title, legend=4)

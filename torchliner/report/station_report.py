@@ -27,6 +27,7 @@ WEIGHTINGS = (
     ("weighted_", COLOURS[1], "s", "by transit time"),
 )
 SHORT = {"wall_normal": "v", "streamwise": "u"}
+STATISTICS = ("duration", "rate", "longest_gap", "irregularity")
 HEAD = (
     Column("station", "name", "station"),
     *(Column(f"{key} (m)", f"kept.{key}", f"{key} mm", ".3f", 1e3) for key in "xyz"),
@@ -72,15 +73,10 @@ def plain_station(station: Station) -> dict[str, Any]:
     kept, moments = station.kept, station.moments
     return {
         "name": station.name,
-        **{key: getattr(kept, key) for key in "xyz"},
-        "received": kept.received,
-        "bursts": kept.bursts,
+        **{key: getattr(kept, key) for key in (*"xyz", "received", "bursts")},
         "dropped": dict(kept.dropped),
         "zero_shares": station.zero_shares,
-        "duration": moments.duration,
-        "rate": moments.rate,
-        "longest_gap": moments.longest_gap,
-        "irregularity": moments.irregularity,
+        **{key: getattr(moments, key) for key in STATISTICS},
         "transit_time_weighted": moments.weighted,
         "components": {
             name: {**vars(found), "velocity_bias": found.velocity_bias}

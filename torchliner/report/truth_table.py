@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from torchliner.audits.truth_rows import DEFAULT, PHASES, RuleErrors, TruthRow, errors_by_rule
@@ -13,17 +13,13 @@ from torchliner.report.table import (
     format_complex,
     format_pair,
     format_range,
-    real_and_imaginary,
+    plain_columns,
 )
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
-COMPLEX = ("educed", "true", "in_situ", "low", "high")
-COLUMNS = (
-    *map(Column, ("case", "height", "drive", "mean", "phase", "order")),
-    *(column for name in COMPLEX
-      for column in real_and_imaginary(f"{name}_resistance", f"{name}_reactance", name)),
-    Column("error"),
-)  # fmt: skip
+COLUMNS = plain_columns(
+    "case height drive mean phase order educed* true* in_situ* low* high* error"
+)
 
 
 def drive_label(drive: str, mean: str) -> str:
@@ -34,16 +30,6 @@ def drive_label(drive: str, mean: str) -> str:
 def plain_truth(rows: Sequence[TruthRow]) -> Table:
     """For CSV and JSON: complex values as two numbers."""
     return Table(rows, COLUMNS)
-
-
-def truth_row_of(row: Mapping[str, str]) -> TruthRow:
-    """The row of such a CSV again."""
-    values: dict[str, Any] = {key: row[key] for key in ("case", "drive", "mean", "phase", "order")}
-    values |= {
-        name: complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
-        for name in COMPLEX
-    }
-    return TruthRow(height=float(row["height"]), **values)
 
 
 def _by_phase(

@@ -7,10 +7,15 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from torch import Tensor
-
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
-from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
+from torchliner.report.table import (
+    Column,
+    Table,
+    format_complex,
+    format_pair,
+    plain_columns,
+    real_and_imaginary,
+)
 
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
@@ -38,13 +43,18 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
             f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one"
         )
     head = {"line": line.title or line.name, "source": found.source_side, "method": found.method}
-    own = _of_waves(found) if isinstance(found, WallEduction) else _of_field(found)
-    values = {"frequency": found.frequency, "impedance": found.impedance,
-              "residual": found.residual, **own}  # fmt: skip
+    own = ("frequency", "impedance", "residual")
+    if isinstance(found, WallEduction):
+        values: dict[str, Any] = {name: getattr(found, name) for name in (*own, "wavenumber")}
+        if found.singular_values is not None:
+            values["singular_values"] = (found.singular_values / found.singular_values[0]).T
+    else:
+        own = (*own, "standard_error", "end_reflection", "rise", "rise_error")
+        values = {name: getattr(found, name) for name in own} | {"misfit": found.misfit**0.5}
     if found.draws is not None:
         low, high = found.interval(LEVEL)
-        values |= {"low": low, "high": high, "failed": found.failed}
-        values |= {"deviation": found.standard_deviation}
+        values |= {"low": low, "high": high, "failed": found.failed,
+                   "deviation": found.standard_deviation}  # fmt: skip
     rows = [
         UNKNOWN | head | {name: column[f].tolist() for name, column in values.items()}
         for f in range(len(found.frequency))
@@ -56,21 +66,6 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
     return rows
 
 
-def _of_waves(found: WallEduction) -> dict[str, Tensor]:
-    """What only waves have."""
-    own = {"wavenumber": found.wavenumber}
-    if found.singular_values is not None:
-        own["singular_values"] = (found.singular_values / found.singular_values[0]).T
-    return own
-
-
-def _of_field(found: FieldFit) -> dict[str, Tensor]:
-    """What only a fit of the field has; ``misfit``: residuals over the stated errors, rms."""
-    names = ("standard_error", "end_reflection", "rise")
-    own = {name: getattr(found, name) for name in names}
-    return own | {"misfit": found.misfit**0.5, "rise_error": found.rise_error}
-
-
 def _singular_values(digits: int, most: int | None = None) -> Callable[[Row], str]:
     return lambda row: " ".join(f"{v:.{digits}g}" for v in (row["singular_values"] or ())[:most])
 
@@ -79,7 +74,7 @@ _LOW, _HIGH = (
     real_and_imaginary(f"resistance_{end}", f"reactance_{end}", end) for end in ("low", "high")
 )
 COLUMNS = (
-    *map(Column, ("line", "source", "method", "frequency")),
+    *plain_columns("line source method frequency"),
     *real_and_imaginary("wavenumber_real", "wavenumber_imag", "wavenumber"),
     *real_and_imaginary("resistance", "reactance", "impedance"),
     *real_and_imaginary("resistance_deviation", "reactance_deviation", "deviation"),
