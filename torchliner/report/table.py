@@ -6,7 +6,6 @@ import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
