@@ -48,7 +48,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
 
 
 def write_audit(found: Audit, path: str | Path) -> None:
-    """One row a variant; the base and its interval are rows too, and what does not apply."""
+    """One row per variant; the base and its interval are rows too, and what does not apply."""
     rows = [AuditRow("base", found.order, found.base, 0j)]
     for name, bound in (("low", found.low), ("high", found.high)):
         if bound is not None:

@@ -42,7 +42,7 @@ PREDICTIONS = (
 
 
 def parameter_table(found: Calibration) -> Table:
-    """One row a parameter: value, spread, bounds, interval; SI."""
+    """One row per parameter: value, spread, bounds, interval; SI."""
     return Table(
         range(len(found.parameters)),
         (

@@ -17,7 +17,7 @@ NEPER = 20 * math.log10(math.e)  # dB
 
 
 def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
-    """A row a frequency, direction and mode; decay in dB over the liner's length too."""
+    """One row per frequency, direction and mode; decay in dB over the liner's length too."""
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = [
         (frequency, direction, n, complex(solved.wavenumber[f, n]))
@@ -41,7 +41,7 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
 
 
 def format_modes(setup: DuctSetup, table: Table) -> str:
-    """What was solved, then a row a mode."""
+    """What was solved, then one row per mode."""
     patches = len(setup.case.liner)
     which = f"above the first of {patches} lined patches; " if patches > 1 else ""
     return (f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "

@@ -51,7 +51,7 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
 
 
 def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
-    """What was solved, then a row a microphone; ``found`` is that of ``plain_duct``."""
+    """What was solved, then one row per microphone; ``found`` is that of ``plain_duct``."""
     case, profile = setup.case, setup.case.profile
     lines = [
         f"{setup.name}: H {1e3 * case.height:g} mm, bulk Mach {profile.bulk_mach:g}, displacement "

@@ -218,7 +218,7 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
 
 @styled
 def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None = None) -> Figure:
-    """Resistance and reactance over frequency, one curve a speed (figure 3)."""
+    """Resistance and reactance over frequency, one curve per speed (figure 3)."""
     figure, panels = impedance_panels(2.9, "frequency $f$ (Hz)")
     for axis, part in panels:
         for i, profile in enumerate(profiles):

@@ -37,7 +37,7 @@ def length_label(length: float, pitch: float | None) -> str:
 
 
 def impedance_over_height(study: HeightStudy) -> Curves:
-    """R and X over height, a column an averaging length, order and part."""
+    """R and X over height, one column per averaging length, order and part."""
     values: dict[str, Array] = {}
     for length in study.lengths:
         rows = study.at_length(length)

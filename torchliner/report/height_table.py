@@ -31,7 +31,7 @@ FACTS = (
 
 
 def height_table(study: HeightStudy) -> Table:
-    """A row a height and averaging length, with the facts of the height in CSV and JSON."""
+    """One row per height and averaging length, with the facts of the height in CSV and JSON."""
     facts = {one.height: vars(one) for one in study.facts}
     pitch = study.pitch
     columns = [

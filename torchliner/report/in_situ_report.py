@@ -35,7 +35,7 @@ def in_situ_table(rows: Sequence[InSituRow]) -> Table:
 
 
 def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
-    """What was measured, then a row a method and place."""
+    """What was measured, then one row per method and place."""
     head = record.title or record.name
     if record.facesheet is not None:
         head += (
@@ -46,7 +46,7 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
         head += f"; true Z = {format_complex(record.reference['true'])}"
     return (
         f"{head}\n{in_situ_table(report.rows).as_text()}\n"
-        "Z is p/(rho c v), exp(+jwt). Pressure first: what the reflected plane wave knows; "
+        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave sees; "
         "admittance over points: the paper's order"
     )
 

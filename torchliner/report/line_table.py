@@ -22,7 +22,7 @@ At = tuple[int, int]  # station, frequency
 
 
 def format_line(line: ImpedanceLine) -> str:
-    """A row a station and frequency, the averages, references, flags, the choices."""
+    """One row per station and frequency, the averages, references, flags, the choices."""
     goodrich = [] if line.goodrich is None else line.goodrich.tolist()
     names = ("method", "correction", "segment", "overlap", "phase", "drive", "kernel")
     choices = ", ".join(f"{key} {line.choices[key]}" for key in names)

@@ -18,8 +18,8 @@ from torchliner.report.table import (
 )
 
 NULL_TEST = (
-    "NULL TEST, there is a hard wall below these data and no liner; the values only show what this "
-    "model makes of such a velocity"
+    "NULL TEST, the wall below these data is hard and has no liner; the values only show how this "
+    "model responds to such a velocity"
 )
 WHERE = (
     Column("", "height", "y mm", ".2f", 1e3),
@@ -41,7 +41,7 @@ INTERVALS = (
 
 
 def format_maps(results: Sequence[ImpedanceMap]) -> str:
-    """A row a height and frequency; intervals; what other methods say; the choices."""
+    """One row per height and frequency; intervals; results of other methods; the choices."""
     rows = against_height(results)
     lines = [Table(rows, (*WHERE, *AVERAGES)).as_text()]
     words = interval_words(results[0])

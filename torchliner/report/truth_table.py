@@ -35,7 +35,7 @@ def plain_truth(rows: Sequence[TruthRow]) -> Table:
 def _by_phase(
     cells: Iterable[tuple[TruthRow | RuleErrors, complex]], written: Callable[[Any], str]
 ) -> str:
-    """A line a height (if the cells have one), drive and order; a column a phase rule."""
+    """One line per height (if the cells have one), drive and order; one column per phase rule."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for cell, value in cells:
         key = (getattr(cell, "height", None), drive_label(cell.drive, cell.mean), cell.order)
@@ -56,7 +56,7 @@ def format_rules(rows: Sequence[TruthRow]) -> str:
 
 
 def format_truth(rows: Sequence[TruthRow]) -> str:
-    """A text table a case: Z by height, drive, order and phase rule."""
+    """One text table per case: Z by height, drive, order and phase rule."""
     tables = []
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case]

@@ -29,7 +29,7 @@ Row = dict[str, Any]
 
 
 def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
-    """A row a frequency of a line without leading axes.
+    """One row per frequency of a line without leading axes.
 
     ``deviation`` is u(R) + j u(X) over the draws; without draws None, or the error that a fit of
     the field states itself, infinite where it has no bound. ``low`` and ``high`` bound 95 % of the
