@@ -46,8 +46,8 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
         head += f"; true Z = {format_complex(record.reference['true'])}"
     return (
         f"{head}\n{in_situ_table(report.rows).as_text()}\n"
-        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave sees; "
-        "admittance over points: the paper's order"
+        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave "
+        "sees; admittance over points: the paper's order"
     )
 
 

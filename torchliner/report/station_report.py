@@ -167,7 +167,7 @@ def _draw_intervals(axis: Any, stations: Sequence[Station]) -> None:
         axis.plot(curves.at, np.where(drawn, density, np.nan), color="0.65", linewidth=0.7,
                   linestyle=":" if station.flags else "-")  # fmt: skip
     for style, label in (
-        ("-", "intervals, one line per station"),
+        ("-", "intervals, a line a station"),
         (":", "those of flagged stations"),
     ):
         axis.plot([], [], color="0.65", linewidth=0.7, linestyle=style, label=label)
