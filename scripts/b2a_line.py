@@ -15,7 +15,6 @@ import math
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ import torch
 from scipy.special import j1
 
 import torchliner as tl
+from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.line_file import line_rows
@@ -34,7 +34,6 @@ from torchliner.report.figure import RC
 from torchliner.report.line_figures import draw_averages, draw_line_velocity, draw_lines
 from torchliner.report.table import write_rows
 
-DATA = Path(__file__).resolve().parent.parent / "data"
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation
 FRICTION = {0.3: 4.2, 0.1: 4.2 * 3 ** (-7 / 8)}  # m/s
@@ -311,8 +310,7 @@ def _line(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--stations", type=int, default=120)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--phase", choices=["averaged", "self-consistent"], default="averaged")
@@ -320,10 +318,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--lines", type=Path, metavar="FOLDER",
         help="keep educed lines there, and take those that are there, for other figures of them",
     )  # fmt: skip
-    options = parser.parse_args(arguments)
+    options = options_of(parser, arguments)
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
-    warnings.simplefilter("ignore", tl.DataWarning)
     liner, turbulence = tl.load_liner("onera"), Turbulence()
     lines, rows, stations = {}, {}, []
     for case in (*CASES, HIGH, *GROWING):

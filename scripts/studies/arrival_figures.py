@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from common import legend_below
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
 from torchliner.report.table import Table
 
@@ -121,8 +122,7 @@ def draw_effects(
             axis.plot(KILO * table.at, values, marker + "-", color=colour, label=name)
         _rate_axis(axis, table)
         axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     return finish(figure, path)
 
 

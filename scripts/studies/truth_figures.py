@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from common import legend_below
 from studies.limits import reach
 from studies.truth_reasons import FASTEST, ReasonRow
 from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
@@ -52,8 +53,7 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     figure.suptitle("educed less true, all drives, phases, orders and heights, 1400 Hz", fontsize=9)
     return finish(figure, path)
 
@@ -107,8 +107,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
                           ("s", "from its rms")):  # fmt: skip
         axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
                         "0.3" if marker == "*" else "white", label=label)  # fmt: skip
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     figure.suptitle(
         r"1400 Hz; numbers on the curves: $|v|$ (m s$^{-1}$), hole velocity times porosity",
         fontsize=9,
