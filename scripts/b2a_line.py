@@ -114,18 +114,15 @@ def imprint(x: np.ndarray, height: float, pitch: float, diameter: float) -> np.n
     above pistons, sum over the harmonics k of the cell of c_k e^{-ky}."""
     offsets = HOLE_SPACING * np.array([-1.0, 0.0, 1.0])
     holes = np.array([(a, b) for a in offsets for b in offsets if (a, b) != (0.0, 0.0)])
-    found = np.ones_like(x)
     orders = np.arange(-40, 41)
-    for m in orders:
-        for n in orders:
-            if m == n == 0:
-                continue
-            wave = 2 * np.pi / pitch * np.array([m, n])
-            k = float(np.hypot(*wave))
-            size = 2 * j1(k * diameter / 2) / (k * diameter / 2) * np.exp(-k * height)
-            share = np.exp(-1j * holes @ wave).mean() * size
-            found += np.real(share * np.exp(1j * wave[0] * (x - pitch / 2)))
-    return found
+    waves = 2 * np.pi / pitch * np.stack(np.meshgrid(orders, orders, indexing="ij"), -1)
+    k = np.hypot(waves[..., 0], waves[..., 1])
+    k[40, 40] = 1.0  # the mean, whose term is 1
+    size = 2 * j1(k * diameter / 2) / (k * diameter / 2) * np.exp(-k * height)
+    share = np.exp(-1j * waves @ holes.T).mean(-1) * size
+    share[40, 40] = 1.0
+    along = np.exp(1j * np.outer(x - pitch / 2, waves[:, 0, 0]))
+    return np.real(along @ share.sum(1))
 
 
 def settled_impedance(liner: Any, rms: float, pressure: float, ratio: float) -> complex:
