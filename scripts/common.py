@@ -7,7 +7,6 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from torchliner.checks import DataWarning
 
@@ -46,9 +45,3 @@ def case_files(case: str) -> list[Path]:
     """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
     kind = "orifice" if case.startswith("o") else "slit"
     return plane_files(f"{kind}_{case}_y*.h5")
-
-
-def legend_below(figure: Any, axis: Any, columns: int) -> None:
-    """One legend for all panels, from the curves of one."""
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)

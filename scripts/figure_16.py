@@ -13,7 +13,7 @@ from common import RESULTS, options_of, parser_of, plane_files
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import VelocityPlane
-from torchliner.report.height import draw_rms_along_x
+from torchliner.report.height_figures import draw_rms_along_x
 from torchliner.report.numbers import velocity_along_x
 
 CASES = (

@@ -18,13 +18,22 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from common import FIGURES, legend_below, options_of, parser_of
+from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.flow_profiles import UniformProfile
 from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.table import write_rows
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m

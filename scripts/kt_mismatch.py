@@ -18,12 +18,21 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from common import FIGURES, legend_below, options_of, parser_of
+from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.duct import solved_line
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.table import write_rows
 from torchliner.wall_field.fit_field import fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts

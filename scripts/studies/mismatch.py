@@ -11,11 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from common import legend_below
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.table import COMPLEX_PART
+from torchliner.report.curves import COMPLEX_PART
+from torchliner.report.figure import (
+    COLOURS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 
 NEPER = 20 / np.log(10)  # dB
 LEVEL = 0.95  # of the shaded intervals

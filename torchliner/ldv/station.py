@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor
+from torchliner.checks import stated_frequency
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station_reference import (
@@ -19,8 +19,9 @@ from torchliner.ldv.station_reference import (
     sound_phases,
 )
 from torchliner.ldv.station_segments import Segments, cut_into_segments
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
 from torchliner.signals.burst_validation import validate_bursts
@@ -37,7 +38,7 @@ WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole rec
 
 def educe_station(
     record: BurstRecord,
-    liner: Liner,
+    liner: LinerModel,
     frequency: Any,
     station_choices: StationChoices,
     choices: Choices,
@@ -71,16 +72,20 @@ def educe_station(
     of_segments = dataclasses.replace(choices, interval=None, wall_filter=None)
     ready = prepare([cut.plane], liner, wanted, of_segments)[0]
     tone = None if reference is None else reference_tone(cut, reference, wanted, choices.window)
-    given = choices.phase == "given"
-    found = replay(ready, backward=choices.phase != "averaged").reflection(
+    takes_phase = phase_rule(choices.phase).takes_phase
+    replayed = replay(ready)
+    rule = replayed.rule(
         choices.phase,
-        sound_phases(cut, wanted, tone, reference_phase) if given else None,
+        sound_phases(cut, wanted, tone, reference_phase) if takes_phase else None,
         None if tone is None else tone.coherent_part,
     )
     segments = len(cut.start)
-    reflection = found.value[:segments].cpu()
+    reflection = rule.reflection(replayed.means)[:segments].cpu()
     coherence = ready.seen.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
-    notes = (*cut.notes, *ready.notes, *found.notes, *_warnings_of(ready, cut, tone, choices))
+    notes = (
+        *cut.notes, *ready.notes, *rule.notes(segments),
+        *_warnings_of(ready, cut, tone, choices),
+    )  # fmt: skip
     interval = station_interval(reflection, choices)
     vertical = moments.components["wall_normal"]
     return ImpedanceLine(
@@ -96,7 +101,7 @@ def educe_station(
         coherence=coherence[None],
         attenuation=cut.attenuation[None],
         corrected=cut.corrected[None],
-        phase_held=found.held[:segments].cpu().to(torch.float64).mean(0)[None],
+        phase_held=rule.held[:segments].cpu().to(torch.float64).mean(0)[None],
         rate=_one(cut.signal.mean_rate),
         grid_rate=_one(cut.signal.grid.rate),
         longest_gap=_one(cut.signal.longest_gap),
@@ -121,11 +126,7 @@ def _one(value: Any) -> Tensor:
 
 
 def _frequencies(record: BurstRecord, frequency: Any) -> Tensor:
-    if frequency is None:
-        frequency = record.frequency
-    if frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(frequency)
+    wanted = stated_frequency(frequency, record.frequency, record.name)
     if len(wanted.unique()) < len(wanted):
         raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
     return wanted

@@ -15,7 +15,6 @@ from torchliner.replay.survey import PERIODS_PER_SEGMENT
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.transfer import transfer_function
 from torchliner.signals.windows import make_window
-from torchliner.tdibc.replayed import CoherentPart
 
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 
@@ -35,11 +34,11 @@ class ReferenceTone:
     coherence: Tensor
 
     @property
-    def coherent_part(self) -> CoherentPart:
+    def coherent_part(self) -> tuple[Tensor, Tensor]:
         """v into the liner that follows the reference; the one cell of the plane is their mean."""
         into = -self.response * self.amplitude
         amplitude = torch.cat([into, into.mean(0, keepdim=True)])
-        return CoherentPart(amplitude, self.coherence.expand(amplitude.shape))
+        return amplitude, self.coherence.expand(amplitude.shape)
 
 
 def reference_tone(
