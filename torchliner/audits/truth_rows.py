@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
 from torchliner.conversions import reflection_from_impedance
-from torchliner.names import ORDERS
+from torchliner.liners.model import Liner
+from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
@@ -25,7 +25,7 @@ DRIVES = (
 )
 
 
-PHASES = ("averaged", "self-consistent", "given")
+PHASES = tuple(PHASE_RULES)
 
 
 DEFAULT = ("instantaneous", "kept", "averaged")
@@ -74,29 +74,6 @@ class TruthRow:
         """|Z - Z_true|, in rho c."""
         return abs(self.miss)
 
-    def plain(self) -> dict[str, Any]:
-        """For JSON and CSV: complex values as two numbers."""
-        row: dict[str, Any] = {}
-        for key, value in vars(self).items():
-            if isinstance(value, complex):
-                row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
-            else:
-                row[key] = value
-        return {**row, "error": self.error}
-
-    @classmethod
-    def from_plain(cls, row: Mapping[str, Any]) -> TruthRow:
-        """The row of a CSV again."""
-
-        def pair(key: str) -> complex:
-            return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
-
-        return cls(
-            str(row["case"]), float(row["height"]), str(row["drive"]), str(row["mean"]),
-            str(row["phase"]), str(row["order"]), pair("educed"), pair("true"), pair("in_situ"),
-            pair("low"), pair("high"),
-        )  # fmt: skip
-
 
 def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
     """Phase of the incident wave (rad) from the plane-mean velocity at f and the TRUE impedance.
@@ -118,10 +95,12 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         raise ValueError(f"{plane.name} states no true impedance (reference 'true')")
     case = str(plane.provenance.get("case", plane.title))
     for drive, mean in DRIVES:
-        replayed = replay(prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0])
+        replayed = replay(
+            prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0], every_rule=True
+        )
         averaged = replayed.map("averaged")
         for phase in PHASES:
-            known = true_wave_phase(plane, averaged) if phase == "given" else None
+            known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
             found = replayed.map(phase, known)
             known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
             for order, value, bounds in zip(ORDERS, *_both_orders(found), strict=True):

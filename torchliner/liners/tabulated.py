@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor
+from torchliner.liners.model import LinerModel
 from torchliner.text_columns import read_lines, read_table
 
 COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "number",
@@ -18,7 +19,7 @@ COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "number"
 
 
 @dataclass(frozen=True, eq=False)
-class TabulatedLiner:
+class TabulatedLiner(LinerModel):
     """Impedance by linear interpolation in a table; nothing is extrapolated.
 
     Args:
