@@ -6,6 +6,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.burst_format import BurstFormat, Place, read_head
 from torchliner.io.burst_text import burst_columns, read_bursts_of, record_of
 from torchliner.io.plane_file import UNITS as PLANE_UNITS
 from torchliner.io.whole_file import written_whole
@@ -38,12 +39,6 @@ def write_burst_csv(record: BurstRecord, path: str | Path) -> None:
         writer.writerows([repr(v) for v in row] for row in zip(*columns.values(), strict=True))
 
 
-def is_burst_csv(lines: list[str]) -> bool:
-    """Whether the first line that is no comment names an arrival time."""
-    header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return "arrival_time" in header
-
-
 def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
     """Bursts of one station.
 
@@ -66,7 +61,21 @@ def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
     return record_of(found, path, provenance={"format": "csv"}, **{**stated, **about})
 
 
-def stated_place(lines: list[str], path: str | Path) -> dict[str, float]:
-    """x, y, z, m, as far as the lines before the header state them."""
+def is_burst_csv(path: Path) -> bool:
+    """Whether the first line that is no remark names an arrival time."""
+    lines = read_head(path)
+    header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return "arrival_time" in header
+
+
+def _places(path: Path) -> list[Place]:
+    lines = read_head(path)
     stated = read_stated(lines[: header_line(lines, path)], STATED, path)
-    return {key: stated[key] for key in "xyz" if key in stated}
+    return [(stated.get("x"), stated.get("y"), stated.get("z"))]
+
+
+FORMAT = BurstFormat(
+    recognises=lambda path, _: is_burst_csv(path),
+    places=_places,
+    read=lambda path, _, options, about: read_burst_csv(path, **about),
+)

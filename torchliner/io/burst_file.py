@@ -17,6 +17,7 @@ import numpy as np
 
 from torchliner.io.axes import FLUID, read_fluid
 from torchliner.io.burst_csv import write_burst_csv
+from torchliner.io.burst_format import BurstFormat, Place
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
@@ -156,14 +157,14 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
             part = slice(int(ends[i] - counts[i]), int(ends[i]))
             # A quantity that a station lacks is nan throughout.
             own = read_variables(file, ARRAYS, path, part)
-            own = {key: None if np.isnan(v).all() else v for key, v in own.items()}
+            own = {key: None if bool(v.isnan().all()) else v for key, v in own.items()}
             own |= {k: None if np.isnan(v[i]) else float(v[i]) for k, v in places.items()}
             own |= {key: lines[i] for key, lines in texts.items()}
             records.append(BurstRecord(**own, **common, name=f"{path}, station {i}"))
     return records
 
 
-def station_places(path: str | Path) -> list[tuple[float | None, float | None, float | None]]:
+def station_places(path: str | Path) -> list[Place]:
     """(x, y, z) of each station of a file, m; None where unknown. Bursts are not read.
 
     Raises:
@@ -217,3 +218,11 @@ def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
                 f"{path}: {len(values)} stations have a {key}, /burst_count says {count}"
             )
     return found
+
+
+FORMAT = BurstFormat(
+    recognises=lambda path, _: bool(h5py.is_hdf5(path)),
+    places=station_places,
+    read=lambda path, number, *_: read_burst_file(path, number)[0],
+    own_fields=True,
+)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.checks import require_choice
+from torchliner.io.burst_format import BurstFormat
 from torchliner.names import SEPARATORS
 from torchliner.records import BurstRecord
 from torchliner.text_columns import (
@@ -125,3 +126,12 @@ def read_burst_columns(
         )
     found = read_bursts_of(lines, 1, wanted, path, count, between)
     return record_of(found, path, provenance={"format": "columns", "columns": labels}, **about)
+
+
+FORMAT = BurstFormat(
+    recognises=lambda _, options: options["columns"] is not None,
+    places=lambda _: [(None, None, None)],
+    read=lambda path, _, options, about: read_burst_columns(
+        path, options["columns"], options["separator"], **about
+    ),
+)

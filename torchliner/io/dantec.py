@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from torchliner.io.burst_format import BurstFormat, read_head
 from torchliner.io.burst_text import QUANTITIES, read_bursts_of, record_of
 from torchliner.names import did_you_mean
 from torchliner.records import BurstRecord
@@ -247,3 +248,12 @@ def _joined(
     joined |= {n: v[partner.numpy()] for n, v in other.items() if n in COMPONENTS}
     # The wall-normal channel is the record; what it misses is what was dropped.
     return joined, (), {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}
+
+
+FORMAT = BurstFormat(
+    recognises=lambda path, _: is_dantec(path),
+    places=lambda path: [read_header(read_head(path)[: HEADER_LINES + 1], path).position],
+    read=lambda path, _, options, about: read_dantec(
+        path, options["components"], options["coincidence_window"], **about
+    ),
+)

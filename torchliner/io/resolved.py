@@ -26,7 +26,7 @@ def resolved_cases(path: str | Path) -> dict[str, list[float]]:
         }
 
 
-def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> VelocityPlane:
+def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1) -> VelocityPlane:
     """One height of one case of a resolved liner, with its own true impedance.
 
     Args:
@@ -39,6 +39,8 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         ValueError: no such case or line.
     """
     cases = resolved_cases(path)
+    if case is None:
+        raise ValueError(f"--layout resolved needs --case; {path} holds {', '.join(cases)}")
     require_case(path, case, cases)
     if not 0 <= line < len(cases[case]):
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")
@@ -134,30 +136,30 @@ def time_last(
 
 
 def read_channel(
-    path: str | Path, plane: int, length: float = 1.0, velocity: float = 1.0
+    path: str | Path, line: int, length: float = 1.0, velocity: float = 1.0
 ) -> VelocityPlane:
     """One plane of the turbulent channel (hard wall, no sound), rescaled to a duct.
 
     Args:
         path: file with ``v`` (plane, time, z, x), ``t``, ``x``, ``y``, ``z``.
-        plane: index of the plane.
+        line: index of the plane.
         length, velocity: factors on lengths and velocities; times scale by their ratio.
     Raises:
         ValueError: no such plane.
     """
     with open_file(path) as file:
         heights = read_si(file, "y", "m", path)
-        if not 0 <= plane < len(heights):
-            raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {plane}")
+        if not 0 <= line < len(heights):
+            raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {line}")
         time = read_si(file, "t", "s", path)
-        values = time_last(file, "v", plane, path)
+        values = time_last(file, "v", line, path)
         stream = None
-        if "u_plane1" in file and plane == 1:
+        if "u_plane1" in file and line == 1:
             stream = time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
             values,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
-            height=float(heights[plane]),
+            height=float(heights[line]),
             x=read_si(file, "x", "m", path),
             z=read_si(file, "z", "m", path),
             streamwise=stream,
@@ -169,7 +171,7 @@ def read_channel(
                 "scale_length": length,
                 "scale_velocity": velocity,
             },
-            name=f"{path}:/v[{plane}]",
+            name=f"{path}:/v[{line}]",
         )
     scaled = raw.scaled(length, velocity)
     title = f"channel LES over a hard wall, y = {1e3 * (scaled.height or 0):.3g} mm"

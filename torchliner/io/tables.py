@@ -178,9 +178,7 @@ class FileKind:
     schema: str
     noun: str
     attributes: Mapping[str, Any]
-    constants: Mapping[str, str] = dataclasses.field(
-        default_factory=lambda: {"Conventions": "CF-1.8"}
-    )
+    constants: tuple[tuple[str, str], ...] = (("Conventions", "CF-1.8"),)
 
     @contextmanager
     def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
