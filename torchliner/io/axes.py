@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,12 +14,21 @@ from torchliner.io.hdf5 import (
     factor_to,
     get_dataset,
     place,
+    read_references,
     read_si,
     text_attribute,
     write_index,
+    write_references,
     write_variable,
 )
-from torchliner.io.tables import numbers, plain, read_variables
+from torchliner.io.tables import (
+    FileKind,
+    Table,
+    numbers,
+    plain,
+    read_variables,
+    write_variables,
+)
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
@@ -58,13 +68,29 @@ def write_coordinates(
     return dims
 
 
-def read_fluid(file: h5py.File, path: Path) -> Fluid:
-    """The gas; air at 20 C where the file says nothing."""
-    values = read_variables(file, FLUID, path)
+def write_case(file: h5py.File, record: Any, table: Table) -> None:
+    """What describes a measurement: the variables of a table, the gas, reference impedances."""
+    write_variables(file, record, table)
+    write_variables(file, record.fluid, FLUID)
+    write_references(file, record.reference)
+
+
+def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict[str, Any]:
+    """What ``write_case`` wrote and the attributes of the file, as fields of a record.
+
+    The gas is air at 20 C where the file says nothing, the title the name of the file.
+
+    Raises:
+        ValueError: as ``read_variables``; no gas is like that.
+    """
+    found = {**kind.read_head(file, path), **read_variables(file, table, path)}
+    if "title" in found:
+        found["title"] = found["title"] or path.stem
     try:
-        return Fluid(**values)
+        found["fluid"] = Fluid(**read_variables(file, FLUID, path))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    return {**found, "reference": read_references(file, path)}
 
 
 def write_times(file: h5py.File, samples: int, sampling_rate: float) -> None:

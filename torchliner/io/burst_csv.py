@@ -9,6 +9,7 @@ from typing import Any
 from torchliner.io.burst_format import BurstFormat, Place, read_head
 from torchliner.io.burst_text import burst_columns, read_bursts_of, record_of
 from torchliner.io.plane_file import UNITS as PLANE_UNITS
+from torchliner.io.stated_lines import read_stated, write_stated
 from torchliner.io.whole_file import written_whole
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import UNITS
@@ -16,9 +17,7 @@ from torchliner.text_columns import (
     cells_of,
     header_line,
     read_lines,
-    read_stated,
     separator_of,
-    write_stated,
 )
 
 STATED = {

@@ -15,19 +15,17 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.io.axes import FLUID, read_fluid
+from torchliner.io.axes import read_case, write_case
 from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_format import BurstFormat, Place
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     place,
-    read_references,
     read_si,
     text_attribute,
     to_json,
     write_index,
-    write_references,
     write_texts,
     write_variable,
 )
@@ -77,9 +75,7 @@ def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path)
     with KIND.created(path, records[0]) as file:
         _write_stations(file, records)
         _write_arrays(file, records)
-        write_variables(file, records[0], NUMBERS)
-        write_variables(file, records[0].fluid, FLUID)
-        write_references(file, records[0].reference)
+        write_case(file, records[0], NUMBERS)
 
 
 def _require_one_case(records: Sequence[BurstRecord]) -> None:
@@ -145,12 +141,7 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
         for row in ARRAYS:
             if row.names[0] in file:
                 _require_length(file, row.names[0], int(ends[-1]), path)
-        common: dict[str, Any] = {
-            **KIND.read_head(file, path),
-            **read_variables(file, NUMBERS, path),
-            "fluid": read_fluid(file, path),
-            "reference": read_references(file, path),
-        }
+        common = read_case(file, KIND, NUMBERS, path)
         texts = _texts(file, len(counts), path)
         records = []
         for i in range(len(counts)) if only is None else [only]:

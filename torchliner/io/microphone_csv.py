@@ -14,15 +14,14 @@ import numpy as np
 
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID_UNITS
+from torchliner.io.stated_lines import read_stated, write_stated
 from torchliner.io.whole_file import written_whole
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import (
     Array,
     header_line,
     read_lines,
-    read_stated,
     read_table,
-    write_stated,
 )
 
 UNITS = {"duct_height": "m", "duct_width": "m", "mach": "1", "liner_start": "m", "liner_end": "m"}

@@ -14,14 +14,12 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import FLUID, find_time_axis, read_fluid, read_times, write_times
+from torchliner.io.axes import find_time_axis, read_case, read_times, write_case, write_times
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
-    read_references,
     read_si,
     write_index,
-    write_references,
     write_variable,
 )
 from torchliner.io.microphone_csv import UNITS, read_microphone_csv, write_microphone_csv
@@ -40,8 +38,7 @@ KIND = FileKind(
     "torchliner microphones 1", "line of microphones",
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
 )  # fmt: skip
-PLACES = (real("x", "m", ("microphone",)),)
-NUMBERS = numbers(UNITS)
+DUCT = (real("x", "m", ("microphone",)), *numbers(UNITS))
 FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
 AMPLITUDES = (
     Variable("pressure", ("pressure_real", "pressure_imag"), "Pa",
@@ -103,9 +100,7 @@ def write_signals(
 def _write_duct(file: h5py.File, line: MicrophoneLine) -> None:
     """Where the microphones are, and what the duct and its flow are."""
     write_index(file, "microphone", line.microphones)
-    write_variables(file, line, PLACES + NUMBERS)
-    write_variables(file, line.fluid, FLUID)
-    write_references(file, line.reference)
+    write_case(file, line, DUCT)
 
 
 def read_microphones(
@@ -139,14 +134,7 @@ def read_microphones(
     with open_file(path) as file:
         if "schema" in file.attrs:
             KIND.require(file, path)
-        head = {
-            **KIND.read_head(file, path),
-            **read_variables(file, PLACES + NUMBERS, path),
-            "fluid": read_fluid(file, path),
-            "reference": read_references(file, path),
-            "name": str(path),
-        }
-        head["title"] = head["title"] or path.stem
+        head = {**read_case(file, KIND, DUCT, path), "name": str(path)}
         if "duct_height" not in head | about:
             get_dataset(file, "duct_height", path)  # says what is there instead
         amplitudes = AMPLITUDES[0].names[0] in file

@@ -17,13 +17,13 @@ import torch
 from torch import Tensor
 
 from torchliner.io.axes import (
-    FLUID,
     find_time_axis,
     float_factor,
+    read_case,
     read_coordinate,
-    read_fluid,
     read_times,
     require_times,
+    write_case,
     write_coordinates,
     write_times,
 )
@@ -31,12 +31,10 @@ from torchliner.io.hdf5 import (
     attach_scales,
     get_dataset,
     open_file,
-    read_references,
     text_attribute,
     tiles,
-    write_references,
 )
-from torchliner.io.tables import FileKind, numbers, read_variables, write_variables
+from torchliner.io.tables import FileKind, numbers
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 
@@ -70,9 +68,7 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
         if plane.streamwise is not None:
             stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
             _write_velocity(file, STREAMWISE, stream, dims, compress)
-        write_variables(file, plane, NUMBERS)
-        write_variables(file, plane.fluid, FLUID)
-        write_references(file, plane.reference)
+        write_case(file, plane, NUMBERS)
 
 
 def _write_velocity(
@@ -121,19 +117,14 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
                     f"{velocity.shape}; they share probes and times"
                 )
             stream = _stored(file, STREAMWISE, axis, path)
-        head = KIND.read_head(file, path)
-        head["title"] = head["title"] or path.stem
         plane = VelocityPlane(
             stored,
             sampling_rate=rate,
             x=read_coordinate(file, "x", stored.shape[:-1], path),
             z=read_coordinate(file, "z", stored.shape[:-1], path),
             streamwise=stream if lazy or stream is None else stream.load(),
-            fluid=read_fluid(file, path),
-            reference=read_references(file, path),
             name=f"{path}:/{VELOCITY}",
-            **read_variables(file, NUMBERS, path),
-            **head,
+            **read_case(file, KIND, NUMBERS, path),
         )
     return plane if lazy else plane.load()
 

@@ -13,29 +13,26 @@ import h5py
 import numpy as np
 
 from torchliner.io.axes import (
-    FLUID,
+    read_case,
     read_coordinate,
-    read_fluid,
     read_signal,
     read_times,
     require_times,
+    write_case,
     write_coordinates,
     write_times,
 )
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
-    read_references,
     tiles,
     write_index,
-    write_references,
     write_variable,
 )
 from torchliner.io.tables import (
     FileKind,
     Variable,
     numbers,
-    read_variables,
     real,
     write_variables,
 )
@@ -73,9 +70,7 @@ def write_pressure(record: PressureRecord, path: str | Path) -> None:
             if values is not None:
                 shape = (values.shape[-1], *values.shape[:-1])
                 write_variables(file, record, [signal], axes, **tiles(shape, COMPRESSED_ROWS))
-        write_variables(file, record, NUMBERS)
-        write_variables(file, record.fluid, FLUID)
-        write_references(file, record.reference)
+        write_case(file, record, NUMBERS)
 
 
 def _write_probes(file: h5py.File, record: PressureRecord) -> dict[str, tuple[str, ...]]:
@@ -120,15 +115,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
         }
         shape = fields["facesheet"].shape[:-1] if "facesheet" in fields else ()
         fields |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
-        fields |= read_variables(file, PLACES + NUMBERS, path)
+        fields |= read_case(file, KIND, PLACES + NUMBERS, path)
         if "probe_cell" in file:
             fields["probe_cell"] = np.asarray(get_dataset(file, "probe_cell", path)[()])
-        fields |= KIND.read_head(file, path)
-        fields["title"] = fields["title"] or path.stem
-        return PressureRecord(
-            **fields,
-            sampling_rate=rate,
-            fluid=read_fluid(file, path),
-            reference=read_references(file, path),
-            name=str(path),
-        )
+        return PressureRecord(**fields, sampling_rate=rate, name=str(path))
