@@ -103,10 +103,9 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    figure.suptitle("no flow, 1500 Hz; black: 1 / mean admittance of the wall", fontsize=9)
-    return finish(figure, path)
+    return finish(
+        figure, path, "no flow, 1500 Hz; black: 1 / mean admittance of the wall", legend=2
+    )
 
 
 @styled

@@ -121,9 +121,7 @@ def draw_effects(
             axis.plot(KILO * table.at, values, marker + "-", color=colour, label=name)
         _rate_axis(axis, table)
         axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    return finish(figure, path)
+    return finish(figure, path, legend=3)
 
 
 def _rate_axis(axis: Any, table: Curves) -> None:

@@ -139,9 +139,7 @@ def draw_mismatch(
         axis.set_xlim(0.18, 1.5)
     for axis in axes[-1]:
         axis.set_xlabel("$f$ (kHz)")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    return finish(figure, path)
+    return finish(figure, path, legend=2)
 
 
 def _draw_limits(axis: Any, mach: float) -> None:
