@@ -10,8 +10,14 @@ import numpy as np
 
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
-from torchliner.liners.parameters import NUMBERS
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    PARTS,
+    Figure,
+    finish,
+    styled,
+    subplots,
+)
 from torchliner.report.table import (
     Column,
     Table,
@@ -43,12 +49,13 @@ PREDICTIONS = (
 
 def parameter_table(found: Calibration) -> Table:
     """One row per parameter: value, spread, bounds, interval; SI."""
+    numbers = found.liner.numbers()
     return Table(
         range(len(found.parameters)),
         (
             Column("parameter", lambda i: found.parameters[i], "parameter"),
             Column("value", lambda i: float(found.values[i]), "value", ".5g"),
-            Column("unit", lambda i: NUMBERS[found.parameters[i]].unit, "unit"),
+            Column("unit", lambda i: numbers[found.parameters[i]].unit, "unit"),
             Column("standard", lambda i: float(found.standard[i]), "u", ".2g"),
             Column("lower_95", lambda i: float(found.interval[0, i])),
             Column("upper_95", lambda i: float(found.interval[1, i])),

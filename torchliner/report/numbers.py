@@ -9,8 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND, Liner
+from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
@@ -38,7 +40,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    values = _parts(1 / average)
+    values = _parts(impedance_from_admittance(average))
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
         values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
@@ -61,7 +63,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = getattr(liner, "frequency_range", BAND)
+    low, high = as_liner(liner).frequency_range or BAND
     frequency = np.linspace(low, high, 641)
     values = _parts(liner.impedance(frequency, speed))
     return Curves(frequency, values, label, "frequency (Hz)")
