@@ -39,7 +39,7 @@ def draw_rms_along_x(
         axes[0, column].set_title(f"({'abc'[column]}) {title}", loc="left")
     for axis, part in zip(axes[:, 0], (_V, _U), strict=True):
         axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
-    return finish(figure, path, legend=axes[0, 0], legend=len(heights))
+    return finish(figure, path, legend=len(heights))
 
 
 def _finish_column(axes: Any, plane: VelocityPlane, pitch: float | None) -> None:
