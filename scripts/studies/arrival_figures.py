@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.report.curves import Curves
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    Figure,
+    finish,
+    styled,
+    subplots,
+)
 
 KILO = 1e-3
 RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
