@@ -26,6 +26,8 @@ DTYPES = ("float32", "float64")
 ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 
 # Records and liners.
+FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
+LIMITS = ("rectangular", "standard")  # what a half-width of a tolerance is
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 
@@ -33,6 +35,8 @@ VELOCITY_READINGS = ("as_measured", "conserved")
 GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
+FILTERS = ("times", "zero-runs", "outliers")
+SEPARATORS = ("blank", "tab", "comma", "semicolon")
 FLAGGED = ("exclude", "use", "refuse")
 
 # Ducts and pressures.

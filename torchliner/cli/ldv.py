@@ -3,53 +3,52 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from torchliner.cli import ldv_educe
+from torchliner.cli.files import check_files
 from torchliner.cli.ldv_options import (
+    READING,
+    add_case,
     add_filters,
-    add_reading,
     files_in,
     filters_from,
     stations_from,
 )
-from torchliner.cli.options import add_output_options, print_json, refuse_inputs
+from torchliner.cli.options import add_options, add_shared, print_json
+from torchliner.cli.parser import Parser
+
+INFO = {
+    "--output FILE": "write the table as CSV, SI units",
+    "--intervals FILE": "write histograms of the intervals as CSV",
+    "--figure PICTURE": "draw moments, rates and intervals there",
+}
+CONVERT = {
+    "--output FILE": {"required": True, "help": "write the stations as .h5/.nc, or one as .csv"}
+}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """One parser a task; each is a word after ``ldv``."""
-    tasks = parser.add_subparsers(
-        dest="task", metavar="TASK", required=True, parser_class=type(parser)
-    )
+    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True)
     info = tasks.add_parser(
-        "info", help="describe and check stations", allow_abbrev=False,
+        "info", help="describe and check stations",
         description="Table of stations; exit code 1 if one is flagged.",
     )  # fmt: skip
-    add_reading(info)
-    _add_liner(info)
-    add_filters(info)
-    info.add_argument("-o", "--output", type=Path, help="the table as CSV, SI units")
-    info.add_argument("--intervals", type=Path, help="histograms of the intervals as CSV")
-    info.add_argument("--figure", type=Path, help="draw moments, rates and intervals there")
-    add_output_options(info)
     convert = tasks.add_parser(
-        "convert", help="write stations as one HDF5 file, or one as CSV", allow_abbrev=False,
+        "convert", help="write stations as one HDF5 file, or one as CSV",
         description="Bursts as read, nothing dropped that can be read.",
     )  # fmt: skip
-    add_reading(convert)
-    _add_liner(convert)
-    convert.add_argument("-o", "--output", type=Path, required=True, help=".h5, .nc or .csv")
-    add_output_options(convert)
+    for task, options in ((info, INFO), (convert, CONVERT)):
+        add_options(task, READING | options)
+        add_shared(task, "--json", "--quiet")
+        add_case(task)
+    add_filters(info)
     educe = tasks.add_parser(
-        "educe", help="impedance along a line of stations", allow_abbrev=False,
+        "educe", help="impedance along a line of stations",
         description="Impedance of every station, segment by segment, and its averages; broken off "
         "and called again with the same -o, it takes up the stations that are done.",
     )  # fmt: skip
     ldv_educe.add_arguments(educe)
-
-
-def _add_liner(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--liner", help="name of the liner below, not for HDF5 files")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -66,7 +65,7 @@ def _info(options: argparse.Namespace) -> int:
     )
     from torchliner.report.table import write_rows
 
-    refuse_inputs((options.output, options.intervals, options.figure), files_in(options.source))
+    check_files(options, files_in(options.source), outputs=[options.output, options.intervals])
     records = [source.read() for source in stations_from(options)]
     stations = inspect_stations(records, filters_from(options))
     if options.json:
@@ -85,7 +84,7 @@ def _info(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from torchliner.io.burst_file import write_bursts
 
-    refuse_inputs((options.output,), files_in(options.source))
+    check_files(options, files_in(options.source))
     records = [source.read() for source in stations_from(options)]
     write_bursts(records, options.output)
     counts = {"stations": len(records), "bursts": sum(record.bursts for record in records)}

@@ -6,30 +6,26 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import add_output_options, print_json, write_copy
+from torchliner.cli.files import check_files, write_copy
+from torchliner.cli.options import FREQUENCIES, RANGES, add_options, add_shared, print_json
+from torchliner.cli.parser import Parser
 
-FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
+DEFAULT = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
 SPEEDS = (0.0, 1.0, 3.0, 5.0)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Options."""
-    parser.add_argument(
-        "liners", nargs="*", help="presets, .toml or .csv files; without: list the presets"
-    )
-    parser.add_argument(
-        "--frequency", nargs="+", type=float, default=list(FREQUENCIES), metavar="HZ"
-    )
-    parser.add_argument("--speed", nargs="+", type=float, default=list(SPEEDS), metavar="M/S")
-    parser.add_argument(
-        "--figure",
-        type=Path,
-        help="draw Z over frequency there; several liners: the linear Z of each (figure 3)",
-    )
-    parser.add_argument(
-        "--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit"
-    )
-    add_output_options(parser)
+    parser.add_argument("liners", nargs="*", metavar="LINER", help="presets, .toml or .csv files; "
+                        "without: list the presets")  # fmt: skip
+    for name, default, settings in (
+        ("--frequency HZ ...", DEFAULT, RANGES | {"help": FREQUENCIES}),
+        ("--speed M/S ...", SPEEDS, {"help": "|v|, m/s; default: "}),
+    ):
+        settings["help"] += " ".join(f"{value:g}" for value in default)
+        add_options(parser, {name: settings | {"default": list(default)}})
+    add_options(parser, {"--figure PICTURE": "draw Z over frequency; of several the linear Z"})
+    add_shared(parser, "--copy", "--json", "--quiet")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -41,6 +37,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if options.copy is not None and len(options.liners) != 1:
         raise ValueError("--copy writes one preset; name one")
+    check_files(options, options.liners)
     liners = {name: catalogue.load_liner(name) for name in options.liners}
     if options.copy is not None:
         write_copy(catalogue.preset_text(options.liners[0]), options.copy)

@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from torchliner.cli.options import add_output_options, liner_name, print_json, progress_bar
+from torchliner.cli.files import check_files, liner_names, read_planes
+from torchliner.cli.options import add_options, add_shared, print_json, progress_bar
+from torchliner.cli.parser import Parser
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Options."""
-    parser.add_argument("planes", nargs="+", type=Path, help="plane files with a true impedance")
-    parser.add_argument("--liner", help="model; default: the one the file names")
-    parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
-    add_output_options(parser)
+    add_options(parser, {"planes PLANE ...": "plane files with a true impedance"})
+    add_shared(parser, "--liner", "--output", "--json", "--quiet")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
     from torchliner.audits.truth_rows import truth_table
-    from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.table import write_rows
     from torchliner.report.truth import format_rules, format_summary, format_truth
 
-    planes = [read_plane(path) for path in options.planes]
-    names = {
-        id(plane): options.liner or liner_name(plane, path)
-        for plane, path in zip(planes, options.planes, strict=True)
-    }
-    with progress_bar(len(planes), "truth table", options.quiet) as step:
-        rows = truth_table(planes, lambda plane: load_liner(names[id(plane)]), step)
+    check_files(options, [*options.planes, options.liner])
+    planes = read_planes(options.planes, lazy=False)
+    names = liner_names(options.liner, planes, options.planes)
+    liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
+    with progress_bar(len(planes), "truth table", options) as step:
+        rows = truth_table(planes, lambda plane: liners[id(plane)], step)
     if options.output is not None:
         write_rows([row.plain() for row in rows], options.output)
     if options.json:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from torchliner.cli.options import add_output_options, print_json, refuse_inputs, require_ending
+from torchliner.cli.files import check_files
+from torchliner.cli.options import add_options, add_shared, print_json
+from torchliner.cli.parser import Parser
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Options."""
-    parser.add_argument("--degrees", nargs="+", type=int, default=[1, 2, 3, 4], metavar="P",
-                        help="polynomial degrees of the elements; default 1 to 4")  # fmt: skip
-    parser.add_argument("-o", "--output", type=Path, help="the tables as CSV")
-    add_output_options(parser)
+    text = "polynomial degrees of the elements; default 1 to 4"
+    add_options(parser, {"--degrees N ...": {"default": [1, 2, 3, 4], "help": text}})
+    add_shared(parser, "--output", "--json", "--quiet")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -21,8 +21,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.table import write_rows
     from torchliner.report.verify import checks, format_verification, order_rows
 
-    require_ending(options.output, [".csv"], "--output")
-    refuse_inputs((options.output,), ())
+    check_files(options, [], ".csv")
     rows = order_rows(options.degrees)
     found = checks(rows)
     if options.output is not None:
