@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.choice_options import ALL, add_choice_options, chosen_from
+from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, liner_names, read_planes
 from torchliner.cli.options import (
-    add_options,
-    add_shared,
     order_option,
     print_json,
     progress_bar,
+    shared,
 )
-from torchliner.cli.parser import Parser
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
           "segment", "no_intervals", "rank_tolerance")  # fmt: skip  # by the audit, or not at all
 
-
-def add_arguments(parser: Parser) -> None:
-    """Options; those of the base are those of ``educe``."""
-    add_options(parser, {
+CHOICES = [name for name in ALL if name not in VARIED]
+OPTIONS = {
+    "": {
         "planes PLANE ...": "the plane, and others of the same case: its other heights",
         "--frequency HZ": "default: the tone of the file",
-        **order_option("probes first"),
         "--figure PICTURE": "draw the table there",
-    })  # fmt: skip
-    add_shared(parser, "--liner", "--output", "--json", "--quiet")
-    add_choice_options(parser, [name for name in ALL if name not in VARIED])
+    }
+    | order_option("probes first")
+    | shared("--liner", "--output", "--json", "--quiet"),
+} | choice_options(CHOICES)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -44,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(total, options.planes[0].name, options) as step:
         found = audit(
             planes, liner, options.frequency, order=options.order, progress=step,
-            **chosen_from(options),
+            **chosen_from(options, CHOICES),
         )  # fmt: skip
     if options.output is not None:
         write_audit(found, options.output)

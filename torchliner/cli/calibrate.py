@@ -5,42 +5,36 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from torchliner.cli.choice_options import add_choice_options, chosen_from
+from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import check_files, only_liner, read_planes, write_text
-from torchliner.cli.options import add_options, add_shared, order_option, print_json
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import order_option, print_json, shared
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
 CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 FEWEST_DRAWS = 100
 
-
 OPTIONS = {
-    "planes PLANE ...": "plane files to fit",
-    "--free NAME[=LOW:HIGH]": {
-        "action": "append", "required": True, "help": "parameter to fit and its bounds in SI "
-        "units; default bounds 50 %% about its value, of an offset 0.5 about it; 'offset' is both "
-        "parts"},
-    "--reference Z ...": {
-        "default": ["true"], "help": "name of an impedance in the files, or one value each, e.g. "
-        "0.168-0.066j; default true"},
-    "--noise U": "standard uncertainty of R and X of the references, by rho c; default: from the "
-                 "residual",
-    "--predict PLANE ...": {
-        "default": [], "help": "plane files to predict with the spread of the fit; default: none"},
-    "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
-    "--seed N": {"default": 0, "help": "of the draws; default 0"},
-    "--output FILE": "write the calibrated liner as .toml",
-    "--figure PICTURE": "draw the predictions there",
-}  # fmt: skip
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_options(parser, OPTIONS | order_option("velocity first"))
-    add_shared(parser, "--liner", "--json", "--quiet")
-    add_choice_options(parser, CHOICES)
+    "": {
+        "planes PLANE ...": "plane files to fit",
+        "--free NAME[=LOW:HIGH]": {
+            "action": "append", "required": True, "help": "parameter to fit and its bounds, SI; "
+            "default 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
+        "--reference Z ...": {
+            "default": ["true"], "help": "name of an impedance in the files, or one value "
+            "each, e.g. 0.168-0.066j; default true"},
+        "--noise U": "standard uncertainty of R and X of the references, by rho c; default: "
+                     "from the residual",
+        "--predict PLANE ...": {
+            "default": [], "help": "plane files to predict with the spread of the fit"},
+        "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
+        "--seed N": {"default": 0, "help": "of the draws; default 0"},
+        "--output FILE": "write the calibrated liner as .toml",
+        "--figure PICTURE": "draw the predictions there",
+    }
+    | order_option("velocity first")
+    | shared("--liner", "--json", "--quiet"),
+} | choice_options(CHOICES)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     found = calibrate(
         planes, liner, _references(options.reference), _bounds(options.free, liner),
         order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
-        **chosen_from(options),
+        **chosen_from(options, CHOICES),
     )  # fmt: skip
     noise = options.noise or 0.0
     rows = [

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.options import add_options, stated
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import argument, dest, stated
 
 SHOWN = (
     "phase drive mean wall_filter engine edge window interval seed device dtype memory"
@@ -69,39 +69,30 @@ CHOICES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def name_of(spec: str) -> str:
-    """The choice that an option sets."""
-    return spec.split()[0].removeprefix("--").replace("-", "_")
+ALL = [dest(spec) for group in CHOICES.values() for spec in group]
 
 
-ALL = [name_of(spec) for group in CHOICES.values() for spec in group]
-
-
-def add_choice_options(
-    parser: Parser, wanted: Sequence[str], others: Mapping[str, Any] | None = None
-) -> None:
-    """Options of some of the choices; their defaults are those of ``torchliner.educe``.
+def choice_options(
+    wanted: Sequence[str], others: Mapping[str, Any] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Tables of options, for ``add_options``; their defaults are those of ``torchliner.educe``.
 
     Args:
-        parser: takes them in the groups of ``CHOICES``; those not in ``SHOWN`` wait for --help-all.
-        wanted: their names.
-        others: in the place of the entries of ``CHOICES``.
+        wanted: names of choices; those not in ``SHOWN`` wait for --help-all.
+        others: in the place of entries of ``CHOICES``.
     """
-    for title, entries in CHOICES.items():
-        chosen = {
-            spec: (others or {}).get(spec, entry)
-            for spec, entry in entries.items()
-            if name_of(spec) in wanted
-        }
-        for action in add_options(parser.add_argument_group(title), chosen):
-            if action.dest not in SHOWN:
-                parser.leave_out(action)
-    parser.set_defaults(choice_names=tuple(wanted))
+    found: dict[str, dict[str, Any]] = {}
+    for title, table in CHOICES.items():
+        for spec in (spec for spec in table if dest(spec) in wanted):
+            _, settings = argument(spec, (others or {}).get(spec, table[spec]))
+            further = {"further": dest(spec) not in SHOWN}
+            found.setdefault(title, {})[spec] = settings | further
+    return found
 
 
-def chosen_from(options: Any) -> dict[str, Any]:
-    """What the user chose, for ``educe(**choices)``."""
-    chosen = stated(options, options.choice_names)
+def chosen_from(options: argparse.Namespace, wanted: Sequence[str]) -> dict[str, Any]:
+    """What the user chose of the choices ``wanted``, for ``educe(**choices)``."""
+    chosen = stated(options, wanted)
     if chosen.pop("no_intervals", False):
         chosen["interval"] = None
     if "band" in chosen:

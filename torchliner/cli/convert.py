@@ -7,23 +7,21 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from torchliner.cli.files import check_files
-from torchliner.cli.options import CASE, add_options, stated
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import CASE, stated
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
-
 OPTIONS = {
-    "source SOURCE": ".npy, .mat, .h5, or a simulation file",
-    "--output FILE": {"required": True, "help": "plane file to write"},
-    "--layout": {
-        "choices": ["array", "resolved", "channel"], "default": "array", "help": "array: one "
-        "variable, all stated here; resolved, channel: the project's simulation files; default "
-        "array"},
-    "--compress": "gzip: smaller, slower to read",
-}  # fmt: skip
-OF_LAYOUTS = {
+    "": {
+        "source SOURCE": ".npy, .mat, .h5, or a simulation file",
+        "--output FILE": {"required": True, "help": "plane file to write"},
+        "--layout": {
+            "choices": ["array", "resolved", "channel"], "default": "array", "help": "array: one "
+            "variable, all stated here; resolved, channel: the project's simulation files; default "
+            "array"},
+        "--compress": "gzip: smaller, slower to read",
+    },
     "resolved, channel": {
         "--case NAME": "resolved: group; required there",
         "--line I": {"default": 0, "help": "index of the height; default 0"},
@@ -49,16 +47,7 @@ OF_LAYOUTS = {
         "--scale-length FACTOR": {"default": 1.0, "help": "of lengths; default 1"},
         "--scale-velocity FACTOR": {"default": 1.0, "help": "of velocities; default 1"},
     },
-}
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_options(parser, OPTIONS)
-    for title, options in OF_LAYOUTS.items():
-        add_options(parser.add_argument_group(title), options)
-
-
+}  # fmt: skip
 ABOUT = (
     "height frequency incident_level mach displacement_thickness source_side liner title"
 ).split()

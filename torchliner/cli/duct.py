@@ -10,21 +10,19 @@ from torchliner.cli.files import check_files, require_ending, write_copy
 from torchliner.cli.options import (
     FREQUENCIES,
     RANGES,
-    add_options,
-    add_shared,
     complex_number,
     print_json,
+    shared,
     stated,
 )
-from torchliner.cli.parser import Parser
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
 
 CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side", "frequency")
 
-
-DUCT: dict[str, Any] = {
+DUCT = {
+    "duct [DUCT]": "preset or .toml file; without: list the presets",
     "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}the duct's"},
     "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
     "--bulk-mach M": "Mach number of the flow; default: the duct's",
@@ -45,25 +43,18 @@ MODES = {
     "--output FILE": "write the wavenumbers as .csv",
     "--figure PICTURE": "draw the modes' pressure over the height there",
 }
-
-
-def add_arguments(parser: Parser) -> None:
-    """One parser a task; each is a word after ``duct``."""
-    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True)
-    solve = tasks.add_parser(
-        "solve", help="sound field of a lined duct with flow",
-        description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
-    )  # fmt: skip
-    modes = tasks.add_parser(
-        "modes", help="wavenumbers of the lined duct",
-        description="Pridmore-Brown modes above an infinite liner, both directions.",
-    )  # fmt: skip
-    for task, options in ((solve, SOLVE), (modes, MODES)):
-        task.add_argument("duct", nargs="?", metavar="DUCT", help="preset or .toml file; without: "
-                          "list the presets")  # fmt: skip
-        add_options(task, DUCT | options)
-        add_shared(task, "--json", "--quiet")
-    add_shared(solve, "--copy")
+TASKS = {
+    "solve": (
+        "sound field of a lined duct with flow",
+        "Linearised Euler equations in two dimensions; SPL and phase at microphones.",
+        {"": DUCT | SOLVE | shared("--copy", "--json", "--quiet")},
+    ),
+    "modes": (
+        "wavenumbers of the lined duct",
+        "Pridmore-Brown modes above an infinite liner, both directions.",
+        {"": DUCT | MODES | shared("--json", "--quiet")},
+    ),
+}
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,41 +6,34 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.choice_options import ALL, add_choice_options, chosen_from
+from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, liner_names, read_planes
 from torchliner.cli.options import (
     FREQUENCIES,
     RANGES,
-    add_options,
-    add_shared,
     print_json,
     progress_bar,
+    shared,
 )
-from torchliner.cli.parser import Parser
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
 
-
 OPTIONS = {
-    "planes PLANE ...": "plane files; several: heights of a case",
-    "--frequency HZ ...": RANGES
-    | {"help": f"{FREQUENCIES}the tone of the file, or the lines of --incident"},
-    "--output FILE": "write the map as .h5/.nc or .csv; several planes: their names are appended",
-    "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in map, "
-                      "table and figures; default: none",
-    "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or "
-                         "a .wav or .npy file; default: tones of --frequency",
-    "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
-    "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
-}  # fmt: skip
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options; their defaults are those of ``torchliner.educe``."""
-    add_options(parser, OPTIONS)
-    add_shared(parser, "--liner", "--figures", "--json", "--quiet")
-    add_choice_options(parser, ALL)
+    "": {
+        "planes PLANE ...": "plane files; several: heights of a case",
+        "--frequency HZ ...": RANGES
+        | {"help": f"{FREQUENCIES}the tone of the file, or the lines of --incident"},
+        "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
+        "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
+                          "map, table and figures; default: none",
+        "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), "
+                             "or a .wav or .npy file; default: tones of --frequency",
+        "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
+        "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
+    }
+    | shared("--liner", "--figures", "--json", "--quiet"),
+} | choice_options(ALL)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -76,7 +69,7 @@ def _educed(options: argparse.Namespace, planes: list[VelocityPlane]) -> list[Im
     from torchliner.liners.catalogue import load_liner
     from torchliner.tdibc.educe import educe
 
-    choices = chosen_from(options) | {"incident": _incident(options)}
+    choices = chosen_from(options, ALL) | {"incident": _incident(options)}
     names = liner_names(options.liner, planes, options.planes)
     found: dict[int, ImpedanceMap] = {}
     for name in dict.fromkeys(names):

@@ -6,10 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.choice_options import NO_GIVEN_PHASE, add_choice_options, chosen_from
+from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import check_files, only_liner, read_planes
-from torchliner.cli.options import add_options, add_shared, print_json, progress_bar
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, progress_bar, shared
 
 if TYPE_CHECKING:
     from torchliner.heights.recommend import Recommendation
@@ -17,24 +16,18 @@ if TYPE_CHECKING:
 
 CHOICES = ("phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory")
 
-
 OPTIONS = {
-    "planes PLANE ...": "plane files of one case, one a height",
-    "--frequency HZ": "default: the tone of the files",
-    "--lengths MM ...": "averaging lengths, mm; default: a spacing, shares of a cell, whole cells, "
-                        "all",
-    "--cell-pitch MM": "mm; default: the liner's",
-    "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
-    "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
-    "--limits IMPRINT ORDERS CHANGE": "that a height must keep to, relative; default 0.1 0.1 0.1",
-}  # fmt: skip
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_options(parser, OPTIONS)
-    add_shared(parser, "--liner", "--output", "--figures", "--json", "--quiet")
-    add_choice_options(parser, CHOICES, NO_GIVEN_PHASE)
+    "": {
+        "planes PLANE ...": "plane files of one case, one a height",
+        "--frequency HZ": "default: the tone of the files",
+        "--lengths MM ...": "averaging, mm; default: a spacing, shares of a cell, cells, all",
+        "--cell-pitch MM": "mm; default: the liner's",
+        "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
+        "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
+        "--limits IMPRINT ORDERS CHANGE": "that a height keeps to, relative; default 0.1 0.1 0.1",
+    }
+    | shared("--liner", "--output", "--figures", "--json", "--quiet"),
+} | choice_options(CHOICES, NO_GIVEN_PHASE)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(len(lengths or []) or 8, "averaging lengths", options) as step:
         study = study_heights(
             planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, flow=flow,
-            progress=step, **chosen_from(options),
+            progress=step, **chosen_from(options, CHOICES),
         )  # fmt: skip
     found = recommend_height(study, limits)
     if options.output is not None:

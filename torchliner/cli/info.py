@@ -6,14 +6,11 @@ import argparse
 from typing import Any
 
 from torchliner.cli.files import check_files, read_planes
-from torchliner.cli.options import add_options, add_shared, print_json
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, shared
 
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_options(parser, {"--figure PICTURE": "draw v0, v', u' along x there"})
-    add_shared(parser, "plane", "--json", "--quiet")
+OPTIONS = {
+    "": shared("plane", "--json", "--quiet") | {"--figure PICTURE": "draw v0, v', u' along x there"}
+}
 
 
 def run(options: argparse.Namespace) -> int:

@@ -5,30 +5,26 @@ from __future__ import annotations
 import argparse
 
 from torchliner import names
-from torchliner.cli.choice_options import add_choice_options, chosen_from
+from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import check_files
-from torchliner.cli.options import add_options, add_shared, print_json, stated
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, shared, stated
 
-OPTIONS = {
-    "record RECORD": "pressure record",
-    "--output FILE": "write the rows as .csv, or points, cells and surface as .h5/.nc",
-    "--figure PICTURE": "draw Z along x there",
-    "--losses": (names.LOSSES, "in the cavity; default none"),
-    "--microphones I I": "the two of the two-microphone row, from 0; default: the best conditioned",
-    "--start S": "beginning that is left out, s; default 0",
-}
-CHOICES = {
+CHOICES = ("window", "segment", "allow_short")
+OWN = {
     "--window NAME": "window of scipy, e.g. hann, boxcar; default hann",
     "--segment S": "of the H1 estimate, s; default the whole record",
-}
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options; their defaults are those of ``torchliner.in_situ``."""
-    add_options(parser, OPTIONS)
-    add_shared(parser, "--frequency", "--json", "--quiet")
-    add_choice_options(parser, ("window", "segment", "allow_short"), CHOICES)
+}  # in the place of those of the eduction
+OPTIONS = {
+    "": {
+        "record RECORD": "pressure record",
+        "--output FILE": "write the rows as .csv, or points, cells and surface as .h5/.nc",
+        "--figure PICTURE": "draw Z along x there",
+        "--losses": (names.LOSSES, "in the cavity; default none"),
+        "--microphones I I": "of the two-microphone row, from 0; default: the best conditioned",
+        "--start S": "beginning that is left out, s; default 0",
+    }
+    | shared("--frequency", "--json", "--quiet"),
+} | choice_options(CHOICES, OWN)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -42,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.table import write_rows
 
     check_files(options, [options.record], ".csv", ".h5", ".nc")
-    chosen = chosen_from(options) | stated(options, ("losses", "start"))
+    chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start"))
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)
     record = read_pressure(options.record)

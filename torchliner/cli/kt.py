@@ -13,13 +13,11 @@ from torchliner.cli.files import check_files
 from torchliner.cli.options import (
     FREQUENCIES,
     RANGES,
-    add_options,
-    add_shared,
     complex_number,
     print_json,
+    shared,
     stated,
 )
-from torchliner.cli.parser import Parser
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
@@ -34,18 +32,18 @@ OWN = {
     "field": ("duct", "far_end", "variation", "start"),
 }
 
-
 OPTIONS = {
-    "lines LINE ...": "microphone lines: .csv, .h5 or .nc",
-    "--method": {
-        "choices": list(OWN), "default": "kt", "help": "Kumaresan-Tufts (default kt), a fit of two "
-        "waves tied by one impedance, of two free waves, or of the linearised Euler equations"},
-    "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}those of the file"},
-    "--segment S": "of time signals, s; default: the whole record",
-    "--source-side": (names.SOURCES, "side that the sound comes from; default: the file's"),
-    "--figure PICTURE": "draw impedance and levels there",
-}  # fmt: skip
-OF_METHODS = {
+    "": {
+        "lines LINE ...": "microphone lines: .csv, .h5 or .nc",
+        "--method": {
+            "choices": list(OWN), "default": "kt", "help": "Kumaresan-Tufts (default kt), a fit of "
+            "two waves tied by one impedance, of two free waves, or of linearised Euler equations"},
+        "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}those of the file"},
+        "--segment S": "of time signals, s; default: the whole record",
+        "--source-side": (names.SOURCES, "side that the sound comes from; default: the file's"),
+        "--figure PICTURE": "draw impedance and levels there",
+    }
+    | shared("--output", "--json", "--quiet"),
     "kt and fits of two waves": {
         "--rank N": "of kt: waves that are kept; default 2",
         "--order N": "of kt: of the prediction; default half the microphones",
@@ -65,15 +63,7 @@ OF_METHODS = {
         "--phase-error DEG": "standard error of a phase, degrees; default 0.1",
         "--seed N": {"default": 0, "help": "of the draws; default 0"},
     },
-}
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options; their defaults are those of ``torchliner.kumaresan_tufts``."""
-    add_options(parser, OPTIONS)
-    add_shared(parser, "--output", "--json", "--quiet")
-    for title, options in OF_METHODS.items():
-        add_options(parser.add_argument_group(title), options)
+}  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:

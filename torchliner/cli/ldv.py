@@ -7,48 +7,43 @@ import argparse
 from torchliner.cli import ldv_educe
 from torchliner.cli.files import check_files
 from torchliner.cli.ldv_options import (
+    FILTERS,
     READING,
-    add_case,
-    add_filters,
+    STATIONS,
+    UNSTATED,
+    VALID,
     files_in,
     filters_from,
     stations_from,
 )
-from torchliner.cli.options import add_options, add_shared, print_json
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, shared
 
 INFO = {
     "--output FILE": "write the table as CSV, SI units",
     "--intervals FILE": "write histograms of the intervals as CSV",
     "--figure PICTURE": "draw moments, rates and intervals there",
-}
+} | shared("--json", "--quiet")
 CONVERT = {
     "--output FILE": {"required": True, "help": "write the stations as .h5/.nc, or one as .csv"}
+} | shared("--json", "--quiet")
+TASKS = {
+    "info": (
+        "describe and check stations",
+        "Table of stations; exit code 1 if one is flagged.",
+        {"": READING | INFO, UNSTATED: STATIONS, VALID: FILTERS},
+    ),
+    "convert": (
+        "write stations as one HDF5 file, or one as CSV",
+        "Bursts as read, nothing dropped that can be read.",
+        {"": READING | CONVERT, UNSTATED: STATIONS},
+    ),
+    "educe": (
+        "impedance along a line of stations",
+        "Impedance of every station, segment by segment, and its averages; broken off and called "
+        "again with the same -o, it takes up the stations that are done.",
+        ldv_educe.OPTIONS,
+    ),
 }
-
-
-def add_arguments(parser: Parser) -> None:
-    """One parser a task; each is a word after ``ldv``."""
-    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True)
-    info = tasks.add_parser(
-        "info", help="describe and check stations",
-        description="Table of stations; exit code 1 if one is flagged.",
-    )  # fmt: skip
-    convert = tasks.add_parser(
-        "convert", help="write stations as one HDF5 file, or one as CSV",
-        description="Bursts as read, nothing dropped that can be read.",
-    )  # fmt: skip
-    for task, options in ((info, INFO), (convert, CONVERT)):
-        add_options(task, READING | options)
-        add_shared(task, "--json", "--quiet")
-        add_case(task)
-    add_filters(info)
-    educe = tasks.add_parser(
-        "educe", help="impedance along a line of stations",
-        description="Impedance of every station, segment by segment, and its averages; broken off "
-        "and called again with the same -o, it takes up the stations that are done.",
-    )  # fmt: skip
-    ldv_educe.add_arguments(educe)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.choice_options import ALL, add_choice_options, chosen_from
+from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, preset_named
 from torchliner.cli.ldv_options import (
+    FILTERS,
     READING,
-    add_case,
-    add_filters,
+    STATIONS,
+    UNSTATED,
+    VALID,
     files_in,
     filters_from,
     stations_from,
@@ -22,13 +24,11 @@ from torchliner.cli.ldv_options import (
 from torchliner.cli.options import (
     FREQUENCIES,
     RANGES,
-    add_options,
-    add_shared,
     print_json,
     progress_bar,
+    shared,
     stated,
 )
-from torchliner.cli.parser import Parser
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -37,13 +37,19 @@ NOT_HERE = ("pre_roll", "missing", "allow_short", "segment", "resample")
 STATION = "method grid_rate band_limit correction segment overlap flagged monte_carlo".split()
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
 
-
+CHOICES = [name for name in ALL if name not in NOT_HERE]
+OWN = {
+    "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD), or its lead over the "
+                             "reference; default: none",
+}  # fmt: skip
 OPTIONS = {
-    "--educe-at HZ ...": RANGES | {"help": f"{FREQUENCIES}the tone"},
-    "--output FILE": "write the line as .h5/.nc or .csv",
-    "--figure PICTURE": "draw Z along the line there",
-}
-GROUPS = {
+    "": READING | shared("--liner", "--json", "--quiet") | {
+        "--educe-at HZ ...": RANGES | {"help": f"{FREQUENCIES}the tone"},
+        "--output FILE": "write the line as .h5/.nc or .csv",
+        "--figure PICTURE": "draw Z along the line there",
+    },
+    UNSTATED: {spec: text for spec, text in STATIONS.items() if spec != "--liner NAME"},
+    VALID: FILTERS,
     "from bursts to segments": {
         "--method": (names.GRID_METHODS, "of reconstruction between arrivals; default linear"),
         "--grid-rate HZ": "Hz; default: twice the mean rate of the station at least, in whole "
@@ -64,22 +70,7 @@ GROUPS = {
         "--reference-start S": "time of its first sample on the clock of the arrivals, s; default "
                                "0",
     },
-}  # fmt: skip
-CHOICES = {
-    "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD), or its lead over the "
-                             "reference; default: none",
-}  # fmt: skip
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options; their defaults are those of ``torchliner.educe_bursts``."""
-    add_options(parser, READING | OPTIONS)
-    add_shared(parser, "--liner", "--json", "--quiet")
-    add_case(parser, "--liner NAME")
-    add_filters(parser)
-    for title, options in GROUPS.items():
-        add_options(parser.add_argument_group(title), options)
-    add_choice_options(parser, [name for name in ALL if name not in NOT_HERE], CHOICES)
+} | choice_options(CHOICES, OWN)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -90,7 +81,11 @@ def run(options: argparse.Namespace) -> int:
 
     inputs = [*files_in(options.source), options.liner, options.reference]
     check_files(options, inputs, ".csv", ".h5", ".nc")
-    chosen = chosen_from(options) | stated(options, STATION) | {"filters": filters_from(options)}
+    chosen = (
+        chosen_from(options, CHOICES)
+        | stated(options, STATION)
+        | {"filters": filters_from(options)}
+    )
     sources = stations_from(options, "liner", "title")
     liner = _liner(options, sources)
     parts = None if options.output is None else LineParts(f"{options.output}.parts")

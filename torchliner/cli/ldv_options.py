@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.options import CASE, add_options, stated
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import CASE, dest, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -25,42 +24,29 @@ READING: dict[str, Any] = {
     "--coincidence-window S": "pair the channels of non-coincidence files within so many s; "
                               "default: do not pair",
 }  # fmt: skip
-STATION = {
+STATIONS = CASE | {
     "--x M": "of the station, along the duct, m",
     "--y M": "of the station, above the liner, m",
     "--z M": "of the station, across the duct, m",
 }
+UNSTATED = "about the case (not for HDF5 files; default: not stated)"
+VALID = "which bursts count"
 FILTERS = {
     "--without FILTER ...": {"choices": names.FILTERS, "default": [], "help": "switch off "
                              f"{', '.join(names.FILTERS)}; default: none is off"},
     "--zero-runs N": "shortest run of exact zeros that is dropped; default 10",
     "--outliers FACTOR": "limit in standard deviations, by the medians; default 6",
 }  # fmt: skip
-ABOUT = (
-    "frequency incident_level mach displacement_thickness source_side liner x y z title"
-).split()
-
-
-def add_case(parser: Parser, *left_out: str) -> None:
-    """What the files leave unsaid about the case, but for ``left_out``."""
-    group = parser.add_argument_group("about the case (not for HDF5 files; default: not stated)")
-    facts = CASE | STATION
-    add_options(group, {key: text for key, text in facts.items() if key not in left_out})
-
-
-def add_filters(parser: Parser) -> None:
-    """Defaults are those of ``BurstFilters``."""
-    add_options(parser.add_argument_group("which bursts count"), FILTERS)
 
 
 def stations_from(options: argparse.Namespace, *left_out: str) -> list[StationSource]:
-    """The stations, still in their files; ``left_out`` of ``ABOUT`` means something else here."""
+    """The stations, still in their files; ``left_out`` of ``STATIONS`` means something else here."""
     from torchliner.io.burst_sources import list_stations
 
     components = None if options.components is None else options.components.split(",")
     return list_stations(
         options.source, options.columns, options.separator, components, options.coincidence_window,
-        **stated(options, (key for key in ABOUT if key not in left_out)),
+        **stated(options, (key for key in map(dest, STATIONS) if key not in left_out)),
     )  # fmt: skip
 
 

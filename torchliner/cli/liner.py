@@ -7,25 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.cli.files import check_files, write_copy
-from torchliner.cli.options import FREQUENCIES, RANGES, add_options, add_shared, print_json
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import FREQUENCIES, RANGES, print_json, shared
 
-DEFAULT = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
-SPEEDS = (0.0, 1.0, 3.0, 5.0)
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    parser.add_argument("liners", nargs="*", metavar="LINER", help="presets, .toml or .csv files; "
-                        "without: list the presets")  # fmt: skip
-    for name, default, settings in (
-        ("--frequency HZ ...", DEFAULT, RANGES | {"help": FREQUENCIES}),
-        ("--speed M/S ...", SPEEDS, {"help": "|v|, m/s; default: "}),
-    ):
-        settings["help"] += " ".join(f"{value:g}" for value in default)
-        add_options(parser, {name: settings | {"default": list(default)}})
-    add_options(parser, {"--figure PICTURE": "draw Z over frequency; of several the linear Z"})
-    add_shared(parser, "--copy", "--json", "--quiet")
+RANGE = {"default": [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]}
+SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
+OPTIONS = {
+    "": {
+        "liners [LINER ...]": "presets, .toml or .csv files; without: list the presets",
+        "--frequency HZ ...": RANGES
+        | RANGE
+        | {"help": f"{FREQUENCIES}500 1000 1400 1500 2000 3000"},
+        "--speed M/S ...": SPEEDS,
+        "--figure PICTURE": "draw Z over frequency there; of several liners the linear Z",
+    }
+    | shared("--copy", "--json", "--quiet")
+}
 
 
 def run(options: argparse.Namespace) -> int:

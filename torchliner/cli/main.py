@@ -7,7 +7,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from torchliner.cli.options import warnings_on_stderr
+from torchliner.cli.options import add_options, warnings_on_stderr
 from torchliner.cli.parser import BAD_INPUT, Parser
 from torchliner.version import __version__
 
@@ -60,7 +60,13 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     parsers = {}
     for name, summary in COMMANDS.items():
         parsers[name] = commands.add_parser(name, description=f"{summary[0].upper()}{summary[1:]}.")
-        importlib.import_module(f"torchliner.cli.{name}").add_arguments(parsers[name])
+        command = importlib.import_module(f"torchliner.cli.{name}")
+        if not hasattr(command, "TASKS"):
+            add_options(parsers[name], command.OPTIONS)
+            continue
+        tasks = parsers[name].add_subparsers(dest="task", metavar="TASK", required=True)
+        for task, (text, description, options) in command.TASKS.items():
+            add_options(tasks.add_parser(task, help=text, description=description), options)
     return top, parsers
 
 

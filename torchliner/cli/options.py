@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner import names
+from torchliner.cli.parser import Parser
 
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 
@@ -71,35 +72,51 @@ CASE: dict[str, Any] = {
 }  # facts that a file may leave unsaid
 
 
-def add_options(parser: Any, options: Mapping[str, Any]) -> list[argparse.Action]:
-    """Options, or arguments, from a table.
+def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None:
+    """Options and arguments from a table a group.
 
     Args:
-        parser: or a group of one.
-        options: by what stands in the help, such as "--speed M/S ..." (one or more), "--band HZ HZ"
-            (two) or "--json" (a flag); ``KINDS`` says of what type a value is. The text, or choices
-            and the text, or settings of ``add_argument``.
+        parser: takes them.
+        groups: tables by title, that of the parser's own group being "". A table is keyed by what
+            stands in the help: "--json" (a flag), "--speed M/S ..." (one or more), "--band HZ HZ"
+            (two), "planes PLANE ..." (an argument), "duct [DUCT]" (that may be left out);
+            ``KINDS`` says of what type a value is. The entry is the text, or choices and text, or
+            settings of ``add_argument``; ``further`` among them waits for --help-all.
     """
-    made = []
-    for spec, entry in options.items():
-        name, *metavars = spec.split()
-        settings: dict[str, Any] = {}
-        if metavars:
-            settings["type"] = KIND_OF.get(metavars[0], str)
-            if metavars[-1] == "...":
-                settings["nargs"] = "+"
-                metavars.pop()
-            elif len(metavars) > 1:
-                settings["nargs"] = len(metavars)
-            settings["metavar"] = metavars[0] if len(metavars) == 1 else tuple(metavars)
-        elif isinstance(entry, str):
-            settings["action"] = "store_true"
-        if isinstance(entry, tuple):
-            entry = {"choices": entry[0], "help": entry[1]}
-        settings |= {"help": entry} if isinstance(entry, str) else entry
-        flags = ["-o", name] if name == "--output" else [name]
-        made.append(parser.add_argument(*flags, **settings))
-    return made
+    for title, table in groups.items():
+        group = parser.add_argument_group(title) if title else parser
+        for spec, entry in table.items():
+            flags, settings = argument(spec, entry)
+            further = settings.pop("further", False)
+            action = group.add_argument(*flags, **settings)
+            if further:
+                parser.leave_out(action)
+
+
+def argument(spec: str, entry: Any) -> tuple[list[str], dict[str, Any]]:
+    """What ``add_argument`` takes, from an entry of a table."""
+    name, _, shown = spec.partition(" ")
+    settings = entry if isinstance(entry, dict) else {"help": entry}
+    if isinstance(entry, tuple):
+        settings = {"choices": entry[0], "help": entry[1]}
+    elif not shown and "choices" not in settings:
+        settings = {"action": "store_true"} | settings
+    if shown:
+        optional = shown.startswith("[")
+        metavars = (shown[1:-1] if optional else shown).split()
+        settings = {"type": KIND_OF.get(metavars[0], str)} | settings
+        if metavars[-1] == "...":
+            settings["nargs"] = "*" if optional else "+"
+            metavars.pop()
+        elif optional or len(metavars) > 1:
+            settings["nargs"] = "?" if optional else len(metavars)
+        settings["metavar"] = metavars[0] if len(metavars) == 1 else tuple(metavars)
+    return ["-o", name] if name == "--output" else [name], settings
+
+
+def shared(*wanted: str) -> dict[str, Any]:
+    """Some of ``SHARED`` by name."""
+    return {spec: entry for spec, entry in SHARED.items() if spec.split()[0] in wanted}
 
 
 def order_option(default: str) -> dict[str, Any]:
@@ -108,9 +125,9 @@ def order_option(default: str) -> dict[str, Any]:
     return {"--order": {"choices": names.ORDERS, "default": default, "help": text}}
 
 
-def add_shared(parser: Any, *wanted: str) -> None:
-    """Some of ``SHARED`` by name."""
-    add_options(parser, {spec: SHARED[spec] for spec in SHARED if spec.split()[0] in wanted})
+def dest(spec: str) -> str:
+    """The attribute that an entry of a table sets."""
+    return spec.split()[0].removeprefix("--").replace("-", "_")
 
 
 def stated(options: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:

@@ -5,42 +5,36 @@ from __future__ import annotations
 import argparse
 
 from torchliner import names
-from torchliner.cli.choice_options import NO_GIVEN_PHASE, add_choice_options, chosen_from
+from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import check_files, only_liner, read_planes
 from torchliner.cli.options import (
-    add_options,
-    add_shared,
     order_option,
     print_json,
     progress_bar,
+    shared,
     split_pair,
 )
-from torchliner.cli.parser import Parser
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 
-
 OPTIONS = {
-    "--parameters NAME ...": "of the liner, e.g. porosity; default: all",
-    "--tolerance NAME=VALUE": {
-        "action": "append", "default": [], "help": "half-width with its unit, e.g. "
-        'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then the '
-        "change of Z for 1 %% of each parameter"},
-    "--limits": {
-        "choices": names.LIMITS, "default": "rectangular", "help": "what a half-width is: limits "
-        "of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; default "
-        "rectangular"},
-    "--correlation NAME,NAME=VALUE": {
-        "action": "append", "default": [], "help": "of two parameters, -1 to 1; default 0"},
-    "--figure PICTURE": "draw bars of the contributions at the first frequency",
-}  # fmt: skip
-
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_shared(parser, "plane", "--liner", "--frequency", "--output", "--json", "--quiet")
-    add_options(parser, OPTIONS | order_option("velocity first"))
-    add_choice_options(parser, CHOICES, NO_GIVEN_PHASE)
+    "": {
+        "--parameters NAME ...": "of the liner, e.g. porosity; default: all",
+        "--tolerance NAME=VALUE": {
+            "action": "append", "default": [], "help": "half-width with its unit, e.g. "
+            'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then the '
+            "change of Z for 1 %% of each parameter"},
+        "--limits": {
+            "choices": names.LIMITS, "default": "rectangular", "help": "what a half-width is: limits "
+            "of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; default "
+            "rectangular"},
+        "--correlation NAME,NAME=VALUE": {
+            "action": "append", "default": [], "help": "of two parameters, -1 to 1; default 0"},
+        "--figure PICTURE": "draw bars of the contributions at the first frequency",
+    }
+    | order_option("velocity first")
+    | shared("plane", "--liner", "--frequency", "--output", "--json", "--quiet"),
+} | choice_options(CHOICES, NO_GIVEN_PHASE)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -64,7 +58,12 @@ def run(options: argparse.Namespace) -> int:
     parameters = options.parameters or (list(tolerances) or None)
     with progress_bar(2 * plane.samples, options.plane.name, options) as step:
         found = sensitivities(
-            plane, liner, options.frequency, parameters, progress=step, **chosen_from(options)
+            plane,
+            liner,
+            options.frequency,
+            parameters,
+            progress=step,
+            **chosen_from(options, CHOICES),
         )
     frequency, order = found.found.frequency.tolist(), options.order
     if tolerances:

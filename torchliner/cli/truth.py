@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 
 from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import add_options, add_shared, print_json, progress_bar
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, progress_bar, shared
 
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    add_options(parser, {"planes PLANE ...": "plane files with a true impedance"})
-    add_shared(parser, "--liner", "--output", "--json", "--quiet")
+OPTIONS = {
+    "": {"planes PLANE ...": "plane files with a true impedance"}
+    | shared("--liner", "--output", "--json", "--quiet")
+}
 
 
 def run(options: argparse.Namespace) -> int:

@@ -5,15 +5,10 @@ from __future__ import annotations
 import argparse
 
 from torchliner.cli.files import check_files
-from torchliner.cli.options import add_options, add_shared, print_json
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import print_json, shared
 
-
-def add_arguments(parser: Parser) -> None:
-    """Options."""
-    text = "polynomial degrees of the elements; default 1 to 4"
-    add_options(parser, {"--degrees N ...": {"default": [1, 2, 3, 4], "help": text}})
-    add_shared(parser, "--output", "--json", "--quiet")
+DEGREES = {"default": [1, 2, 3, 4], "help": "polynomial degrees of the elements; default 1 to 4"}
+OPTIONS = {"": {"--degrees N ...": DEGREES} | shared("--output", "--json", "--quiet")}
 
 
 def run(options: argparse.Namespace) -> int:
