@@ -6,12 +6,7 @@ import argparse
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import (
-    order_option,
-    print_json,
-    progress_bar,
-    shared,
-)
+from torchliner.cli.options import order_option, print_json, progress_bar, shared
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
           "segment", "no_intervals", "rank_tolerance")  # fmt: skip  # by the audit, or not at all

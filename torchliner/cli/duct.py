@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner import names
 from torchliner.cli.files import check_files, require_ending, write_copy
-from torchliner.cli.options import (
-    FREQUENCIES,
-    RANGES,
-    complex_number,
-    print_json,
-    shared,
-    stated,
-)
+from torchliner.cli.options import complex_number, frequency_option, print_json, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
@@ -23,7 +16,7 @@ CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side"
 
 DUCT = {
     "duct [DUCT]": "preset or .toml file; without: list the presets",
-    "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}the duct's"},
+    **frequency_option("the duct's"),
     "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
     "--bulk-mach M": "Mach number of the flow; default: the duct's",
     "--profile": (names.FLOW_PROFILES, "of the flow; default: the duct's"),
@@ -113,13 +106,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.lee.solver import DuctSolver
-    from torchliner.report.duct import (
-        draw_field,
-        draw_walls,
-        format_duct,
-        plain_duct,
-        solved_line,
-    )
+    from torchliner.report.duct import draw_field, draw_walls, format_duct, plain_duct, solved_line
 
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
     outputs = [options.output, options.field]

@@ -8,22 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import (
-    FREQUENCIES,
-    RANGES,
-    print_json,
-    progress_bar,
-    shared,
-)
+from torchliner.cli.options import frequency_option, print_json, progress_bar, shared
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
 
 OPTIONS = {
-    "": {
+    "": shared("--liner")
+    | {
         "planes PLANE ...": "plane files; several: heights of a case",
-        "--frequency HZ ...": RANGES
-        | {"help": f"{FREQUENCIES}the tone of the file, or the lines of --incident"},
+        **frequency_option("the tone of the file, or the lines of --incident"),
         "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
         "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
@@ -32,7 +26,7 @@ OPTIONS = {
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
-    | shared("--liner", "--figures", "--json", "--quiet"),
+    | shared("--figures", "--json", "--quiet"),
 } | choice_options(ALL)  # fmt: skip
 
 

@@ -30,11 +30,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
     from torchliner.io.pressure_file import read_pressure
-    from torchliner.report.in_situ import (
-        draw_in_situ,
-        format_in_situ,
-        in_situ_report,
-    )
+    from torchliner.report.in_situ import draw_in_situ, format_in_situ, in_situ_report
     from torchliner.report.table import write_rows
 
     check_files(options, [options.record], ".csv", ".h5", ".nc")

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner import names
 from torchliner.cli.files import check_files
-from torchliner.cli.options import (
-    FREQUENCIES,
-    RANGES,
-    complex_number,
-    print_json,
-    shared,
-    stated,
-)
+from torchliner.cli.options import complex_number, frequency_option, print_json, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
@@ -38,7 +31,7 @@ OPTIONS = {
         "--method": {
             "choices": list(OWN), "default": "kt", "help": "Kumaresan-Tufts (default kt), a fit of "
             "two waves tied by one impedance, of two free waves, or of linearised Euler equations"},
-        "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}those of the file"},
+        **frequency_option("those of the file"),
         "--segment S": "of time signals, s; default: the whole record",
         "--source-side": (names.SOURCES, "side that the sound comes from; default: the file's"),
         "--figure PICTURE": "draw impedance and levels there",

@@ -5,17 +5,8 @@ from __future__ import annotations
 import argparse
 
 from torchliner.cli import ldv_educe
+from torchliner.cli import ldv_options as ldv
 from torchliner.cli.files import check_files
-from torchliner.cli.ldv_options import (
-    FILTERS,
-    READING,
-    STATIONS,
-    UNSTATED,
-    VALID,
-    files_in,
-    filters_from,
-    stations_from,
-)
 from torchliner.cli.options import print_json, shared
 
 INFO = {
@@ -30,12 +21,12 @@ TASKS = {
     "info": (
         "describe and check stations",
         "Table of stations; exit code 1 if one is flagged.",
-        {"": READING | INFO, UNSTATED: STATIONS, VALID: FILTERS},
+        {"": ldv.READING | INFO, ldv.UNSTATED: ldv.STATIONS, ldv.VALID: ldv.FILTERS},
     ),
     "convert": (
         "write stations as one HDF5 file, or one as CSV",
         "Bursts as read, nothing dropped that can be read.",
-        {"": READING | CONVERT, UNSTATED: STATIONS},
+        {"": ldv.READING | CONVERT, ldv.UNSTATED: ldv.STATIONS},
     ),
     "educe": (
         "impedance along a line of stations",
@@ -60,9 +51,9 @@ def _info(options: argparse.Namespace) -> int:
     )
     from torchliner.report.table import write_rows
 
-    check_files(options, files_in(options.source), outputs=[options.output, options.intervals])
-    records = [source.read() for source in stations_from(options)]
-    stations = inspect_stations(records, filters_from(options))
+    check_files(options, ldv.files_in(options.source), outputs=[options.output, options.intervals])
+    records = [source.read() for source in ldv.stations_from(options)]
+    stations = inspect_stations(records, ldv.filters_from(options))
     if options.json:
         print_json([station.plain() for station in stations])
     else:
@@ -79,8 +70,8 @@ def _info(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from torchliner.io.burst_file import write_bursts
 
-    check_files(options, files_in(options.source))
-    records = [source.read() for source in stations_from(options)]
+    check_files(options, ldv.files_in(options.source))
+    records = [source.read() for source in ldv.stations_from(options)]
     write_bursts(records, options.output)
     counts = {"stations": len(records), "bursts": sum(record.bursts for record in records)}
     if options.json:

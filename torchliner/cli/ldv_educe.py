@@ -9,26 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
+from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, preset_named
-from torchliner.cli.ldv_options import (
-    FILTERS,
-    READING,
-    STATIONS,
-    UNSTATED,
-    VALID,
-    files_in,
-    filters_from,
-    stations_from,
-)
-from torchliner.cli.options import (
-    FREQUENCIES,
-    RANGES,
-    print_json,
-    progress_bar,
-    shared,
-    stated,
-)
+from torchliner.cli.options import frequency_option, print_json, progress_bar, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -43,13 +27,13 @@ OWN = {
                              "reference; default: none",
 }  # fmt: skip
 OPTIONS = {
-    "": READING | shared("--liner", "--json", "--quiet") | {
-        "--educe-at HZ ...": RANGES | {"help": f"{FREQUENCIES}the tone"},
+    "": ldv.READING | shared("--liner", "--json", "--quiet") | {
+        **frequency_option("the tone", "--educe-at"),
         "--output FILE": "write the line as .h5/.nc or .csv",
         "--figure PICTURE": "draw Z along the line there",
     },
-    UNSTATED: {spec: text for spec, text in STATIONS.items() if spec != "--liner NAME"},
-    VALID: FILTERS,
+    ldv.UNSTATED: {spec: text for spec, text in ldv.STATIONS.items() if spec != "--liner NAME"},
+    ldv.VALID: ldv.FILTERS,
     "from bursts to segments": {
         "--method": (names.GRID_METHODS, "of reconstruction between arrivals; default linear"),
         "--grid-rate HZ": "Hz; default: twice the mean rate of the station at least, in whole "
@@ -79,14 +63,10 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line import format_line, plain_line
 
-    inputs = [*files_in(options.source), options.liner, options.reference]
+    inputs = [*ldv.files_in(options.source), options.liner, options.reference]
     check_files(options, inputs, ".csv", ".h5", ".nc")
-    chosen = (
-        chosen_from(options, CHOICES)
-        | stated(options, STATION)
-        | {"filters": filters_from(options)}
-    )
-    sources = stations_from(options, "liner", "title")
+    chosen = chosen_from(options, CHOICES) | stated(options, STATION)
+    sources = ldv.stations_from(options, "liner", "title")
     liner = _liner(options, sources)
     parts = None if options.output is None else LineParts(f"{options.output}.parts")
     if parts is not None and parts.there and not options.quiet:
@@ -95,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(len(sources), options.source.name, options, "station") as step:
         line = educe_bursts(
             sources, liner, options.educe_at, reference=_reference(options), parts=parts,
-            progress=step, **chosen,
+            progress=step, filters=ldv.filters_from(options), **chosen,
         )  # fmt: skip
     if options.title is not None:
         line = replace(line, title=options.title)

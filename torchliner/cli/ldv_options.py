@@ -40,7 +40,7 @@ FILTERS = {
 
 
 def stations_from(options: argparse.Namespace, *left_out: str) -> list[StationSource]:
-    """The stations, still in their files; ``left_out`` of ``STATIONS`` means something else here."""
+    """The stations, still in their files; ``left_out`` means something else in this task."""
     from torchliner.io.burst_sources import list_stations
 
     components = None if options.components is None else options.components.split(",")

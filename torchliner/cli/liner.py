@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.cli.files import check_files, write_copy
-from torchliner.cli.options import FREQUENCIES, RANGES, print_json, shared
+from torchliner.cli.options import frequency_option, print_json, shared
 
-RANGE = {"default": [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]}
+FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
 SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
 OPTIONS = {
     "": {
         "liners [LINER ...]": "presets, .toml or .csv files; without: list the presets",
-        "--frequency HZ ...": RANGES
-        | RANGE
-        | {"help": f"{FREQUENCIES}500 1000 1400 1500 2000 3000"},
+        **frequency_option(" ".join(f"{f:g}" for f in FREQUENCIES), value=FREQUENCIES),
         "--speed M/S ...": SPEEDS,
         "--figure PICTURE": "draw Z over frequency there; of several liners the linear Z",
     }

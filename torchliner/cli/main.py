@@ -56,7 +56,9 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         "--version", action="version", version=f"torchliner {__version__}",
         help="print the version and exit",
     )  # fmt: skip
-    commands = top.add_subparsers(dest="command", metavar="COMMAND", help=argparse.SUPPRESS)
+    commands = top.add_subparsers(
+        dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner"
+    )
     parsers = {}
     for name, summary in COMMANDS.items():
         parsers[name] = commands.add_parser(name, description=f"{summary[0].upper()}{summary[1:]}.")
@@ -64,7 +66,9 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         if not hasattr(command, "TASKS"):
             add_options(parsers[name], command.OPTIONS)
             continue
-        tasks = parsers[name].add_subparsers(dest="task", metavar="TASK", required=True)
+        tasks = parsers[name].add_subparsers(
+            dest="task", metavar="TASK", required=True, prog=parsers[name].prog
+        )
         for task, (text, description, options) in command.TASKS.items():
             add_options(tasks.add_parser(task, help=text, description=description), options)
     return top, parsers

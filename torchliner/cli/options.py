@@ -7,7 +7,7 @@ import cmath
 import json
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -44,14 +44,23 @@ KINDS = {
     Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
 }
 KIND_OF = {metavar: kind for kind, metavars in KINDS.items() for metavar in metavars}
-RANGES = {"type": frequencies, "action": Joined}
-FREQUENCIES = "values in Hz, or ranges LOW:HIGH:STEP; default: "
+
+
+def frequency_option(
+    default: str, name: str = "--frequency", value: Sequence[float] | None = None
+) -> dict[str, Any]:
+    """Values or ranges of frequency; ``default``: what ``value`` stands for, in words."""
+    text = f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}"
+    return {
+        f"{name} HZ ...": {"type": frequencies, "action": Joined, "default": value, "help": text}
+    }
+
 
 SHARED: dict[str, Any] = {
     "planes PLANE ...": "plane files",
     "plane PLANE": "plane file",
     "--liner NAME": "liner model: preset, .toml or .csv file; default: the one the file names",
-    "--frequency HZ ...": RANGES | {"help": f"{FREQUENCIES}the tone of the file"},
+    **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
     "--figures FOLDER": "draw pictures there",
     "--copy FILE": "write the preset's TOML, to edit",

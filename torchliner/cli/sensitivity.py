@@ -7,13 +7,7 @@ import argparse
 from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import check_files, only_liner, read_planes
-from torchliner.cli.options import (
-    order_option,
-    print_json,
-    progress_bar,
-    shared,
-    split_pair,
-)
+from torchliner.cli.options import order_option, print_json, progress_bar, shared, split_pair
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 
@@ -22,12 +16,12 @@ OPTIONS = {
         "--parameters NAME ...": "of the liner, e.g. porosity; default: all",
         "--tolerance NAME=VALUE": {
             "action": "append", "default": [], "help": "half-width with its unit, e.g. "
-            'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then the '
-            "change of Z for 1 %% of each parameter"},
+            'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then '
+            "the change of Z for 1 %% of each parameter"},
         "--limits": {
-            "choices": names.LIMITS, "default": "rectangular", "help": "what a half-width is: limits "
-            "of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; default "
-            "rectangular"},
+            "choices": names.LIMITS, "default": "rectangular", "help": "what a half-width is: "
+            "limits of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; "
+            "default rectangular"},
         "--correlation NAME,NAME=VALUE": {
             "action": "append", "default": [], "help": "of two parameters, -1 to 1; default 0"},
         "--figure PICTURE": "draw bars of the contributions at the first frequency",
@@ -57,14 +51,8 @@ def run(options: argparse.Namespace) -> int:
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
     with progress_bar(2 * plane.samples, options.plane.name, options) as step:
-        found = sensitivities(
-            plane,
-            liner,
-            options.frequency,
-            parameters,
-            progress=step,
-            **chosen_from(options, CHOICES),
-        )
+        choices = chosen_from(options, CHOICES)
+        found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
     frequency, order = found.found.frequency.tolist(), options.order
     if tolerances:
         budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
