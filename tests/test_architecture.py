@@ -80,6 +80,15 @@ def test_every_outlet_leads_somewhere(way):
             assert kind in str(first.annotation)
 
 
+def test_every_phase_rule_is_a_class():
+    """Each row of the table leads to a rule and says in words what it takes."""
+    from torchliner.names import PHASE_RULES
+    from torchliner.replay.phase_rule import PhaseRule, phase_rule
+
+    assert all(issubclass(phase_rule(name), PhaseRule) for name in PHASE_RULES)
+    assert all(text for _, text in PHASE_RULES.values())
+
+
 @pytest.mark.parametrize(
     ("code", "absent"),
     [

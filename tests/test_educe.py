@@ -10,6 +10,8 @@ import torch
 from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
 
 import torchliner as tl
+from torchliner.names import PHASE_RULES
+from torchliner.replay.phase_rule import PhaseRule
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -129,6 +131,28 @@ def test_self_consistent_wave_reproduces_the_velocity(liner):
     # v_in = c (x - y): amplitude and phase of the velocity come back
     velocity = liner.fluid.sound_speed * wave * (1 - found.reflection)
     assert complex(velocity[0, 0]) == pytest.approx(1.3 * np.exp(0.4j), abs=1e-10)
+
+
+class Opposite(PhaseRule):
+    """A new rule is a class like this one in a file of its own, and a row of the table."""
+
+    def reflection(self, means):
+        return means.a - means.b
+
+    def deviation(self, means, columns, da, db, dv):
+        return da - db
+
+
+def test_a_new_phase_rule_is_one_class_and_one_row(liner, monkeypatch):
+    """x = cos(omega t + pi/2) has e^{-2 j psi} = -1: the new rule is 'given' there, bars too."""
+    monkeypatch.setitem(PHASE_RULES, "opposite", (f"{__name__}:Opposite", "psi = pi/2"))
+    time = torch.arange(480, dtype=torch.float64) / RATE
+    plane = plane_of(2.0 * torch.cos(2 * torch.pi * FREQUENCY * time) + turbulence((3, 480)))
+    found = tl.educe(plane, liner, phase="opposite")
+    wanted = tl.educe(plane, liner, phase="given", reference_phase=np.pi / 2)
+    assert relative_error(found.impedance, wanted.impedance) < 1e-12
+    assert relative_error(found.uncertainty.probes.low, wanted.uncertainty.probes.low) < 1e-9
+    assert found.choices["phase"] == "opposite"
 
 
 def test_incident_level_by_hand(liner):

@@ -15,9 +15,9 @@ from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of,
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.replay.incident import Means, self_consistent_reflection
+from torchliner.replay.incident import Means
 from torchliner.signals import resampling
-from torchliner.tdibc.block_deviations import BlockDeviations
+from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
@@ -185,13 +185,10 @@ def test_deviations_are_the_slope_of_the_rule(liner, rule):
     tone = 2.0 * torch.cos(2 * torch.pi * FREQUENCY * time + 0.4)
     plane = plane_of(tone + 0.5 * turbulence((3, SAMPLES)))
     ready = prepare([plane], liner, None, Choices(phase=rule, edge="wrap"))[0]
-    sums = replay(ready).sums
-    if rule == "averaged":
-        sums = dataclasses.replace(sums, backward=None)
-    means = Means.of(sums, ready.window_sums)
-    held = torch.ones_like(means.a, dtype=torch.bool)
-    psi = torch.full_like(means.a.real, 0.7) if rule == "given" else None
-    moved = BlockDeviations(ready, sums.blocks, rule, psi, means, held).of(slice(0, 3))
+    replayed = replay(ready)
+    sums, means = replayed.sums, replayed.means
+    known = replayed.rule(rule, 0.7 if rule == "given" else None)
+    moved = block_deviations(ready, sums.blocks, known, means, slice(0, 3))
     blocks, seen, step, block = sums.blocks, ready.seen.blocks, 1e-6, 5
 
     def reflection(amount: float) -> torch.Tensor:
@@ -199,13 +196,11 @@ def test_deviations_are_the_slope_of_the_rule(liner, rule):
             return amount * (series[block] - series.mean(0))
 
         a = means.a + push(blocks.forward)
-        if rule == "averaged":
-            return a
-        b = means.b + push(blocks.backward)
-        if rule == "given":
-            return a + b * torch.exp(torch.tensor(-2j * 0.7))
-        v = ready.velocity_amplitude - push(seen.line)
-        return self_consistent_reflection(Means(a, b), v)[0]
+        b = None if means.b is None else means.b + push(blocks.backward)
+        v = ready.velocity_amplitude
+        if rule == "self-consistent":
+            v = v - push(seen.line)
+        return dataclasses.replace(known, velocity=v).reflection(Means(a, a, b))
 
     slope = (reflection(step) - reflection(-step)) / (2 * step)
     assert (slope[:3] - moved[block]).abs().max() < 1e-8
@@ -214,9 +209,9 @@ def test_deviations_are_the_slope_of_the_rule(liner, rule):
 def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     """Its deviation is dR/d(v'^2) times that of the block's mean square."""
     ready = prepare([noisy], liner, None, Choices(drive="rms", mean="removed"))[0]
-    empty = torch.zeros(0)
-    moved = BlockDeviations(ready, None, "averaged", None, Means(empty, None), empty)
-    found = moved.of(slice(0, 6))[3, :, 0]
+    replayed = replay(ready)
+    rule = replayed.rule("averaged")
+    found = block_deviations(ready, None, rule, replayed.means, slice(0, 6))[3, :, 0]
     begin, end = ready.blocks.borders[3:5]
     v = noisy.velocity
     square, mean = (v**2).mean(1), v.mean(1)

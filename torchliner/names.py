@@ -7,11 +7,21 @@ piece of code, the table of that code is keyed by it, and a test holds the two t
 from __future__ import annotations
 
 import difflib
+import importlib
 from collections.abc import Sequence
+from typing import Any
 
 # An eduction.
 ENGINES = ("spectral", "unfold", "direct")
-PHASE_RULES = ("averaged", "self-consistent", "given")
+PHASE_RULES = {  # of the incident tone relative to v: where the rule stands, and what it takes
+    "averaged": (
+        "torchliner.replay.averaged_phase:Averaged", "over all phases: nothing else is known",
+    ),
+    "self-consistent": (
+        "torchliner.replay.self_consistent_phase:SelfConsistent", "from v's own part at the tone",
+    ),
+    "given": ("torchliner.replay.given_phase:Given", "stated by reference_phase"),
+}  # fmt: skip
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
 EDGE_RULES = ("finite", "wrap", "silent")
@@ -54,3 +64,9 @@ def did_you_mean(word: str, known: Sequence[str]) -> str:
         return ""
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def resolve(home: str) -> Any:
+    """What "module:name" of a table stands for, imported when it is asked for."""
+    module, name = home.split(":")
+    return getattr(importlib.import_module(module), name)

@@ -20,13 +20,14 @@ from torch import Tensor
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.audits.variants import Variant, VariantMaker
 from torchliner.checks import tell
-from torchliner.names import DRIVES, MEANS, ORDERS
+from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.replay.drive import DriveSpeed, with_smaller_slabs
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -155,7 +156,7 @@ class _Work:
     def _of_pass(self, ready: Prepared) -> complex:
         """Another pass over data, without error bars."""
         quiet = dataclasses.replace(ready, blocks=None)
-        return self._value(replay(quiet, backward=False, progress=self.progress).map("averaged"))
+        return self._value(replay(quiet, progress=self.progress).map("averaged"))
 
     def _value(self, found: ImpedanceMap) -> complex:
         return _in_both_orders(found)[self.order]
@@ -164,25 +165,33 @@ class _Work:
         self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
 
     def phases(self) -> None:
-        """Self-consistent, and a stated phase wherever it may lie: no pass."""
+        """The other phase rules; a stated phase wherever it may lie: no pass."""
         quiet = Replayed(dataclasses.replace(self.replayed.ready, blocks=None), self.replayed.sums)
-        own = quiet.map("self-consistent")
+        for name in PHASE_RULES:
+            if phase_rule(name).takes_phase:
+                self._stated_phases(quiet, name)
+            elif name != self.ready.chosen.phase:
+                self._other_rule(quiet, name)
+
+    def _other_rule(self, quiet: Replayed, name: str) -> None:
+        own = quiet.map(name)
         if bool(own.phase_rule.any()):
             share = 100 * float(own.phase_rule.to(torch.float64).mean())
-            self._add("phase rule", f"self-consistent ({share:.3g} % of probes)", self._value(own))
-        else:
-            limit = self.ready.chosen.minimum_coherence
-            self.skipped["phase rule, self-consistent"] = (
-                f"no probe is coherent with {float(self.ready.frequency[0]):g} Hz by {limit:g}"
-            )
-        found = {}
-        for step in range(PHASES):
-            psi = math.pi * step / PHASES
-            found[psi] = self._value(quiet.map("given", psi))
-        for part, name in (("real", "R"), ("imag", "X")):
+            self._add("phase rule", f"{name} ({share:.3g} % of probes)", self._value(own))
+            return
+        self.skipped[f"phase rule, {name}"] = (
+            f"no probe is coherent with {float(self.ready.frequency[0]):g} Hz by "
+            f"{self.ready.chosen.minimum_coherence:g}"
+        )
+
+    def _stated_phases(self, quiet: Replayed, name: str) -> None:
+        steps = [math.pi * step / PHASES for step in range(PHASES)]
+        found = {psi: self._value(quiet.map(name, psi)) for psi in steps}
+        for part, letter in (("real", "R"), ("imag", "X")):
             for word, pick in (("smallest", min), ("largest", max)):
                 psi = pick(found, key=lambda each: getattr(found[each], part))
-                self._add("phase rule", f"given, psi = {psi:.2f} rad ({word} {name})", found[psi])
+                variant = f"{name}, psi = {psi:.2f} rad ({word} {letter})"
+                self._add("phase rule", variant, found[psi])
 
     def drives(self) -> None:
         """Other readings of |v|: a pass each, none for the rms of the whole record."""
@@ -226,7 +235,7 @@ class _Work:
         for share, each in zip(shares, averaged, strict=True):
             # One by one: their levels, like the base's, come from their own velocities.
             (small,) = prepare([each], ready.liner, ready.frequency, rules)
-            found = replay(small, backward=False).map("averaged")
+            found = replay(small).map("averaged")
             self._add(
                 "averaging length", f"velocity over {share:g} of a cell",
                 complex(found.liner_impedance[0]),

@@ -10,9 +10,10 @@ from typing import Any
 import torch
 
 from torchliner.conversions import reflection_from_impedance
-from torchliner.names import ORDERS
+from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
@@ -25,7 +26,7 @@ DRIVES = (
 )
 
 
-PHASES = ("averaged", "self-consistent", "given")
+PHASES = tuple(PHASE_RULES)
 
 
 DEFAULT = ("instantaneous", "kept", "averaged")
@@ -118,10 +119,12 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         raise ValueError(f"{plane.name} states no true impedance (reference 'true')")
     case = str(plane.provenance.get("case", plane.title))
     for drive, mean in DRIVES:
-        replayed = replay(prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0])
+        replayed = replay(
+            prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0], every_rule=True
+        )
         averaged = replayed.map("averaged")
         for phase in PHASES:
-            known = true_wave_phase(plane, averaged) if phase == "given" else None
+            known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
             found = replayed.map(phase, known)
             known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
             for order, value, bounds in zip(ORDERS, *_both_orders(found), strict=True):

@@ -24,6 +24,7 @@ from torchliner.liners.parameters import plain_liner, require_sdof, value_of, wi
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
@@ -159,7 +160,7 @@ def calibrate(
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
-    if chosen.engine != "spectral" or chosen.phase != "averaged":
+    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "
             f"{chosen.engine!r}, {chosen.phase!r}"

@@ -37,6 +37,7 @@ from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import impedance_of, reflection_at_levels
 from torchliner.replay.levels import interpolate
 from torchliner.replay.lines import Line, plan_lines
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import with_liner
@@ -171,7 +172,7 @@ def sensitivities(
             "and incident out"
         )
     ready = prepare([plane], liner, frequency, chosen, progress)[0]
-    backward = chosen.phase != "averaged"
+    backward = phase_rule(chosen.phase).needs_backward
     lines = plan_lines(
         liner, ready.frequency.tolist(), ready.record, ready.grid, ready.kernels,
         of_kernel=chosen.uses_kernel_response, backward=backward,

@@ -13,8 +13,9 @@ OPTIONS = {"": {"--degrees N ...": DEGREES} | shared("--output", "--json", "--qu
 
 def run(options: argparse.Namespace) -> int:
     """Print tables and checks; 1 if one fails."""
+    from torchliner.lee.verification import checks, order_rows
     from torchliner.report.table import write_rows
-    from torchliner.report.verify import checks, format_verification, order_rows
+    from torchliner.report.verify import format_verification
 
     check_files(options, [], ".csv")
     rows = order_rows(options.degrees)

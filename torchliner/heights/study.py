@@ -143,7 +143,7 @@ def study_heights(
 
     def educe(some: Sequence[VelocityPlane]) -> list[ImpedanceMap]:
         return [
-            replay(ready, backward=chosen.phase != "averaged").map(chosen.phase, reference_phase)
+            replay(ready).map(chosen.phase, reference_phase)
             for ready in prepare(some, liner, wanted, chosen)
         ]
 

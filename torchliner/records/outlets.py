@@ -6,9 +6,10 @@ text and are imported when they are called. ``tests/test_architecture.py`` resol
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
+
+from torchliner.names import resolve
 
 OUTLETS = {
     "BurstRecord": {"write": "torchliner.io.burst_file:write_bursts"},
@@ -30,8 +31,7 @@ OUTLETS = {
 def outlet(record: type, way: str) -> Any:
     """The function that ``write`` or ``plot`` of a record of this kind leads to."""
     kind = next(each.__name__ for each in record.__mro__ if each.__name__ in OUTLETS)
-    module, name = OUTLETS[kind][way].split(":")
-    return getattr(importlib.import_module(module), name)
+    return resolve(OUTLETS[kind][way])
 
 
 class Written:

@@ -21,19 +21,6 @@ from torchliner.signals.blocks import Blocks
 
 
 @dataclass(frozen=True)
-class BlockMeans:
-    """Of S blocks.
-
-    Args:
-        forward: mean of R(f, |v|), complex, (S, P, F).
-        backward: mean of R(f, |v|) e^{-2 j omega t}, likewise; None if it was not asked for.
-    """
-
-    forward: Tensor
-    backward: Tensor | None
-
-
-@dataclass(frozen=True)
 class BlockLine:
     """One frequency, ready to be summed by blocks.
 

@@ -1,4 +1,4 @@
-r"""The incident tone, and what its phase relative to v does to the answer.
+r"""What one pass over a record leaves for the phase rules.
 
 Every engine returns two sums per probe and frequency, over a window w on the reflected signal:
 the line f0 of the reply to exp(+j omega t), ``forward``, and that of the reply to exp(-j omega t),
@@ -9,11 +9,10 @@ X forward + X* backward, so any phase rule is algebra on these two.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-import torch
 from torch import Tensor
 
-from torchliner.replay.block_lines import BlockMeans
 from torchliner.signals.tones import WindowSums
 
 
@@ -24,55 +23,36 @@ class LineSums:
     Args:
         forward: sum over time of w y_+ e^{-j omega t}, complex128, shape (P, F).
         backward: the same for the reply to e^{-j omega t}; None if it was not asked for.
-        blocks: means over blocks of the record, for error bars.
+        blocks: for error bars, MEANS of R(f, |v|) (``forward``) and of R(f, |v|) e^{-2 j omega t}
+            over S blocks of the record, (S, P, F).
     """
 
     forward: Tensor
     backward: Tensor | None
-    blocks: BlockMeans | None = None
+    blocks: LineSums | None = None
 
 
 @dataclass(frozen=True)
 class Means:
-    """Window-weighted means free of leakage: a = <R> and b = <R e^{-2 j omega t}>, (P, F)."""
+    """Window-weighted means over a record.
 
+    Args:
+        averaged: R of the complex tone e^{j omega t}, (P, F).
+        a, b: <R> and <R e^{-2 j omega t}>, free of the window's leakage from one to the other;
+            ``averaged`` and None without backward sums.
+    """
+
+    averaged: Tensor
     a: Tensor
-    b: Tensor | None
+    b: Any
 
     @classmethod
     def of(cls, sums: LineSums, window: WindowSums) -> Means:
-        """From an engine's sums. Without a backward sum, a is that of the complex tone."""
+        """From an engine's sums."""
+        averaged = sums.forward / window.zero
         if sums.backward is None:
-            return cls(sums.forward / window.zero, None)
+            return cls(averaged, averaged, None)
         determinant = window.zero**2 - window.twice.abs() ** 2
         a = (window.zero * sums.forward - window.twice * sums.backward.conj()) / determinant
         b = (window.zero * sums.backward - window.twice * sums.forward.conj()) / determinant
-        return cls(a, b)
-
-
-def given_reflection(means: Means, phase: Tensor) -> Tensor:
-    """R for x = cos(omega t + phase): a + b e^{-2 j phase}. ``phase`` in rad, (P, F) or less."""
-    assert means.b is not None
-    return means.a + means.b * torch.exp(-2j * phase)
-
-
-def self_consistent_reflection(means: Means, velocity: Tensor) -> tuple[Tensor, Tensor]:
-    r"""R and X of the wave whose replayed reflection gives the measured coherent velocity.
-
-    :math:`(1-a) X - b X^* = V`, hence
-    :math:`X = [(1-a)^* V + b V^*]/(|1-a|^2 - |b|^2)`; iterating for X fails at high |v|.
-
-    Args:
-        means: a and b, (P, F).
-        velocity: V, amplitude of v_in/c (into the liner) at f0, complex, (P, F).
-    Returns:
-        R and X, (P, F); X is scaled like V: the wave is x = X e^{j omega t} + conjugate, so its
-        peak pressure is 2 rho c^2 |X|.
-    """
-    assert means.b is not None
-    away = 1 - means.a
-    wave = (away.conj() * velocity + means.b * velocity.conj()) / (
-        away.abs() ** 2 - means.b.abs() ** 2
-    )
-    safe = torch.where(wave == 0, torch.ones_like(wave), wave)
-    return means.a + means.b * safe.conj() / safe, wave
+        return cls(averaged, a, b)

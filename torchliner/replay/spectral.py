@@ -21,7 +21,7 @@ from torch import Tensor
 
 from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
-from torchliner.replay.block_lines import BlockLine, BlockMeans
+from torchliner.replay.block_lines import BlockLine
 from torchliner.replay.column_sums import ColumnSums, Task
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid
@@ -93,14 +93,14 @@ def spectral_sums(
     return LineSums(totals[:, 0].T, backward, blocks)
 
 
-def _block_means(groups: Sequence[ColumnSums], lines: Sequence[BlockLine]) -> BlockMeans:
-    """(S, P, F), in the precision of the sums."""
+def _block_means(groups: Sequence[ColumnSums], lines: Sequence[BlockLine]) -> LineSums:
+    """Means over blocks, (S, P, F), in the precision of the sums."""
     found = []
     for i, line in enumerate(lines):
         sums = torch.cat([group.block_sums(i) for group in groups], dim=-1)
         found.append(line.means(sums))
     both = [torch.stack(each, dim=-1) for each in zip(*found, strict=True)]
-    return BlockMeans(both[0], both[1] if len(both) == 2 else None)
+    return LineSums(both[0], both[1] if len(both) == 2 else None)
 
 
 class _BlockTasks:

@@ -10,6 +10,7 @@ from torchliner.checks import tell
 from torchliner.records import VelocityPlane
 from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.kernels import Liner
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import tone_sums
@@ -78,8 +79,7 @@ def educe(
         if chosen.incident is not None:
             result = educe_signal(ready, reflected, progress)
         else:
-            replayed = replay(ready, backward=chosen.phase != "averaged", progress=progress)
-            result = replayed.map(chosen.phase, reference_phase)
+            result = replay(ready, progress=progress).map(chosen.phase, reference_phase)
         tell(result.notes)
         found.append(result)
     return found if several else found[0]
@@ -97,14 +97,17 @@ def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, 
         raise ValueError("reference_phase is for tones; an incident signal has its own phase")
 
 
-def replay(ready: Prepared, *, backward: bool = True, progress: Progress | None = None) -> Replayed:
-    """The pass over the data that ``educe`` makes for tones; any phase rule is then read off it.
+def replay(
+    ready: Prepared, *, every_rule: bool = False, progress: Progress | None = None
+) -> Replayed:
+    """The pass over the data that ``educe`` makes for tones.
 
     Args:
         ready: of ``prepare``.
-        backward: False saves half the sums if only ``averaged`` is wanted.
+        every_rule: keep what any phase rule can be read off; default what the chosen one needs.
         progress: called with numbers of samples done.
     """
+    backward = every_rule or phase_rule(ready.chosen.phase).needs_backward
     sums, notes = with_smaller_slabs(
         ready.drive.velocity, lambda: tone_sums(ready, backward, progress)
     )

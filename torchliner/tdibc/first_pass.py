@@ -9,6 +9,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.replay.drive import ProbeVelocity, with_smaller_slabs
 from torchliner.replay.edges import Record
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.survey import Survey, survey
 from torchliner.signals.blocks import Blocks
 from torchliner.tdibc.choices import Choices
@@ -30,7 +31,7 @@ def first_pass(
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     said: list[str] = []
-    moves = chosen.phase == "self-consistent" or chosen.drive == "rms"
+    moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
     kept = blocks if moves else None
     everything = torch.ones(plane.probes, dtype=torch.bool)
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import torch
 from torch import Tensor
@@ -26,7 +26,6 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
 from torchliner.signals.resampling import COLUMNS, Resampling
-from torchliner.tdibc.block_deviations import BlockDeviations
 from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 from torchliner.tdibc.prepared import Prepared
 
@@ -35,14 +34,17 @@ SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 
 
 def uncertainty_of(
-    ready: Prepared, reflection: Tensor, moved: BlockDeviations, wall: Tensor | None
+    ready: Prepared,
+    reflection: Tensor,
+    deviations: Callable[[slice], Tensor],
+    wall: Tensor | None,
 ) -> Uncertainty:
     """Intervals of probes, rows, cells and the whole liner.
 
     Args:
         ready: prepared plane, with blocks.
         reflection: R of probes and cell averages, complex128, (P + C, F).
-        moved: its deviation in each block.
+        deviations: those of some of its columns in each block, (S, columns, F).
         wall: probes that count as wall, (P, F), of ``find_walls``.
     """
     chosen, plane, cells = ready.chosen, ready.plane, ready.cells
@@ -63,11 +65,11 @@ def uncertainty_of(
     step = max(1, COLUMNS // reflection.shape[1])
     for low in range(0, plane.probes, step):
         part = slice(low, min(low + step, plane.probes))
-        series = moved.of(part)
+        series = deviations(part)
         parts.append(of_probes.over_time(series, reflection[part]))
         _add(groups.values(), part, reflection[part], series, how, silent[part])
     averaged = reflection[plane.probes :]
-    series = moved.of(slice(plane.probes, plane.probes + cells.count))
+    series = deviations(slice(plane.probes, plane.probes + cells.count))
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
         ready.blocks.count,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,44 +12,14 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.records import ImpedanceMap
-from torchliner.replay.incident import LineSums, Means, given_reflection, self_consistent_reflection
+from torchliner.replay.incident import LineSums, Means
+from torchliner.replay.phase_rule import PhaseRule, phase_rule
 from torchliner.tdibc.assemble import assemble
-from torchliner.tdibc.block_deviations import BlockDeviations
-from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
 
-
-@dataclass(frozen=True)
-class CoherentPart:
-    """The part of v that belongs to the sound.
-
-    Args:
-        amplitude: half the complex peak amplitude of v into the liner, m/s, (P + C, F).
-        coherence: squared, 0 to 1, (P + C, F).
-    """
-
-    amplitude: Tensor
-    coherence: Tensor
-
-
-@dataclass(frozen=True)
-class Reflection:
-    """R of probes and cell averages under one phase rule.
-
-    Args:
-        value: R, (P + C, F).
-        held: whether the rule held there.
-        means: what R was made of.
-        phase: psi of ``given``, rad, (P + C, F or 1).
-        notes: doubts.
-    """
-
-    value: Tensor
-    held: Tensor
-    means: Means
-    phase: Tensor | None = None
-    notes: tuple[str, ...] = ()
+SAME_TONE = 1e-6  # relative
 
 
 @dataclass(frozen=True)
@@ -57,99 +29,75 @@ class Replayed:
     ready: Prepared
     sums: LineSums
 
+    @functools.cached_property
+    def means(self) -> Means:
+        """What the phase rules take, of probes and cell averages."""
+        return Means.of(self.sums, self.ready.window_sums)
+
+    def rule(
+        self, phase: str, reference_phase: Any = None, coherent: tuple[Tensor, Tensor] | None = None
+    ) -> PhaseRule:
+        """A phase rule with what it may know of this plane.
+
+        Args:
+            phase, reference_phase: as for ``map``.
+            coherent: half the complex peak amplitude of the part of v into the liner that belongs
+                to the sound, m/s, and its squared coherence, (P + C, F); default from the survey.
+        Raises:
+            ValueError: as ``map``.
+        """
+        ready, device = self.ready, self.sums.forward.device
+        psi = _reference_phase(ready, phase, reference_phase)
+        velocity, coherence = coherent or (ready.velocity_amplitude, ready.seen.coherence)
+        return phase_rule(phase)(
+            velocity.to(device), coherence.to(device), ready.chosen.minimum_coherence,
+            None if coherent else ready.seen.segments, None if psi is None else psi.to(device),
+        )  # fmt: skip
+
     def map(self, phase: str = "averaged", reference_phase: Any = None) -> ImpedanceMap:
         """The map under one phase rule.
 
         Args:
-            phase: ``averaged``, ``self-consistent`` or ``given``.
-            reference_phase: rad, for ``given``.
+            phase: one of ``PHASE_RULES``.
+            reference_phase: rad, for a rule that takes it.
         Raises:
             ValueError: the phase is missing, not asked for, or of a wrong shape.
         """
-        ready = self.ready
-        found = self.reflection(phase, reference_phase)
-        reflection, notes = found.value, [*ready.notes, *found.notes]
-        wall, said = find_walls(ready)
-        moved = self._deviations(phase, found)
-        uncertainty = None
-        if moved is not None:
+        ready, rule = self.ready, self.rule(phase, reference_phase)
+        reflection = rule.reflection(self.means)
+        wall, wall_notes = find_walls(ready)
+        uncertainty, notes = None, [*ready.notes, *rule.notes(ready.plane.probes)]
+        if self._keeps_blocks(rule):
             with torch.no_grad():
-                uncertainty = uncertainty_of(ready, reflection.detach(), moved, wall)
+                uncertainty = uncertainty_of(
+                    ready, reflection.detach(), self._deviations(rule), wall
+                )
             notes += review_uncertainty(ready, uncertainty)
-        notes += said
+        notes += wall_notes
         peak = 2 * ready.velocity_amplitude
-        return assemble(ready, phase, reflection, found.held, peak, notes, uncertainty, wall)
+        return assemble(ready, phase, reflection, rule.held, peak, notes, uncertainty, wall)
 
-    def reflection(
-        self, phase: str, reference_phase: Any = None, coherent: CoherentPart | None = None
-    ) -> Reflection:
-        """R under one phase rule.
-
-        Args:
-            phase, reference_phase: as for ``map``.
-            coherent: the part of v that belongs to the sound, for ``self-consistent``; default
-                what the survey found.
-        Raises:
-            ValueError: as ``map``.
-        """
-        ready, window, device = self.ready, self.ready.window_sums, self.sums.forward.device
-        psi = _reference_phase(ready, phase, reference_phase)
-        sums = self.sums if phase != "averaged" else LineSums(self.sums.forward, None)
-        means = Means.of(sums, window)
-        held = torch.ones(means.a.shape, dtype=torch.bool, device=device)
-        if psi is not None:
-            return Reflection(given_reflection(means, psi.to(device)), held, means, psi)
-        if phase != "self-consistent":
-            return Reflection(means.a, held, means)
-        known = coherent or CoherentPart(ready.velocity_amplitude, ready.seen.coherence)
-        found, _ = self_consistent_reflection(
-            means, known.amplitude.to(device) / ready.plane.fluid.sound_speed
-        )
-        held = known.coherence.to(device) >= ready.chosen.minimum_coherence
-        averaged = Means.of(LineSums(self.sums.forward, None), window).a
-        notes = _fallback_note(held[: ready.plane.probes], ready.chosen)
-        notes += [] if coherent else _chance_note(ready)
-        return Reflection(torch.where(held, found, averaged), held, means, notes=tuple(notes))
-
-    def _deviations(self, phase: str, found: Reflection) -> BlockDeviations | None:
-        """None where the sums, or the survey, did not keep the blocks that this rule needs."""
+    def _keeps_blocks(self, rule: PhaseRule) -> bool:
+        """Whether sums and survey kept the blocks that error bars under this rule need."""
         ready, of_rms = self.ready, self.ready.chosen.drive == "rms"
-        wants_velocity = phase == "self-consistent" or of_rms
         missing = self.sums.blocks is None and not of_rms
-        if ready.blocks is None or missing or (wants_velocity and ready.seen.blocks is None):
-            return None
-        return BlockDeviations(ready, self.sums.blocks, phase, found.phase, found.means, found.held)
+        needs_survey = rule.needs_velocity or of_rms
+        return ready.blocks is not None and not (
+            missing or (needs_survey and ready.seen.blocks is None)
+        )
 
-
-def _fallback_note(held: Tensor, chosen: Choices) -> list[str]:
-    if bool(held.all()):
-        return []
-    return [
-        f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a coherence "
-        f"below {chosen.minimum_coherence:g} with the tone; they are 'averaged' instead"
-    ]
-
-
-def _chance_note(ready: Prepared) -> list[str]:
-    """Few segments let turbulence pass as a tone: with S of them, (1 - limit)^(S - 1) of probes."""
-    chance = (1 - ready.chosen.minimum_coherence) ** (ready.seen.segments - 1)
-    if chance <= 0.01 or ready.chosen.minimum_coherence == 0:
-        return []
-    return [
-        f"self-consistent phase: with {ready.seen.segments} segments of two periods, "
-        f"{100 * chance:.2g} % of probes pass a coherence of {ready.chosen.minimum_coherence:g} "
-        "without any tone; a longer record or a higher minimum_coherence is safer"
-    ]
+    def _deviations(self, rule: PhaseRule) -> Callable[[slice], Tensor]:
+        return functools.partial(block_deviations, self.ready, self.sums.blocks, rule, self.means)
 
 
 def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
     """psi of probes and cells, (P + C, F or 1); a cell's is the mean direction of the probes'."""
-    if rule != "given":
+    if not phase_rule(rule).takes_phase:
         if phase is not None:
             raise ValueError(f"reference_phase is only used with phase='given', not {rule!r}")
         return None
     if phase is None:
-        raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
+        raise ValueError(f"phase={rule!r} needs reference_phase, in rad, one for all or per probe")
     values = real_tensor(phase).cpu()
     if not bool(torch.isfinite(values).all()):
         raise ValueError("reference_phase holds values that are not finite; it is in rad")
@@ -166,9 +114,6 @@ def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "
         f"{shape} (and {count} frequencies)"
     )
-
-
-SAME_TONE = 1e-6  # relative
 
 
 def find_walls(ready: Prepared) -> tuple[Tensor | None, list[str]]:
