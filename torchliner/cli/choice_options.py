@@ -12,13 +12,19 @@ from torchliner.cli.options import argument, dest, stated
 SHOWN = (
     "phase drive mean wall_filter engine edge window interval seed device dtype memory"
 ).split()  # by --help; --help-all shows the others too
-WITHOUT_PHASE = tuple(rule for rule in names.PHASE_RULES if rule != "given")
-NO_GIVEN_PHASE = {"--phase": (WITHOUT_PHASE, "phase of the incident tone; default averaged")}
+
+
+def phase_option(rules: Sequence[str]) -> dict[str, Any]:
+    """--phase with some of the rules."""
+    meanings = "; ".join(f"{rule}, {names.PHASE_RULES[rule][1]}" for rule in rules)
+    return {"--phase": (rules, f"of the incident tone: {meanings}; default averaged")}
+
+
+NO_GIVEN_PHASE = phase_option([rule for rule in names.PHASE_RULES if rule != "given"])
 
 CHOICES: dict[str, dict[str, Any]] = {
     "phase and velocity": {
-        "--phase": (names.PHASE_RULES, "phase of the incident tone: averaged over (default), from "
-                    "v's own part at f, or given by --reference-phase"),
+        **phase_option(list(names.PHASE_RULES)),
         "--drive": (names.DRIVES, "|v| that drives the liner model; default instantaneous"),
         "--mean": (names.MEANS, "time-mean of v in the drive; default kept"),
         "--wall-filter C": "squared coherence with the tone, 0 to 1, below which a probe counts as "
