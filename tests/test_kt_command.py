@@ -17,9 +17,10 @@ from torchliner.duct.presets import duct_text
 from torchliner.report.wall_pressure import draw_wall
 
 
-@pytest.fixture
-def files(tmp_path):
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
     """One wall seen by sources on both sides, and at one frequency alone."""
+    tmp_path = tmp_path_factory.mktemp("lines")
     for side in ("upstream", "downstream"):
         line = line_of(both_ways(side)[0], side, title=f"{side} case")
         line.write(tmp_path / f"{side}.csv")
@@ -50,8 +51,8 @@ def test_table_and_files(files, capsys):
 def test_both_sides_at_once(files, capsys, method):
     """JSON of two lines with draws; a seed makes them the same again."""
     names = [str(files / f"{side}.csv") for side in ("upstream", "downstream")]
-    arguments = ["kt", *names, "--method", method, "--draws", "5", "--json", "--quiet"]
-    assert main(arguments) == 0
+    arguments = ["--method", method, "--draws", "5", "--json", "--quiet"]
+    assert main(["kt", *names, *arguments]) == 0
     first = json.loads(capsys.readouterr().out)["lines"]
     assert [one["title"] for one in first] == ["upstream case", "downstream case"]
     for one in first:
@@ -59,10 +60,11 @@ def test_both_sides_at_once(files, capsys, method):
         assert 0 < one["rows"][2]["resistance_deviation"] < 1
         assert one["rows"][2]["resistance_low"] < one["rows"][2]["resistance_high"]
         assert one["choices"]["draws"] == 5
-    main(arguments)
-    assert json.loads(capsys.readouterr().out)["lines"] == first
-    main([*arguments, "--seed", "1"])
-    assert json.loads(capsys.readouterr().out)["lines"] != first
+    again = []
+    for seed in ("0", "0", "1"):
+        main(["kt", str(files / "upstream_1500.h5"), *arguments, "--seed", seed])
+        again.append(json.loads(capsys.readouterr().out)["lines"][0]["rows"])
+    assert again[0] == again[1] != again[2]
 
 
 def test_options_reach_the_method(files, capsys):
@@ -127,23 +129,24 @@ def test_fit_of_the_field(solved_files, capsys):
     assert 0 < float(rows[0]["resistance_deviation"]) < 0.1
     assert float(rows[0]["rise_of_resistance_error"]) == 0
     assert (rows[0]["wavenumber_real"], rows[0]["singular_values"]) == ("nan", "")
-    assert main([*arguments, "--far-end", "stated", "--draws", "5", "--json"]) == 0
+    arguments.remove(names[1])
+    assert main([*arguments, "--far-end", "stated", "--draws", "2", "--json"]) == 0
     output = capsys.readouterr()
     assert "times the stated errors" in output.err
     row = json.loads(output.out)["lines"][0]["rows"][0]
     assert row["misfit"] > 10
     assert row["end_reflection_real"] == pytest.approx(0.0, abs=1e-12)
-    assert main([*arguments, "--start", "2+0.1j", "--quiet"]) == 0
-    assert capsys.readouterr().out.count("2.330-0.300j") == 2
+    picture = solved_files / "fit.png"
+    drawn = ["--draws", "2", "--figure", str(picture)]
+    assert main([*arguments, "--start", "2+0.1j", *drawn, "--quiet"]) == 0
+    assert "2.330-0.300j" in capsys.readouterr().out
+    assert picture.stat().st_size > 15_000
     assert main([*arguments, "--variation", "linear", "--quiet"]) == 0
     text = capsys.readouterr().out
     assert "rise along x" in text
     assert " 0.000+0.000j" in text
     assert "-0.000" not in text
-    assert text.count("2.330-0.300j") == 2
-    picture = solved_files / "fit.png"
-    assert main([*arguments, "--draws", "5", "--figure", str(picture), "--quiet"]) == 0
-    assert picture.stat().st_size > 15_000
+    assert "2.330-0.300j" in text
 
 
 def test_a_rigid_wall_in_the_table(tmp_path, capsys):

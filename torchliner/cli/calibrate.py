@@ -26,7 +26,7 @@ OPTIONS = {
         "--noise U": "standard uncertainty of R and X of the references, by rho c; default: "
                      "from the residual",
         "--predict PLANE ...": {
-            "default": [], "help": "plane files to predict with the spread of the fit"},
+            "default": [], "help": "to predict with the spread of the fit; default: none"},
         "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
         "--seed N": {"default": 0, "help": "of the draws; default 0"},
         "--output FILE": "write the calibrated liner as .toml",

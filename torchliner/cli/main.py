@@ -28,7 +28,7 @@ GROUPS = {
         "duct": "sound field and modes of a lined duct with flow",
         "sensitivity": "change of Z with each parameter of a liner; tolerances",
         "calibrate": "parameters of a liner fitted to known impedances",
-        "verify": "convergence and checks of the duct solvers; exit code 1 if one fails",
+        "verify": "checks of the duct solvers; exit code 1 if one fails",
     },
     "files": {
         "info": "describe and check a velocity plane",

@@ -105,7 +105,7 @@ def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None
 def argument(spec: str, entry: Any) -> tuple[list[str], dict[str, Any]]:
     """What ``add_argument`` takes, from an entry of a table."""
     name, _, shown = spec.partition(" ")
-    settings = entry if isinstance(entry, dict) else {"help": entry}
+    settings = dict(entry) if isinstance(entry, dict) else {"help": entry}
     if isinstance(entry, tuple):
         settings = {"choices": entry[0], "help": entry[1]}
     elif not shown and "choices" not in settings:
