@@ -14,7 +14,7 @@ from pathlib import Path
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import VelocityPlane
-from torchliner.report.height import draw_rms_along_x
+from torchliner.report.height_figures import draw_rms_along_x
 from torchliner.report.numbers import velocity_along_x
 
 DATA = Path(__file__).resolve().parent.parent / "data"

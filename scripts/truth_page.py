@@ -38,7 +38,7 @@ from torchliner.audits.truth_rows import (
 from torchliner.io.hdf5 import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex, write_rows
-from torchliner.report.truth import drive_label
+from torchliner.report.truth_table import drive_label, plain_truth, truth_row_of
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES, PAGE = ROOT / "data", ROOT / "docs" / "figures", ROOT / "docs" / "truth.md"
@@ -81,15 +81,15 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
 def read_rows(path: Path) -> list[TruthRow]:
     """Rows of an earlier run."""
     with path.open(newline="") as file:
-        return [TruthRow.from_plain(row) for row in csv.DictReader(file)]
+        return [truth_row_of(row) for row in csv.DictReader(file)]
 
 
 def write_truth_rows(rows: Sequence[TruthRow], path: Path) -> None:
     """As CSV, to ``PRINTED`` digits."""
     write_rows(
         [
-            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.plain().items()}
-            for row in rows
+            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.items()}
+            for row in plain_truth(rows).as_rows()
         ],
         path,
     )

@@ -236,8 +236,9 @@ def test_educe_json_and_options(capsys, small):
     """--json is JSON alone, and every option reaches the result."""
     code, out, _ = run(
         capsys, "educe", str(small / "y0.5mm.h5"), "--json", "--phase", "given",
-        "--reference-phase", "0.5", "--drive", "running-rms", "--mean", "removed", "--edge", "silent", "--window", "blackman", "--levels",
-        "100", "--dtype", "float64", "--frequency", "1000", "1400", "--quiet",
+        "--reference-phase", "0.5", "--drive", "running-rms", "--mean", "removed", "--edge",
+        "silent", "--window", "blackman", "--levels", "100", "--dtype", "float64", "--frequency",
+        "1000", "1400", "--quiet",
     )  # fmt: skip
     assert code == DONE
     (result,) = json.loads(out)

@@ -17,8 +17,7 @@ from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
 from torchliner.audits.truth_rows import TruthRow, errors_by_rule
-from torchliner.report.table import write_rows
-from torchliner.report.truth import format_rules
+from torchliner.report.truth_table import format_rules, plain_truth
 
 page = load_script("truth_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")
@@ -209,9 +208,9 @@ def test_phase_locked_power_refuses(samples, rate, message):
 
 
 def test_rows_survive_their_csv(tmp_path):
-    write_rows([ROWS[0].plain(), ROWS[30].plain()], tmp_path / "rows.csv")
-    back = page.read_rows(tmp_path / "rows.csv")
-    assert [row.plain() for row in back] == [ROWS[0].plain(), ROWS[30].plain()]
+    some = plain_truth([ROWS[0], ROWS[30]])
+    some.write_csv(tmp_path / "rows.csv")
+    assert plain_truth(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
 
 
 def test_errors_by_rule_by_hand():

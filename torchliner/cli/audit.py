@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the table, sorted by what moves Z most."""
     from torchliner.audits.audit import audit
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.audit import draw_audit, format_audit, plain_audit, write_audit
+    from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
 
     check_files(options, [*options.planes, options.liner], ".csv")
     planes = read_planes(options.planes)

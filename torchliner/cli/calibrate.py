@@ -40,7 +40,8 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
     from torchliner.calibration.calibrate import calibrate
-    from torchliner.report import calibration as report
+    from torchliner.calibration.predicted_planes import prediction_rows
+    from torchliner.report import calibration_report as report
 
     paths = [*options.planes, *options.predict]
     check_files(options, [*paths, options.liner], ".toml")
@@ -63,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     rows = [
         row
         for path, plane in zip(options.predict, predicted, strict=True)
-        for row in report.prediction_rows(
+        for row in prediction_rows(
             found, plane, liner, label=path.stem,
             reference=options.reference[0], noise=complex(noise, noise),
         )
@@ -73,11 +74,11 @@ def run(options: argparse.Namespace) -> int:
     if options.figure is not None:
         report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
     if options.json:
-        print_json(_summary(found, rows))
+        print_json(report.plain_calibration(found, rows))
     else:
         print(report.format_calibration(found))
         if rows:
-            print(f"\n{report.format_predictions(rows)}")
+            print(f"\n{report.prediction_table(rows).as_text()}")
     return 1 if found.on_bound or found.unseen else 0
 
 
@@ -94,12 +95,12 @@ def _references(texts: list[str]) -> Any:
 
 
 def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
-    from torchliner.liners.parameters import NUMBERS, expand_names, require_sdof, value_of
+    from torchliner.liners.model import named_numbers
 
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, rest = text.partition("=")
-        for each in expand_names([name.strip()]):
+        for each, number in named_numbers(liner, [name.strip()]).items():
             if equals:
                 try:
                     low, high = (float(part) for part in rest.split(":"))
@@ -108,9 +109,9 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
                         f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units"
                     ) from None
             else:
-                value = value_of(require_sdof(liner), each)
-                reach = AROUND if each.startswith("offset_") else AROUND * value
-                low, high = value - reach, min(value + reach, NUMBERS[each].high)
+                # A share of what is above 0, else of 1.
+                reach = AROUND * number.value if number.low >= 0 else AROUND
+                low, high = number.value - reach, min(number.value + reach, number.high)
             if each in found:
                 raise ValueError(f"--free names {each} twice")
             found[each] = (low, high)
@@ -136,22 +137,3 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
         source += f"; on a bound: {', '.join(found.on_bound)}"
     text = liner_text(found.liner.replace(name=f"{before.name} calibrated"), source)
     write_text(text, options.output)
-
-
-def _summary(found: Any, rows: list[Any]) -> dict[str, Any]:
-    from torchliner.report.calibration import parameter_rows
-
-    return {
-        "parameters": parameter_rows(found),
-        "correlation": found.correlation.tolist(),
-        "singular_values": found.singular_values.tolist(),
-        "unseen": [list(group) for group in found.unseen],
-        "sum_of_squares": found.chi_square,
-        "degrees_of_freedom": found.degrees_of_freedom,
-        "scaling": found.scaling,
-        "order": found.order,
-        "reference": [complex(z) for z in found.wanted],
-        "fitted": [complex(z) for z in found.found],
-        "predictions": [vars(row) for row in rows],
-        "notes": list(found.notes),
-    }

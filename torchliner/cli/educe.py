@@ -34,8 +34,8 @@ def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
-    from torchliner.report.summary import format_maps, plain_map
 
     outputs = _outputs(options.output, options.planes)
     if options.reflected is not None and len(options.planes) > 1:

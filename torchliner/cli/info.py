@@ -15,7 +15,7 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
-    from torchliner.report.inspection import inspect_plane
+    from torchliner.replay.inspection import inspect_plane
 
     check_files(options, [options.plane])
     (plane,) = read_planes([options.plane])

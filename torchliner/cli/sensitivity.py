@@ -34,16 +34,14 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
     from torchliner.calibration.sensitivities import sensitivities
-    from torchliner.report.sensitivities import (
+    from torchliner.report.sensitivity_report import (
         budget_correlation,
-        budget_rows,
+        budget_table,
         draw_contributions,
         format_budget,
-        format_sensitivities,
         nominal_impedance,
-        sensitivity_rows,
+        sensitivity_table,
     )
-    from torchliner.report.table import write_rows
 
     check_files(options, [options.plane, options.liner], ".csv")
     tolerances, correlation = _tolerances(options)
@@ -56,14 +54,15 @@ def run(options: argparse.Namespace) -> int:
     frequency, order = found.found.frequency.tolist(), options.order
     if tolerances:
         budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
-        rows = budget_rows(budget, frequency, order)
-        text = format_budget(budget, found, order, rows)
+        table = budget_table(budget, frequency, order)
+        text = format_budget(budget, found, order, table)
         meaning = f"tolerances are {options.limits}"
     else:
-        rows = sensitivity_rows(found, order)
-        text, meaning = format_sensitivities(rows), "p in the unit shown"
+        table = sensitivity_table(found, order)
+        text, meaning = table.as_text(), "p in the unit shown"
+    rows = table.as_rows()
     if options.output is not None:
-        write_rows(rows, options.output)
+        table.write_csv(options.output)
     if options.figure is not None:
         first = [row for row in rows if row["frequency"] == frequency[0]]
         title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"

@@ -17,8 +17,12 @@ def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
     from torchliner.audits.truth_rows import truth_table
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.table import write_rows
-    from torchliner.report.truth import format_rules, format_summary, format_truth
+    from torchliner.report.truth_table import (
+        format_rules,
+        format_summary,
+        format_truth,
+        plain_truth,
+    )
 
     check_files(options, [*options.planes, options.liner])
     planes = read_planes(options.planes, lazy=False)
@@ -27,9 +31,9 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(len(planes), "truth table", options) as step:
         rows = truth_table(planes, lambda plane: liners[id(plane)], step)
     if options.output is not None:
-        write_rows([row.plain() for row in rows], options.output)
+        plain_truth(rows).write_csv(options.output)
     if options.json:
-        print_json([row.plain() for row in rows])
+        print_json(plain_truth(rows).as_rows())
     else:
         print(format_truth(rows))
         print(f"\n{format_rules(rows)}")

@@ -14,16 +14,16 @@ OPTIONS = {"": {"--degrees N ...": DEGREES} | shared("--output", "--json", "--qu
 def run(options: argparse.Namespace) -> int:
     """Print tables and checks; 1 if one fails."""
     from torchliner.lee.verification import checks, order_rows
-    from torchliner.report.table import write_rows
-    from torchliner.report.verify import format_verification
+    from torchliner.report.verification_table import format_verification, order_table
 
     check_files(options, [], ".csv")
     rows = order_rows(options.degrees)
     found = checks(rows)
+    table = order_table(rows)
     if options.output is not None:
-        write_rows(rows, options.output)
+        table.write_csv(options.output)
     if options.json:
         print_json({"orders": rows, "checks": found})
     else:
-        print(format_verification(rows, found))
+        print(format_verification(table, found))
     return 0 if all(check["passed"] for check in found) else 1

@@ -19,8 +19,8 @@ from torchliner.ldv.station_reference import (
     sound_phases,
 )
 from torchliner.ldv.station_segments import Segments, cut_into_segments
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
@@ -38,7 +38,7 @@ WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole rec
 
 def educe_station(
     record: BurstRecord,
-    liner: Liner,
+    liner: LinerModel,
     frequency: Any,
     station_choices: StationChoices,
     choices: Choices,
@@ -113,23 +113,7 @@ def educe_station(
         names=(record.title or record.name,),
         flags=(flags,),
         dropped=(dict(kept.dropped),),
-<<<<<<< HEAD
         station_notes=(notes,),
-=======
-        station_notes=(
-            (
-                *cut.notes,
-                *ready.notes,
-                *rule.notes(count),
-                *_doubts(ready, cut, referred, chosen, wanted),
-            ),
-        ),
-        fluid=record.fluid,
-        reference=dict(record.reference),
-        mach=record.mach,
-        incident_level=record.incident_level,
-        source_side=record.source_side,
->>>>>>> core
         goodrich=goodrich_of(ready),
         choices=_facts(ready, station_choices, choices, tone is not None),
         **{key: getattr(record, key) for key in CASE},
@@ -158,47 +142,8 @@ def _mean_amplitude(ready: Prepared, phases: Tensor) -> Tensor:
     return 2 * (amplitude * torch.exp(-1j * phases)).mean(0)
 
 
-<<<<<<< HEAD
 def _warnings_of(
     ready: Prepared, cut: Segments, tone: ReferenceTone | None, choices: Choices
-=======
-def _coherent_part(referred: Referred) -> tuple[Tensor, Tensor]:
-    """v into the liner that follows the reference, and its coherence; the one cell of the plane
-    is the segments' mean."""
-    into = -referred.transfer.response * referred.amplitude
-    amplitude = torch.cat([into, into.mean(0, keepdim=True)])
-    return amplitude, referred.transfer.coherence.expand(amplitude.shape)
-
-
-def _phases(
-    cut: Segments, frequency: Tensor, referred: Referred | None, lead: float | None
-) -> Tensor:
-    """psi of each segment, counted from its first sample, rad, (S, F)."""
-    if referred is not None:
-        return referred.amplitude.angle() + (0.0 if lead is None else lead)
-    if lead is None:
-        raise ValueError(
-            "phase='given' needs a reference channel, or reference_phase in rad on the clock of "
-            "the arrivals"
-        )
-    return lead + 2 * torch.pi * torch.outer(cut.start, frequency)
-
-
-def _velocity(
-    ready: Prepared, cut: Segments, referred: Referred | None, frequency: Tensor
-) -> Tensor:
-    """Complex peak amplitude of v into the liner, (F,): mean over the segments, phases aligned."""
-    amplitude = ready.velocity_amplitude[: len(cut.start)].cpu()
-    if referred is None:
-        turns = torch.exp(-2j * torch.pi * torch.outer(cut.start, frequency))
-    else:
-        turns = torch.exp(-1j * referred.amplitude.angle())
-    return 2 * (amplitude * turns).mean(0)
-
-
-def _doubts(
-    ready: Prepared, cut: Segments, referred: Referred | None, chosen: Choices, frequency: Tensor
->>>>>>> core
 ) -> list[str]:
     """A tone that wanders past the correction; a reference that v does not follow."""
     notes = []

@@ -11,8 +11,6 @@ PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
 )
-
-
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
 
 
@@ -43,8 +41,47 @@ def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def finish(figure: Figure, path: str | Path | None) -> Figure:
-    """Save it if there is a path."""
+def impedance_panels(height: float, across: str) -> tuple[Figure, list[tuple[Any, str]]]:
+    """Resistance and reactance beside each other over ``across``: each axis with its part."""
+    figure, axes = subplots(1, 2, height)
+    for axis, (_, label) in zip(axes[0], PARTS, strict=True):
+        label_axes(axis, across, label)
+    return figure, [(axis, part) for axis, (part, _) in zip(axes[0], PARTS, strict=True)]
+
+
+def label_axes(axis: Any, across: str, up: str) -> None:
+    """Symbols and units."""
+    axis.set_xlabel(across)
+    axis.set_ylabel(up)
+
+
+def colour_of(number: int) -> str:
+    """Of the curve of this number, from 0; they recur."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def marker_of(number: int) -> str:
+    """Likewise."""
+    return MARKERS[number % len(MARKERS)]
+
+
+def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:
+    """An interval along a curve, shaded."""
+    axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
+
+
+def legend_below(figure: Figure, axis: Any, columns: int = 99) -> None:
+    """What one panel has names for, below all panels."""
+    handles, labels = axis.get_legend_handles_labels()
+    if labels:
+        columns = min(columns, len(labels))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def finish(figure: Figure, path: str | Path | None, title: str | None = None) -> Figure:
+    """Head it and save it, if there is a title and a path."""
+    if title is not None:
+        figure.suptitle(title, fontsize=9)
     if path is not None:
         figure.savefig(path)
     return figure

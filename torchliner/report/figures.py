@@ -10,6 +10,7 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
+from torchliner.report.curves import COMPLEX_PART, Curves
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -26,7 +27,6 @@ from torchliner.report.numbers import (
     impedance_along_x,
     velocity_along_x,
 )
-from torchliner.report.table import COMPLEX_PART, Table
 
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
@@ -75,7 +75,7 @@ def draw_along_x(
         for i, result in enumerate(ordered):
             profile = impedance_along_x(result, frequency_index)
             colour = COLOURS[i % len(COLOURS)]
-            x = 1e3 * profile.x if result.x is not None else profile.x
+            x = 1e3 * profile.at if result.x is not None else profile.at
             if f"{part} low" in profile.values:
                 bounds = (profile.values[f"{part} {side}"] for side in ("low", "high"))
                 axis.fill_between(x, *bounds, color=colour, alpha=0.2, linewidth=0)
@@ -220,7 +220,7 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
         for j, profile in enumerate(profiles):
             if names[i] in profile.values:
                 axis.plot(
-                    1e3 * profile.x, profile.values[names[i]], color=COLOURS[j % len(COLOURS)],
+                    1e3 * profile.at, profile.values[names[i]], color=COLOURS[j % len(COLOURS)],
                     label=profile.label,
                 )  # fmt: skip
         axis.set_xlabel("$x$ (mm)")
@@ -235,7 +235,7 @@ def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = Non
 
 
 @styled
-def draw_liner(profiles: Sequence[Table], title: str, path: str | Path | None = None) -> Figure:
+def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over frequency, one curve a speed (figure 3)."""
     figure, axes = subplots(1, 2, 2.9)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceLine
+from torchliner.report.curves import COMPLEX_PART
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.table import COMPLEX_PART
 
 PAPER_WIDTHS = 3.0  # standard deviations over the segments in the paper's coloured areas
 

@@ -9,20 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND, Liner
+from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
-from torchliner.report.table import Array, Table
-
-
-@dataclass(frozen=True)
-class Profile(Table):
-    """Quantities along x, m."""
-
-    @property
-    def x(self) -> Array:
-        """m, (N,)."""
-        return self.at
+from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
 
 def height_label(height: float | None) -> str:
@@ -30,21 +21,18 @@ def height_label(height: float | None) -> str:
     return "" if height is None else f"y = {1e3 * height:.3g} mm"
 
 
-def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile:
+def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """Resistance and reactance along x, and the bounds of their statistical intervals if known.
 
     Where there is a z the admittance is averaged over it.
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    impedance = 1 / average
-    values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
+    values = _parts(1 / average)
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
-        bound = getattr(found, name)[:, frequency_index].cpu()
-        for part, numbers in (("resistance", bound.real), ("reactance", bound.imag)):
-            values[f"{part} {name}"] = _array(numbers)
-    return Profile(x, values, height_label(result.height))
+        values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
+    return Curves(x, values, height_label(result.height))
 
 
 def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
@@ -61,16 +49,19 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     return Interval(*(value.cpu()[order] for value in vars(found.probes).values()))
 
 
-def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Table:
+def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = getattr(liner, "frequency_range", BAND)
+    low, high = as_liner(liner).frequency_range or BAND
     frequency = np.linspace(low, high, 641)
-    values = liner.impedance(frequency, speed)
-    parts = {"resistance": _array(values.real), "reactance": _array(values.imag)}
-    return Table(frequency, parts, label, "frequency (Hz)")
+    values = _parts(liner.impedance(frequency, speed))
+    return Curves(frequency, values, label, "frequency (Hz)")
 
 
-def velocity_along_x(plane: VelocityPlane) -> Profile:
+def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:
+    return {f"{part}{end}": part_of(impedance, part).astype(np.float64) for part in COMPLEX_PART}
+
+
+def velocity_along_x(plane: VelocityPlane) -> Curves:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
     values: dict[str, Array] = {}
     x: Array | None = None
@@ -87,7 +78,7 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
             values["v0 (m/s)"] = _array(mean_x)
         values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
     assert x is not None
-    return Profile(x, values, height_label(plane.height))
+    return Curves(x, values, height_label(plane.height))
 
 
 def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
@@ -95,7 +86,7 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
     values = values.detach().cpu()
     if values.ndim == 2:
         where = np.arange(values.shape[1], dtype=float) if x is None else _array(x)
-        return where, values.nanmean(0) if not values.is_complex() else _nanmean(values)
+        return where, _nanmean(values)
     values = values.reshape(-1)
     if x is None:
         return np.arange(len(values), dtype=float), values

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap
+from torchliner.report.curves import Array, Curves
 from torchliner.report.figure import COLOURS, PARTS, finish, styled, subplots
 from torchliner.report.numbers import height_label
-from torchliner.report.table import Array, Table
 
 BARS = 15  # statistical intervals along a curve, about
 
 
-def impedance_over_frequency(result: ImpedanceMap) -> Table:
+def impedance_over_frequency(result: ImpedanceMap) -> Curves:
     """Whole-liner impedance in both orders, its statistical interval (admittance over probes), and
     quartiles over the probes that were not left out, which are no uncertainty."""
     values: dict[str, Array] = {}
@@ -33,7 +33,7 @@ def impedance_over_frequency(result: ImpedanceMap) -> Table:
         for share in (25, 75):
             values[f"{name}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
     frequency = _host(result.frequency)
-    return Table(frequency, values, height_label(result.height), "frequency (Hz)")
+    return Curves(frequency, values, height_label(result.height), "frequency (Hz)")
 
 
 def _host(value: Any) -> Any:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import MicrophoneLine
+from torchliner.report.curves import COMPLEX_PART
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.table import COMPLEX_PART
 from torchliner.report.wall_table import LEVEL, Educed
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
-from torchliner.report.table import format_complex
+from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
 
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
@@ -50,30 +50,6 @@ class WallRow:
     end_reflection: complex | None = None
     rise: complex | None = None
     rise_error: complex | None = None
-
-    def plain(self) -> dict[str, Any]:
-        """For CSV and JSON: complex values as two numbers, nan where there is none."""
-        nothing = complex(float("nan"), float("nan"))
-        low, high = self.interval or (nothing, nothing)
-        spread = nothing if self.deviation is None else self.deviation
-        end = nothing if self.end_reflection is None else self.end_reflection
-        rise = nothing if self.rise is None else self.rise
-        rise_error = nothing if self.rise_error is None else self.rise_error
-        return {
-            "line": self.line, "source": self.source, "method": self.method,
-            "frequency": self.frequency, "wavenumber_real": self.wavenumber.real,
-            "wavenumber_imag": self.wavenumber.imag, "resistance": self.impedance.real,
-            "reactance": self.impedance.imag, "resistance_deviation": spread.real,
-            "reactance_deviation": spread.imag, "resistance_low": low.real,
-            "resistance_high": high.real, "reactance_low": low.imag, "reactance_high": high.imag,
-            "residual": self.residual,
-            "singular_values": " ".join(f"{value:.3g}" for value in self.singular_values),
-            "failed_draws": self.failed,
-            "misfit": float("nan") if self.misfit is None else self.misfit,
-            "end_reflection_real": end.real, "end_reflection_imag": end.imag,
-            "rise_of_resistance": rise.real, "rise_of_reactance": rise.imag,
-            "rise_of_resistance_error": rise_error.real, "rise_of_reactance_error": rise_error.imag,
-        }  # fmt: skip
 
 
 def wall_rows(line: MicrophoneLine, found: Educed) -> list[WallRow]:
@@ -126,68 +102,91 @@ def _of_field(found: FieldFit, row: WallRow, f: int) -> dict[str, Any]:
     }
 
 
+_LOW, _HIGH = (
+    real_and_imaginary(f"resistance_{end}", f"reactance_{end}",
+                       lambda row, i=i: row.interval and row.interval[i])
+    for i, end in enumerate(("low", "high"))
+)  # fmt: skip
+COLUMNS = (
+    Column("line"),
+    Column("source"),
+    Column("method"),
+    Column("frequency"),
+    *real_and_imaginary("wavenumber_real", "wavenumber_imag", "wavenumber"),
+    *real_and_imaginary("resistance", "reactance", "impedance"),
+    *real_and_imaginary("resistance_deviation", "reactance_deviation", "deviation"),
+    _LOW[0],
+    _HIGH[0],
+    _LOW[1],
+    _HIGH[1],
+    Column("residual"),
+    Column("singular_values", lambda row: " ".join(f"{v:.3g}" for v in row.singular_values)),
+    Column("failed_draws", "failed"),
+    Column("misfit", lambda row: math.nan if row.misfit is None else row.misfit),
+    *real_and_imaginary("end_reflection_real", "end_reflection_imag", "end_reflection"),
+    *real_and_imaginary("rise_of_resistance", "rise_of_reactance", "rise"),
+    *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error", "rise_error"),
+)
+
+
+def wall_table(rows: Sequence[WallRow]) -> Table:
+    """For CSV and JSON: complex values as two numbers, nan where there is none."""
+    return Table(rows, COLUMNS)
+
+
 def format_wall(line: MicrophoneLine, found: Educed) -> str:
     """A text table of one line."""
+    kind = "" if isinstance(found, FieldFit) or found.rank is None else (
+        f", rank {found.rank}, order {found.order}")  # fmt: skip
     head = (
-        f"{line.title or line.name}: {found.method}{{}}, source {found.source_side}, "
+        f"{line.title or line.name}: {found.method}{kind}, source {found.source_side}, "
         f"{len(found.x)} microphones from {1e3 * float(found.x[0]):.4g} to "
         f"{1e3 * float(found.x[-1]):.4g} mm, H {1e3 * float(line.duct_height):.4g} mm, "
         f"M {float(line.mach):.3g}"
     )
     rows = wall_rows(line, found)
     if isinstance(found, WallEduction):
-        return _wave_table(head, found, rows)
-    return _field_table(head, found, rows)
-
-
-def _wave_table(head: str, found: WallEduction, rows: Sequence[WallRow]) -> str:
-    rank = "" if found.rank is None else f", rank {found.rank}, order {found.order}"
-    lines = [f"{head.format(rank)}, {found.choices['condition']}",
-             f"{'f Hz':>7s} {'alpha 1/m':>16s} {'Z':>14s} {'deviation':>13s} "
-             f"{'resid. %':>8s}  singular values"]  # fmt: skip
-    for row in rows:
-        shown = " ".join(f"{value:.2g}" for value in row.singular_values[:SHOWN]) or "-"
-        alpha = f"{row.wavenumber.real:.3f}{row.wavenumber.imag:+.3f}j"
-        lines.append(
-            f"{row.frequency:7.1f} {alpha:>16s} {format_complex(row.impedance):>14s} "
-            f"{_spread(row.deviation):>13s} {100 * row.residual:8.3f}  {shown}"
+        return (
+            f"{head}, {found.choices['condition']}\n{Table(rows, WAVES).as_text()}\n"
+            "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; deviation: of R and X over "
+            "the draws"
         )
-    lines.append(
-        "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; deviation: of R and X over the "
-        "draws"
-    )
-    return "\n".join(lines)
-
-
-def _field_table(head: str, found: FieldFit, rows: Sequence[WallRow]) -> str:
-    lines = [f"{head.format('')}, far end {found.choices['far_end']}",
-             f"{'f Hz':>7s} {'Z':>14s} {'deviation':>13s} {'rise along x':>14s} {'deviation':>13s} "
-             f"{'resid. %':>8s} {'over errors':>11s} {'end reflection':>15s}"]  # fmt: skip
-    for row in rows:
-        assert row.end_reflection is not None
-        assert row.rise is not None
-        constant = found.choices["variation"] == "constant"
-        rise = "-" if constant else format_complex(row.rise)
-        rise_error = None if constant else row.rise_error
-        wall = "rigid" if abs(row.impedance) > HARD else format_complex(row.impedance)
-        lines.append(
-            f"{row.frequency:7.1f} {wall:>14s} {_spread(row.deviation):>13s} "
-            f"{rise:>14s} {_spread(rise_error):>13s} {100 * row.residual:8.3f} {row.misfit:11.3g} "
-            f"{format_complex(row.end_reflection):>15s}"
-        )
-    from_what = "the microphones' errors" if found.draws is None else "the draws"
-    lines.append(
-        f"Z is p/(rho c v), exp(+jwt); deviation: of R and X by {from_what} (of the rise: by the "
+    errors = "the microphones' errors" if found.draws is None else "the draws"
+    if found.choices["variation"] == "constant":
+        rows = [replace(row, rise=None, rise_error=None) for row in rows]
+    return (
+        f"{head}, far end {found.choices['far_end']}\n{Table(rows, FIELD).as_text()}\n"
+        f"Z is p/(rho c v), exp(+jwt); deviation: of R and X by {errors} (of the rise: by the "
         "fit); over errors: residuals over the stated errors, 1 if the duct is right"
     )
-    return "\n".join(lines)
 
 
-def _spread(deviation: complex | None) -> str:
-    if deviation is None:
-        return "-"
-    if cmath.isinf(deviation):
+def _wall(impedance: complex) -> str:
+    return "rigid" if abs(impedance) > HARD else format_complex(impedance)
+
+
+def _deviation(value: complex | None) -> str:
+    if value is not None and cmath.isinf(value):
         return "no bound"
-    if cmath.isnan(deviation):
-        return "none settled"
-    return f"{deviation.real:.3f}, {deviation.imag:.3f}"
+    return "none settled" if value is not None and cmath.isnan(value) else format_pair(value)
+
+
+WAVES = (
+    Column("", "frequency", "f Hz", ".1f"),
+    Column("", "wavenumber", "alpha 1/m", lambda z: f"{z.real:.3f}{z.imag:+.3f}j"),
+    Column("", "impedance", "Z", format_complex),
+    Column("", "deviation", "deviation", _deviation),
+    Column("", "residual", "residual %", ".3f", 100),
+    Column("", lambda row: " ".join(f"{value:.2g}" for value in row.singular_values[:SHOWN]) or "-",
+           "singular values"),
+)  # fmt: skip
+FIELD = (
+    Column("", "frequency", "f Hz", ".1f"),
+    Column("", "impedance", "Z", _wall),
+    Column("", "deviation", "deviation", _deviation),
+    Column("", "rise", "rise along x", format_complex),
+    Column("", "rise_error", "deviation", _deviation),
+    Column("", "residual", "residual %", ".3f", 100),
+    Column("", "misfit", "over errors", ".3g"),
+    Column("", "end_reflection", "end reflection", format_complex),
+)

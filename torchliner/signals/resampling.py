@@ -107,7 +107,8 @@ class Resampling:
         draws = draws * (together / alone).clamp(min=1).sqrt()
         bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
         behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
-        return Interval(*bounds, behind, torch.zeros_like(reflection))
+        low, high, error = bounds
+        return Interval(low, high, error, behind, torch.zeros_like(reflection))
 
     def _bounds(self, draws: Tensor, reflection: Tensor, runs: float) -> tuple[Tensor, ...]:
         return impedance_bounds(draws, reflection, runs, self.level, self.convert)

@@ -1,19 +1,16 @@
-"""In situ and microphone impedances beside a file's own: the rows behind ``torchliner insitu``."""
+"""Every in situ and microphone method that a record has signals for, beside the file's own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.in_situ_method.plane_wave_fit import WaveDecomposition, decompose_waves
 from torchliner.records import PointImpedances, PressureRecord
-from torchliner.report.alongside import ORDERS, draw_cells, points_along_x
-from torchliner.report.figure import COLOURS, PARTS, finish, styled, subplots
-from torchliner.report.table import COMPLEX_PART, format_complex
 
+ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))
 NOWHERE = float("nan")
 
 
@@ -45,24 +42,6 @@ class InSituRow:
     def distance(self, other: complex | None) -> float:
         """|Z - other|, nan without another."""
         return NOWHERE if other is None else abs(self.impedance - other)
-
-    def plain(self) -> dict[str, Any]:
-        """For CSV and JSON: complex values as two numbers, nan where there is none."""
-        row: dict[str, Any] = {
-            "method": self.method, "place": self.place, "frequency": self.frequency
-        }  # fmt: skip
-        for name in ("impedance", "own", "true"):
-            value = getattr(self, name)
-            value = complex(NOWHERE, NOWHERE) if value is None else value
-            stem = "" if name == "impedance" else f"{name}_"
-            row[f"{stem}resistance"], row[f"{stem}reactance"] = value.real, value.imag
-        return row | {
-            "distance_to_own": self.distance(self.own),
-            "distance_to_true": self.distance(self.true),
-            "coherence": self.coherence,
-            "residual": self.residual,
-            "incident_level": self.incident_level,
-        }
 
 
 @dataclass(frozen=True)
@@ -114,8 +93,8 @@ def in_situ_report(
     return InSituReport(tuple(rows), points, notes)
 
 
-def _stated(record: PressureRecord, name: str, frequency: float) -> complex | None:
-    """A reference belongs to the record's tone alone."""
+def stated_impedance(record: PressureRecord, name: str, frequency: float) -> complex | None:
+    """A reference of the file, which belongs to the record's tone alone."""
     same = record.frequency is not None and abs(frequency / record.frequency - 1) < 1e-6
     return record.reference.get(name) if same else None
 
@@ -124,7 +103,7 @@ def _dean_rows(record: PressureRecord, points: PointImpedances) -> list[InSituRo
     rows = []
     cells = len(points.cell_x)
     for f, frequency in enumerate(points.frequency.tolist()):
-        true = _stated(record, "true", frequency)
+        true = stated_impedance(record, "true", frequency)
         for c in range(cells if cells > 1 else 0):
             x = 1e3 * float(points.cell_x[c])
             place = f"cell {c + 1}" + (f", x = {x:.1f} mm" if x == x else "")
@@ -135,7 +114,7 @@ def _dean_rows(record: PressureRecord, points: PointImpedances) -> list[InSituRo
                 rows.append(InSituRow(method, place, frequency, value, None, true, coherence))
         for end, order in ORDERS:
             value = complex(getattr(points, f"liner_impedance{end}")[f])
-            own = _stated(record, "Dean", frequency)
+            own = stated_impedance(record, "Dean", frequency)
             coherence = float(points.coherence[:, f].mean())
             method = f"in situ, {order}"
             rows.append(InSituRow(method, "surface", frequency, value, own, true, coherence))
@@ -149,68 +128,8 @@ def _wave_rows(record: PressureRecord, found: WaveDecomposition, own: str) -> li
         InSituRow(
             found.name, f"y = {first:.1f}, {last:.1f} mm" if len(found.microphones) == 2
             else f"y = {first:.1f} to {last:.1f} mm", frequency, complex(found.impedance[f]),
-            _stated(record, own, frequency), _stated(record, "true", frequency),
+            stated_impedance(record, own, frequency), stated_impedance(record, "true", frequency),
             residual=float(found.residual[f]), incident_level=float(found.incident_level[f]),
         )
         for f, frequency in enumerate(found.frequency.tolist())
     ]  # fmt: skip
-
-
-def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
-    """A text table."""
-    lines = [record.title or record.name]
-    if record.facesheet is not None:
-        lines[0] += (
-            f"; cavity {1e3 * (record.cavity_depth or 0):.4g} mm deep, "
-            f"{100 * record.cavity_porosity:.3g} % of the surface"
-        )
-    if "true" in record.reference:
-        lines[0] += f"; true Z = {format_complex(record.reference['true'])}"
-    lines.append(f"{'method':36s} {'place':22s} {'f Hz':>7s} {'Z':>15s} {'file own':>15s} "
-                 f"{'|dZ|':>6s} {'|Z-true|':>8s} {'coh.':>5s} {'resid.':>8s}")  # fmt: skip
-    for row in report.rows:
-        own = "-" if row.own is None else format_complex(row.own)
-        lines.append(
-            f"{row.method:36s} {row.place:22s} {row.frequency:7.1f} "
-            f"{format_complex(row.impedance):>15s} {own:>15s} "
-            f"{_number(row.distance(row.own)):>6s} {_number(row.distance(row.true)):>8s} "
-            f"{_number(row.coherence, 2):>5s} {_number(row.residual, 5):>8s}"
-        )
-    lines.append(
-        "Z is p/(rho c v), exp(+jwt). Pressure first: what the reflected plane wave knows; "
-        "admittance over points: the paper's order"
-    )
-    return "\n".join(lines)
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return "-" if value != value else f"{value:.{digits}f}"
-
-
-@styled
-def draw_in_situ(
-    record: PressureRecord,
-    points: PointImpedances,
-    path: str | Path | None = None,
-    frequency_index: int = 0,
-) -> Any:
-    """R and X of the in situ method along x: points, cells in both orders, the file's truth."""
-    figure, axes = subplots(1, 2, 3.0)
-    profile = points_along_x(points, frequency_index)
-    known = bool((points.point_x == points.point_x).all())
-    frequency = float(points.frequency[frequency_index])
-    true = _stated(record, "true", frequency)
-    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
-        x = 1e3 * profile.x if known else profile.x
-        axis.plot(x, profile.values[part], color=COLOURS[0], label="points")
-        if known:
-            draw_cells(axis, points, part, frequency_index, "cells, ")
-        if true is not None:
-            axis.axhline(getattr(true, COMPLEX_PART[part]), color="k", linewidth=0.9, label="true")
-        axis.set_xlabel("$x$ (mm)" if known else "probe")
-        axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    title = record.title or record.name
-    figure.suptitle(f"{title}, in situ (Dean), {frequency:g} Hz", fontsize=9)
-    return finish(figure, path)
