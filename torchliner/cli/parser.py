@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
-        usual = {"formatter_class": Usage, "allow_abbrev": False, "add_help": False}
+        usual: dict[str, Any] = {"formatter_class": Usage, "allow_abbrev": False, "add_help": False}
         super().__init__(*arguments, **usual | settings)
         # No option begins with a minus and a digit: -0.17-0.07j is an impedance, not an option.
         self._negative_number_matcher = re.compile(r"-\.?\d")
