@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 
 import h5py
 import numpy as np
@@ -28,6 +29,7 @@ from torchliner.cli.main import (
     build_parser,
     main,
 )
+from torchliner.signals.burst_validation import BurstFilters
 from torchliner.tdibc.choices import Choices
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
@@ -167,6 +169,7 @@ def test_choices_are_those_of_the_library():
             ), f"{name} {action.option_strings}: {asked}"
             found += 1
     assert found > 50
+    assert tuple(field.name.replace("_", "-") for field in fields(BurstFilters)) == names.FILTERS
 
 
 def test_an_option_that_help_leaves_out_is_known(capsys):
@@ -480,7 +483,7 @@ def test_signals_and_limits_that_cannot_be(capsys, options, message):
 def test_spectra_are_drawn(capsys, tmp_path, small):
     """Several frequencies: a spectrum beside the maps."""
     plane = str(small / "y0.5mm.h5")
-    code, _, _ = run(capsys, "educe", plane, "--frequency", "1000:1400:200", "--figures",
+    code, _, _ = run(capsys, "educe", plane, "--frequency", "1000:1400:400", "--figures",
                      str(tmp_path), "--quiet", "--no-intervals")  # fmt: skip
     assert code == DONE
     made = {p.name for p in tmp_path.iterdir()}

@@ -37,7 +37,11 @@ ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
-LIMITS = ("rectangular", "standard")  # what a half-width of a tolerance is
+LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
+LAYOUTS = {  # of files that convert reads
+    "array": "one variable, all stated here", "resolved": "group of a simulation file",
+    "channel": "simulation file of a channel",
+}  # fmt: skip
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 
@@ -46,11 +50,12 @@ GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FILTERS = ("times", "zero-runs", "outliers")
-SEPARATORS = ("blank", "tab", "comma", "semicolon")
 FLAGGED = ("exclude", "use", "refuse")
+SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text
 
 # Ducts and pressures.
 SOURCES = ("upstream", "downstream")
+WALLS = ("opposite", "lined")
 CONDITIONS = ("ingard-myers", "continuous-velocity")
 WEIGHTS = ("absolute", "relative")
 FAR_ENDS = ("fitted", "stated")

@@ -6,20 +6,21 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from torchliner import names
 from torchliner.cli.files import check_files
 from torchliner.cli.options import CASE, stated
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
+MEANINGS = "; ".join(f"{name}, {text}" for name, text in names.LAYOUTS.items())
 OPTIONS = {
     "": {
         "source SOURCE": ".npy, .mat, .h5, or a simulation file",
         "--output FILE": {"required": True, "help": "plane file to write"},
         "--layout": {
-            "choices": ["array", "resolved", "channel"], "default": "array", "help": "array: one "
-            "variable, all stated here; resolved, channel: the project's simulation files; default "
-            "array"},
+            "choices": list(names.LAYOUTS), "default": "array",
+            "help": f"{MEANINGS}; default array"},
         "--compress": "gzip: smaller, slower to read",
     },
     "resolved, channel": {
