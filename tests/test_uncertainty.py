@@ -55,7 +55,7 @@ def test_block_means_are_means_of_the_response(noisy, liner, kind):
         warnings.simplefilter("ignore")  # of the compiler itself
     plane = dataclasses.replace(noisy, velocity=turbulence((6, 1500)))  # no whole slabs, blocks
     ready = prepare([plane], model, [FREQUENCY, 900.0], Choices(edge="silent", **choices))[0]
-    found = replay(ready).sums.blocks
+    found = replay(ready, every_rule=True).sums.blocks
     time = torch.arange(plane.samples, dtype=torch.float64) / RATE
     for f, frequency in enumerate((FREQUENCY, 900.0)):
         if kind == "kernel":

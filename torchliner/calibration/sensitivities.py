@@ -31,13 +31,13 @@ from torchliner.liners.parameters import (
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.edges import EdgeTable, Reach
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import impedance_of, reflection_at_levels
 from torchliner.replay.levels import interpolate
 from torchliner.replay.lines import Line, plan_lines
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import with_liner

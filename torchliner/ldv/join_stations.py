@@ -40,9 +40,7 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
         joined[key] = tuple(item for line in lines for item in getattr(line, key))
     intervals = [line.interval for line in lines if line.interval is not None]
     whole = len(intervals) == len(lines)
-    joined["interval"] = None if not whole else Interval(*(
-        torch.cat([getattr(each, name) for each in intervals]) for name in vars(intervals[0])
-    ))  # fmt: skip
+    joined["interval"] = Interval.joined(intervals) if whole else None
     walls = [line.wall for line in lines if line.wall is not None]
     joined["wall"] = torch.cat(walls) if walls else None
     return dataclasses.replace(first, average=None, notes=(), **joined)

@@ -240,7 +240,7 @@ def _coherence(ready: Prepared, referred: Referred | None, count: int) -> Tensor
 def _stacked(interval: Interval | None) -> Interval | None:
     if interval is None:
         return None
-    return Interval(*(value[None] for value in vars(interval).values()))
+    return interval.map(lambda value: value[None])
 
 
 def _facts(ready: Prepared, how: StationChoices, chosen: Choices, referred: bool) -> dict[str, Any]:

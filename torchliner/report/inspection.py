@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
-from torchliner.replay.drive import ProbeVelocity
+from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.survey import Survey, survey
 from torchliner.report.numbers import velocity_along_x
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.liners.grazing import goodrich_resistance
-from torchliner.records import ImpedanceMap, Interval, Uncertainty
+from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.replay.kernels import impedance_of
 from torchliner.replay.lines import interpolation_error
 from torchliner.tdibc.prepared import Prepared
@@ -95,8 +95,7 @@ def assemble(
 
     probes = reflection[: plane.probes]
     if uncertainty is not None:
-        parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
-        uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
+        uncertainty = dataclasses.replace(uncertainty, probes=uncertainty.probes.map(on_probes))
     return ImpedanceMap(
         frequency=ready.frequency,
         reflection=on_probes(probes),

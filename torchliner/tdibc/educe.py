@@ -8,9 +8,9 @@ from typing import Any
 
 from torchliner.checks import tell
 from torchliner.records import VelocityPlane
-from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import tone_sums

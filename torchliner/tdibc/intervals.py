@@ -77,12 +77,12 @@ def uncertainty_of(
     _add([first], slice(0, cells.count), averaged, series, how)
     wide = _tile_rows(groups, chosen.resample)
     return Uncertainty(
-        probes=_join(parts),
+        probes=Interval.joined(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
         cells_velocity_first=how.over_time(series, averaged),
         liner=_of_liner(groups, how, wide),
-        liner_velocity_first=_only(first.interval(how)),
+        liner_velocity_first=first.interval(how).map(_only),
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed,
             "resampled": chosen.resample if wide else "time",
@@ -104,14 +104,9 @@ def _add(
         group.add(part, slope, bias)
 
 
-def _join(parts: list[Interval]) -> Interval:
-    names = vars(parts[0])
-    return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
-
-
-def _only(interval: Interval) -> Interval:
+def _only(value: Tensor) -> Tensor:
     """Of the one group, (F,)."""
-    return Interval(*(value[0] for value in vars(interval).values()))
+    return value[0]
 
 
 def review_uncertainty(ready: Prepared, found: Uncertainty) -> list[str]:
@@ -209,8 +204,8 @@ def _of_liner(groups: dict[str, Groups], how: Resampling, wide: int) -> Interval
     """(F,): blocks of time, or tiles of time and of ``wide`` rows or cells."""
     liner = groups["liner"]
     if not wide:
-        return _only(liner.interval(how))
+        return liner.interval(how).map(_only)
     bias = liner.bias(how)
     reflection = reflection_from_admittance(liner.mean - bias)
     tiled = how.over_tiles(groups["rows"].series, reflection[0], wide)
-    return _only(liner.with_bias(Interval(*(v[None] for v in vars(tiled).values())), bias))
+    return liner.with_bias(tiled.map(lambda value: value[None]), bias).map(_only)

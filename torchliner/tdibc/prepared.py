@@ -1,4 +1,4 @@
-"""A plane after the first pass, and ready to be replayed."""
+"""A plane ready to be replayed."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Examined:
-    """A plane after the first pass.
+class Prepared:
+    """A plane after the first pass, with all that a replay needs.
 
     Args:
-        plane: as given.
+        plane, liner, chosen: as given.
         frequency: Hz, (F,).
         record: window and edge rule.
         cells: probes by cell; the cell averages follow the probes in every (P + C, ...) tensor.
@@ -37,10 +37,14 @@ class Examined:
         drive: |v| for the engines.
         sent: incident signal on the record, (n,); None for tones.
         blocks: of the record, for error bars; None where there are none.
-        notes: doubts so far.
+        grid: velocity levels.
+        kernels: None where no impulse response is needed.
+        notes: warnings so far.
     """
 
     plane: VelocityPlane
+    liner: Liner
+    chosen: Choices
     frequency: Tensor
     record: Record
     cells: Cells
@@ -49,23 +53,9 @@ class Examined:
     drive: DriveSpeed
     sent: Tensor | None
     blocks: Blocks | None
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Prepared(Examined):
-    """A plane ready to be replayed.
-
-    Args:
-        liner, chosen: as given.
-        grid: velocity levels.
-        kernels: None where no impulse response is needed.
-    """
-
-    liner: Liner
-    chosen: Choices
     grid: VelocityGrid
     kernels: KernelTable | None
+    notes: tuple[str, ...]
 
     @functools.cached_property
     def window_sums(self) -> WindowSums:
