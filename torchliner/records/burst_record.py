@@ -39,7 +39,7 @@ class BurstRecord(Written):
         displacement_thickness: delta*, m.  liner: name of the liner below.
         reference: independent impedances of the same case, normalised, by name.
         title, provenance: where the data come from.
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
         name: how messages call it (a file's name).
     Raises:
         TypeError: an array is not real floating point.
@@ -157,9 +157,9 @@ class BurstRecord(Written):
             raise ValueError(f"{self.name}: {count} bursts are masked, {dict(dropped)} counted")
         if count == 0:
             return self
-        said = {reason: number for reason, number in dropped.items() if number}
+        counted = {reason: number for reason, number in dropped.items() if number}
         if count == self.bursts:
-            raise ValueError(f"{self.name}: all {count} bursts would be dropped: {said}")
+            raise ValueError(f"{self.name}: all {count} bursts would be dropped: {counted}")
         arrays = {n: v[mask] for n in UNITS if (v := getattr(self, n)) is not None}
-        total = {r: self.dropped.get(r, 0) + said.get(r, 0) for r in [*self.dropped, *said]}
+        total = {r: self.dropped.get(r, 0) + counted.get(r, 0) for r in [*self.dropped, *counted]}
         return replace(self, **arrays, dropped=total)

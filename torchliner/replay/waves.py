@@ -127,7 +127,7 @@ class Sweep(_Banded):
         low, high: Hz, at the first sample and one after the last.
         spacing: ``linear`` or ``logarithmic``.
 
-    Each frequency passes once: Z at f then hangs on |v| around that moment alone. For a Z of the
+    Each frequency passes once: Z at f then depends on |v| around that moment alone. For a Z of the
     whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
     """
 

@@ -75,7 +75,7 @@ def assemble(
         reflection: R of probes and cell averages, (P + C, F).
         held: whether the rule held there, (P + C, F).
         peak: complex peak amplitude of v into the liner, (P + C, F).
-        notes: all doubts.
+        notes: all warnings.
         uncertainty: intervals, of the probes as (P, F).
         wall: probes that count as wall in averages over probes, (P, F).
     """

@@ -54,9 +54,9 @@ def uncertainty_of(
     single = ready.drive.dtype == torch.float32
     of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
-    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
-    silent = silent if wall is None else silent | wall
-    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
+    excluded = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    excluded = excluded if wall is None else excluded | wall
+    admittance = torch.where(excluded, 0, admittance_from_reflection(reflection[: plane.probes]))
     groups = {
         name: Groups(torch.where(ready.used, labels, -1), count, admittance, ready.blocks.count)
         for name, (labels, count) in _labels(ready).items()
@@ -67,7 +67,7 @@ def uncertainty_of(
         part = slice(low, min(low + step, plane.probes))
         series = deviations(part)
         parts.append(of_probes.over_time(series, reflection[part]))
-        _add(groups.values(), part, reflection[part], series, how, silent[part])
+        _add(groups.values(), part, reflection[part], series, how, excluded[part])
     averaged = reflection[plane.probes :]
     series = deviations(slice(plane.probes, plane.probes + cells.count))
     first = Groups(
@@ -93,13 +93,13 @@ def uncertainty_of(
 
 def _add(
     groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, how: Resampling,
-    silent: Tensor | None = None,
+    excluded: Tensor | None = None,
 ) -> None:  # fmt: skip
     """Some members to all groupings."""
     slope = admittance_slope(reflection) * series
     bias = admittance_bias(reflection, how.second_moment(series))
-    if silent is not None:
-        slope, bias = torch.where(silent, 0, slope), torch.where(silent, 0, bias)
+    if excluded is not None:
+        slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
     for group in groups:
         group.add(part, slope, bias)
 
@@ -110,7 +110,7 @@ def _only(value: Tensor) -> Tensor:
 
 
 def review_uncertainty(ready: Prepared, found: Uncertainty) -> list[str]:
-    """Doubts about the whole liner: fewer than eight runs, one row to resample, a large bias."""
+    """Warnings about the whole liner: fewer than eight runs, one row to resample, a large bias."""
     return _few_runs(ready, found) + _one_row(ready, found) + _large_bias(ready, found)
 
 

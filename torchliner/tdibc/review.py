@@ -1,4 +1,4 @@
-"""Doubts about the data, with numbers: refusals raise, the rest is returned as notes."""
+"""Warnings about the data, with numbers: refusals raise, the rest is returned as notes."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _whole_cut(record: Record, frequency: float) -> str:
 
 
 def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
-    """Whether liner and data speak of the same gas."""
+    """Whether liner and data state the same gas."""
     gas = getattr(liner, "fluid", None)
     if gas is None:
         return []
