@@ -1,6 +1,6 @@
 """Set the project up and run it, with the standard library alone.
 
-    python3 scripts/bootstrap.py setup|demo|test|lint|benchmark
+    python3 scripts/bootstrap.py setup|demo|test|test-slow|lint|benchmark
 
 Makes .venv once; later calls find it ready unless pyproject.toml or constraints.txt changed.
 Environment variables:
@@ -101,9 +101,14 @@ def lint() -> None:
 
 
 def test() -> None:
-    """Lint, types, all tests; the README's example is one of them."""
+    """Lint, types, all tests but the slow ones; the README's example is one of them."""
     lint()
-    run(PYTHON, "-m", "pytest")
+    run(PYTHON, "-m", "pytest", "-m", "not slow")
+
+
+def test_slow() -> None:
+    """The tests that ``test`` leaves out: those that compile, and statistics of many trials."""
+    run(PYTHON, "-m", "pytest", "-m", "slow")
 
 
 def demo() -> None:
@@ -118,7 +123,8 @@ def benchmark() -> None:
     run(PYTHON, "scripts/benchmark.py")
 
 
-TASKS = {"setup": None, "demo": demo, "test": test, "lint": lint, "benchmark": benchmark}
+TASKS = {"setup": None, "demo": demo, "test": test, "test-slow": test_slow, "lint": lint,
+         "benchmark": benchmark}  # fmt: skip
 
 
 def main() -> None:

@@ -19,14 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
+from torchliner.calibration.predicted_planes import PredictionRow, prediction_rows
 from torchliner.names import ORDERS
-from torchliner.report.calibration import (
-    PredictionRow,
+from torchliner.report.calibration_report import (
     draw_predictions,
     format_calibration,
-    format_predictions,
-    parameter_rows,
-    prediction_rows,
+    parameter_table,
+    prediction_table,
 )
 from torchliner.report.table import write_rows
 
@@ -100,11 +99,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\n== {variant}, {order}")
             for name, found in zip(("slit", "orifice"), fits, strict=True):
                 print(format_calibration(found))
-                parameters += [{**about, "fit": name, **row} for row in parameter_rows(found)]
+                parameters += [
+                    {**about, "fit": name, **row} for row in parameter_table(found).as_rows()
+                ]
             shown = [dataclasses.replace(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm")
                      for row in rows]  # fmt: skip
-            print(format_predictions(shown))
-            predictions += [{**about, **row.plain()} for row in rows]
+            print(prediction_table(shown).as_text())
+            predictions += [{**about, **row} for row in prediction_table(rows).as_rows()]
             if variant == HIGHEST:
                 panels[order] = rows
     write_rows(parameters, RESULTS / "parameters.csv")

@@ -24,7 +24,8 @@ import torchliner as tl
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
-from torchliner.report.duct import draw_walls, microphones_of
+from torchliner.lee.solved_line import microphones_of
+from torchliner.report.duct_report import draw_walls
 from torchliner.report.table import write_rows
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}

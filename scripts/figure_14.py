@@ -22,8 +22,8 @@ from typing import Any
 import torchliner as tl
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.presets import load_duct
+from torchliner.lee.solved_line import solved_line
 from torchliner.records import FieldFit, WallEduction
-from torchliner.report.duct import solved_line
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import write_rows
 from torchliner.report.wall_pressure import draw_cloud, draw_levels

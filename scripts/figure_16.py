@@ -11,10 +11,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from studies.rms_figures import draw_rms_along_x
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import VelocityPlane
-from torchliner.report.height import draw_rms_along_x
 from torchliner.report.numbers import velocity_along_x
 
 DATA = Path(__file__).resolve().parent.parent / "data"

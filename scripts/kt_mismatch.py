@@ -22,8 +22,8 @@ import numpy as np
 import torchliner as tl
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.duct import solved_line
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import write_rows
 from torchliner.wall_field.fit_field import fit_field

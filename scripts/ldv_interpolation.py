@@ -26,7 +26,7 @@ import torchliner as tl
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.slotting import slotted_correlation, slotted_spectrum
 from torchliner.names import GRID_METHODS
-from torchliner.report.table import Array, Table
+from torchliner.report.curves import Array, Curves
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part
@@ -70,7 +70,7 @@ class Flow:
         return times[times < self.seconds]
 
 
-def attenuation_tables() -> tuple[Table, Table]:
+def attenuation_tables() -> tuple[Curves, Curves]:
     """|G| for drawn arrivals, and the closed forms on finer rates."""
     found: dict[str, list[float]] = {method: [] for method in GRID_METHODS}
     for seed, rate in enumerate(RATES):
@@ -85,8 +85,8 @@ def attenuation_tables() -> tuple[Table, Table]:
     }
     drawn = {method: np.array(values) for method, values in found.items()}
     return (
-        Table(np.array(RATES), drawn, "drawn arrivals", VARIABLE),
-        Table(fine, closed, "closed form", VARIABLE),
+        Curves(np.array(RATES), drawn, "drawn arrivals", VARIABLE),
+        Curves(fine, closed, "closed form", VARIABLE),
     )
 
 
@@ -98,7 +98,7 @@ def fit_at_arrivals(times: Tensor, values: Tensor) -> complex:
     return complex(cosine, sine) / 2
 
 
-def amplitude_errors(draws: int) -> Table:
+def amplitude_errors(draws: int) -> Curves:
     """Bias and scatter of the tone's amplitude by linear interpolation, over its size."""
     names = ("as interpolated", "corrected", "fit at the arrivals")
     columns: dict[str, list[float]] = {}
@@ -120,15 +120,15 @@ def amplitude_errors(draws: int) -> Table:
             columns.setdefault(f"bias, {name}", []).append(float(bias))
             columns.setdefault(f"scatter, {name}", []).append(float(scatter))
     numbers = {name: np.array(column) for name, column in columns.items()}
-    return Table(np.array(RATES), numbers, f"{draws} draws of {SHORT:g} s", VARIABLE)
+    return Curves(np.array(RATES), numbers, f"{draws} draws of {SHORT:g} s", VARIABLE)
 
 
-def spectra() -> list[Table]:
+def spectra() -> list[Curves]:
     """Power spectral densities: known everywhere, rebuilt, and from the pairs of samples."""
     flow = Flow(LONG, 77)
     times = flow.arrivals(SPECTRUM_RATE)
     values = flow.velocity(times)
-    found: list[Table] = []
+    found: list[Curves] = []
     for method in GRID_METHODS:
         signal = onto_grid(times, values, GRID, method)
         if not found:
@@ -136,16 +136,16 @@ def spectra() -> list[Table]:
         found.append(_welch(signal.values, method))
     slotted = slotted_spectrum(slotted_correlation(times, values, 1 / GRID, 16e-3))
     name = "slotted, local normalisation"
-    return [*found, Table(slotted[0], {"density (m2/s2/Hz)": slotted[1]}, name, "frequency (Hz)")]
+    return [*found, Curves(slotted[0], {"density (m2/s2/Hz)": slotted[1]}, name, "frequency (Hz)")]
 
 
-def _welch(signal: Tensor, label: str) -> Table:
+def _welch(signal: Tensor, label: str) -> Curves:
     frequency, density = welch(signal.numpy(), GRID, nperseg=2000)
     numbers: Array = np.asarray(density, dtype=np.float64)
-    return Table(np.asarray(frequency), {"density (m2/s2/Hz)": numbers}, label, "frequency (Hz)")
+    return Curves(np.asarray(frequency), {"density (m2/s2/Hz)": numbers}, label, "frequency (Hz)")
 
 
-def effects() -> tuple[list[tuple[str, Table, float]], Table]:
+def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     """Panels of rms and Z by method, relative to the truth of the same draw; and all numbers."""
     rows = []
     for number, rate in enumerate(RATES):
@@ -164,9 +164,9 @@ def effects() -> tuple[list[tuple[str, Table, float]], Table]:
     for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
         shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
         panels.append(
-            (f"{label}, over the truth", Table(np.array(RATES), shown, label, VARIABLE), 1.0)
+            (f"{label}, over the truth", Curves(np.array(RATES), shown, label, VARIABLE), 1.0)
         )
-    return panels, Table(np.array(RATES), numbers, "effects", VARIABLE)
+    return panels, Curves(np.array(RATES), numbers, "effects", VARIABLE)
 
 
 def _corrections(times: Tensor, signal: GridSignal) -> dict[str, GridSignal]:
@@ -188,7 +188,7 @@ def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:
     return found
 
 
-def study(folder: Path, draws: int) -> dict[str, Table]:
+def study(folder: Path, draws: int) -> dict[str, Curves]:
     """Draw the figures into a folder; returns all numbers by name."""
     factors, closed = attenuation_tables()
     errors = amplitude_errors(draws)

@@ -25,7 +25,7 @@ from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import ORDERS
-from torchliner.report import figures, height
+from torchliner.report import figures, height_figures
 from torchliner.report.spectra import draw_spectrum
 from torchliner.tdibc.educe import educe
 
@@ -57,8 +57,8 @@ def main() -> None:
     null_test = educe(channel, load_liner("polito"), 1400.0)
     figures.draw_map(null_test, FIGURES / "channel_map.png")
     for case, draw, name in (
-        ("slit_n130", height.draw_impedance_over_height, "height_n130_impedance"),
-        ("slit_g03_145", height.draw_imprint, "height_g03_imprint"),
+        ("slit_n130", height_figures.draw_impedance_over_height, "height_n130_impedance"),
+        ("slit_g03_145", height_figures.draw_imprint, "height_g03_imprint"),
     ):
         planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
         study = study_heights(planes, load_liner(planes[0].liner))

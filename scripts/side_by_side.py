@@ -28,9 +28,9 @@ import torchliner as tl
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
+from torchliner.lee.solved_line import solved_line
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
-from torchliner.report.duct import solved_line
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import write_rows
 

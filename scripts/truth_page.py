@@ -38,7 +38,7 @@ from torchliner.audits.truth_rows import (
 from torchliner.io.hdf5 import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex, write_rows
-from torchliner.report.truth import drive_label
+from torchliner.report.truth_table import drive_label, plain_truth
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES, PAGE = ROOT / "data", ROOT / "docs" / "figures", ROOT / "docs" / "truth.md"
@@ -78,18 +78,29 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
     return [dataclasses.replace(row, in_situ=dean) for row in rows]
 
 
+def truth_row_of(row: dict[str, str]) -> TruthRow:
+    """The row of such a CSV again."""
+
+    def pair(key: str) -> complex:
+        return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+
+    names = ("educed", "true", "in_situ", "low", "high")
+    return TruthRow(row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"],
+                    row["order"], *map(pair, names))  # fmt: skip
+
+
 def read_rows(path: Path) -> list[TruthRow]:
     """Rows of an earlier run."""
     with path.open(newline="") as file:
-        return [TruthRow.from_plain(row) for row in csv.DictReader(file)]
+        return [truth_row_of(row) for row in csv.DictReader(file)]
 
 
 def write_truth_rows(rows: Sequence[TruthRow], path: Path) -> None:
     """As CSV, to ``PRINTED`` digits."""
     write_rows(
         [
-            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.plain().items()}
-            for row in rows
+            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.items()}
+            for row in plain_truth(rows).as_rows()
         ],
         path,
     )

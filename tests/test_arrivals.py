@@ -16,7 +16,7 @@ import torchliner as tl
 from studies.slotting import slotted_correlation
 from torchliner.names import GRID_METHODS
 from torchliner.signals.arrivals import UniformGrid, interpolate, onto_grid
-from torchliner.signals.attenuation import poisson_attenuation, poisson_power, tone_attenuation
+from torchliner.signals.attenuation import poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part
 
 FREQUENCY, RATE = 1500.0, 15e3

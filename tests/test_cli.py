@@ -200,7 +200,7 @@ def test_convert_array_and_scale(capsys, tmp_path):
     [
         ("tdibc.educe.educe", ["educe", SLIT]),
         ("lee.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
-        ("report.verify.order_rows", ["verify"]),
+        ("lee.verification.order_rows", ["verify"]),
     ],
 )
 def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch, where, words):

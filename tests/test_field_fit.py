@@ -10,8 +10,8 @@ import torch
 
 import torchliner as tl
 from torchliner.duct.presets import duct_text, load_duct
+from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.duct import solved_line
 from torchliner.wall_field import impedance_search as field_search
 from torchliner.wall_field.fit_field import duct_of_line, fit_field
 from torchliner.wall_field.model import FieldModel

@@ -257,7 +257,7 @@ def test_what_else_lies_in_the_parts_folder_stays(folder, tmp_path):
 
 def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
     """The numbers of a table count, not its name."""
-    from torchliner.ldv.educe_bursts import liner_fingerprint
+    from torchliner.ldv.station_key import liner_fingerprint
 
     found = []
     for factor in (1.0, 2.0):

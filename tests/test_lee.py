@@ -56,9 +56,9 @@ def test_order_of_accuracy(flow, direction):
     for degree, meshes in ((1, fine), (2, fine), (3, coarse), (4, coarse)):
         row = order_table(flow, (degree,), meshes, direction)[1]
         if flow == "no flow":
-            assert row.order == pytest.approx(degree + 1, abs=0.05)
-        assert degree + 1 - short.get(degree, 0.25) < row.order < degree + 1.05
-        assert row.unknowns == 3 * (degree + 1) ** 2 * math.prod(meshes[1])
+            assert row["order"] == pytest.approx(degree + 1, abs=0.05)
+        assert degree + 1 - short.get(degree, 0.25) < row["order"] < degree + 1.05
+        assert row["unknowns"] == 3 * (degree + 1) ** 2 * math.prod(meshes[1])
 
 
 def test_ninth_digit():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 
@@ -17,13 +18,13 @@ from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
 from torchliner.audits.truth_rows import TruthRow, errors_by_rule
-from torchliner.report.table import write_rows
-from torchliner.report.truth import format_rules
+from torchliner.report.truth_table import format_rules, plain_truth
 
 page = load_script("truth_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")
 TABLES = page.blocks_of(PAGE)
 ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")
+reasons_of = functools.cache(page.reasons_of)
 
 # --- what a model can return
 
@@ -209,9 +210,9 @@ def test_phase_locked_power_refuses(samples, rate, message):
 
 
 def test_rows_survive_their_csv(tmp_path):
-    write_rows([ROWS[0].plain(), ROWS[30].plain()], tmp_path / "rows.csv")
-    back = page.read_rows(tmp_path / "rows.csv")
-    assert [row.plain() for row in back] == [ROWS[0].plain(), ROWS[30].plain()]
+    some = plain_truth([ROWS[0], ROWS[30]])
+    some.write_csv(tmp_path / "rows.csv")
+    assert plain_truth(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
 
 
 def test_errors_by_rule_by_hand():
@@ -255,7 +256,7 @@ def test_committed_rows_are_current(case, index):
 @pytest.mark.parametrize("case", ["n130", "g03_145", "o145"])
 def test_reasons_are_current(case):
     """Rows of the reasons, limits and motion tables, computed now, to the printed digits."""
-    reason = page.reasons_of(case)
+    reason = reasons_of(case)
     made = {
         "reasons": page.reason_table([reason]),
         "limits": page.limit_table([reason]),
@@ -290,7 +291,7 @@ def test_pictures_have_axes_and_units(tmp_path):
     assert r"\Delta R" in figure.axes[0].get_xlabel()
     assert r"\Delta X" in figure.axes[1].get_xlabel()
     assert r"\rho c" in figure.axes[1].get_xlabel()
-    reason = page.reasons_of("n130")
+    reason = reasons_of("n130")
     panel = ReachPanel("slit", page.liner_of("n130"), 1400.0, [reason])
     figure = draw_reach([panel, panel], tmp_path / "r.png")
     assert "resistance" in figure.axes[0].get_xlabel()

@@ -12,7 +12,7 @@ import torch
 
 from oracles.mode_matching import match_modes
 from torchliner.cli.main import main
-from torchliner.report import verify
+from torchliner.lee import verification as verify
 
 
 def test_all_checks_hold(tmp_path, capsys):

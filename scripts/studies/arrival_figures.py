@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from torchliner.report.curves import Curves
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
-from torchliner.report.table import Table
 
 KILO = 1e-3
 RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
@@ -23,10 +23,10 @@ LOOKS = {
 
 @styled
 def draw_attenuation(
-    factors: Table,
-    closed_forms: Table,
+    factors: Curves,
+    closed_forms: Curves,
     published: Mapping[float, float],
-    errors: Table,
+    errors: Curves,
     path: str | Path | None = None,
 ) -> Figure:
     """(a) the factor on a tone, (b) bias and scatter of its amplitude, over the mean rate.
@@ -67,7 +67,7 @@ def draw_attenuation(
 
 @styled
 def draw_spectra(
-    spectra: Sequence[Table],
+    spectra: Sequence[Curves],
     title: str,
     highest: float,
     lowest: float,
@@ -110,7 +110,7 @@ def _spectrum_look(label: str) -> tuple[str, str, float]:
 
 @styled
 def draw_effects(
-    tables: Sequence[tuple[str, Table, float]], path: str | Path | None = None
+    tables: Sequence[tuple[str, Curves, float]], path: str | Path | None = None
 ) -> Figure:
     """Quantities over the mean rate, a panel each: (axis label, values by method, truth)."""
     figure, axes = subplots(1, len(tables), 3.1)
@@ -126,7 +126,7 @@ def draw_effects(
     return finish(figure, path)
 
 
-def _rate_axis(axis: Any, table: Table) -> None:
+def _rate_axis(axis: Any, table: Curves) -> None:
     from matplotlib.ticker import NullFormatter, NullLocator
 
     axis.set_xscale("log")

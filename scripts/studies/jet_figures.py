@@ -6,27 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from torchliner.heights.jets import JetScaling, fit_exponent
+from torchliner.report.curves import Array, Curves
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
-from torchliner.report.table import Array, Table
 
 PAPER_EXPONENTS = (0.4, -0.5)  # eq. (A4)
 STYLES = ("-", "--", ":")
 
 
-def height_over_velocity(scalings: Sequence[JetScaling]) -> Table:
+def height_over_velocity(scalings: Sequence[JetScaling]) -> Curves:
     """H_j/d over U_j, a column a Mach number and shear."""
     values = {
         f"H_j/d (M_b = {mach:g}, delta = {one.shear:g})": row
         for one in scalings
         for mach, row in zip(one.machs, one.height_over_velocity, strict=True)
     }
-    return Table(scalings[0].velocity, values, "jet height", "U_j (m/s)")
+    return Curves(scalings[0].velocity, values, "jet height", "U_j (m/s)")
 
 
-def height_over_mach(scalings: Sequence[JetScaling]) -> Table:
+def height_over_mach(scalings: Sequence[JetScaling]) -> Curves:
     """H_j/d over M_b at one jet velocity, a column a shear."""
     values = {f"H_j/d (delta = {one.shear:g})": one.height_over_mach for one in scalings}
-    return Table(scalings[0].mach, values, "jet height", "M_b")
+    return Curves(scalings[0].mach, values, "jet height", "M_b")
 
 
 @styled

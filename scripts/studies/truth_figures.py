@@ -15,7 +15,7 @@ from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import ORDERS
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.truth import drive_label
+from torchliner.report.truth_table import drive_label
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)

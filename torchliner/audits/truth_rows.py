@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner
 from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -74,29 +73,6 @@ class TruthRow:
     def error(self) -> float:
         """|Z - Z_true|, in rho c."""
         return abs(self.miss)
-
-    def plain(self) -> dict[str, Any]:
-        """For JSON and CSV: complex values as two numbers."""
-        row: dict[str, Any] = {}
-        for key, value in vars(self).items():
-            if isinstance(value, complex):
-                row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
-            else:
-                row[key] = value
-        return {**row, "error": self.error}
-
-    @classmethod
-    def from_plain(cls, row: Mapping[str, Any]) -> TruthRow:
-        """The row of a CSV again."""
-
-        def pair(key: str) -> complex:
-            return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
-
-        return cls(
-            str(row["case"]), float(row["height"]), str(row["drive"]), str(row["mean"]),
-            str(row["phase"]), str(row["order"]), pair("educed"), pair("true"), pair("in_situ"),
-            pair("low"), pair("high"),
-        )  # fmt: skip
 
 
 def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:

@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.audits.audit import audit
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.audit import draw_audit, format_audit, plain_audit, write_audit
+    from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
 
     refuse_inputs([options.output], [*options.planes, options.liner], options.figure)
     require_ending(options.output, [".csv"], "--output")

@@ -52,8 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
     from torchliner.calibration.calibrate import calibrate
+    from torchliner.calibration.predicted_planes import prediction_rows
     from torchliner.io.plane_file import read_plane
-    from torchliner.report import calibration as report
+    from torchliner.report import calibration_report as report
 
     inputs = [*options.planes, *options.predict, options.liner]
     refuse_inputs([options.output], inputs, options.figure)
@@ -78,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         rows = [
             row
             for path, plane in zip(options.predict, predicted, strict=True)
-            for row in report.prediction_rows(
+            for row in prediction_rows(
                 found, plane, liners[0], label=path.stem,
                 reference=options.reference[0], noise=complex(noise, noise),
             )
@@ -88,11 +89,11 @@ def run(options: argparse.Namespace) -> int:
     if options.figure is not None:
         report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
     if options.json:
-        print_json(_summary(found, rows))
+        print_json(report.plain_calibration(found, rows))
     else:
         print(report.format_calibration(found))
         if rows:
-            print(f"\n{report.format_predictions(rows)}")
+            print(f"\n{report.prediction_table(rows).as_text()}")
     return 1 if found.on_bound or found.unseen else 0
 
 
@@ -126,12 +127,12 @@ def _references(texts: list[str]) -> Any:
 
 
 def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
-    from torchliner.liners.parameters import NUMBERS, expand_names, require_sdof, value_of
+    from torchliner.liners.model import named_numbers
 
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, rest = text.partition("=")
-        for each in expand_names([name.strip()]):
+        for each, number in named_numbers(liner, [name.strip()]).items():
             if equals:
                 try:
                     low, high = (float(part) for part in rest.split(":"))
@@ -140,9 +141,9 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
                         f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units"
                     ) from None
             else:
-                value = value_of(require_sdof(liner), each)
-                reach = AROUND if each.startswith("offset_") else AROUND * value
-                low, high = value - reach, min(value + reach, NUMBERS[each].high)
+                # A share of what is above 0, else of 1.
+                reach = AROUND * number.value if number.low >= 0 else AROUND
+                low, high = number.value - reach, min(number.value + reach, number.high)
             if each in found:
                 raise ValueError(f"--free names {each} twice")
             found[each] = (low, high)
@@ -170,22 +171,3 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     text = liner_text(found.liner.replace(name=f"{before.name} calibrated"), source)
     with written_whole(options.output) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _summary(found: Any, rows: list[Any]) -> dict[str, Any]:
-    from torchliner.report.calibration import parameter_rows
-
-    return {
-        "parameters": parameter_rows(found),
-        "correlation": found.correlation.tolist(),
-        "singular_values": found.singular_values.tolist(),
-        "unseen": [list(group) for group in found.unseen],
-        "sum_of_squares": found.chi_square,
-        "degrees_of_freedom": found.degrees_of_freedom,
-        "scaling": found.scaling,
-        "order": found.order,
-        "reference": [complex(z) for z in found.wanted],
-        "fitted": [complex(z) for z in found.found],
-        "predictions": [vars(row) for row in rows],
-        "notes": list(found.notes),
-    }

@@ -127,14 +127,9 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
+    from torchliner.lee.solved_line import solved_line
     from torchliner.lee.solver import DuctSolver
-    from torchliner.report.duct import (
-        draw_field,
-        draw_walls,
-        format_duct,
-        plain_duct,
-        solved_line,
-    )
+    from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
@@ -157,19 +152,19 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.report.duct_modes import draw_modes, format_modes, mode_rows, modes_of
-    from torchliner.report.table import write_rows
+    from torchliner.duct.setup_modes import modes_of
+    from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), (options.duct,), options.figure)
     modes = modes_of(setup, options.count)
-    rows = mode_rows(setup, modes)
+    table = mode_table(setup, modes)
     if options.figure is not None:
         draw_modes(modes, options.figure)
     if options.output is not None:
-        write_rows(rows, options.output)
+        table.write_csv(options.output)
     if options.json:
-        print_json({"duct": setup.facts, "modes": rows})
+        print_json({"duct": setup.facts, "modes": table.as_rows()})
     else:
-        print(format_modes(setup, rows))
+        print(format_modes(setup, table))
     return 0

@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.cli.insitu import with_in_situ
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.summary import format_maps, plain_map
+    from torchliner.report.map_table import format_maps, plain_map
     from torchliner.tdibc.educe import educe
 
     chosen = chosen_from(options)

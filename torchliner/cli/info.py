@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
     from torchliner.io.plane_file import read_plane
-    from torchliner.report.inspection import inspect_plane
+    from torchliner.replay.inspection import inspect_plane
 
     plane = read_plane(options.plane, lazy=True)
     found = inspect_plane(plane)

@@ -45,13 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
+    from torchliner.in_situ_method.every_method import in_situ_report
     from torchliner.io.pressure_file import read_pressure
-    from torchliner.report.in_situ import (
-        draw_in_situ,
-        format_in_situ,
-        in_situ_report,
-    )
-    from torchliner.report.table import write_rows
+    from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 
     refuse_inputs([options.output], [options.record], options.figure)
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
@@ -71,13 +67,13 @@ def run(options: argparse.Namespace) -> int:
             "write; -o FILE.csv writes the rows"
         )
     if options.output is not None and options.output.suffix.lower() == ".csv":
-        write_rows([row.plain() for row in report.rows], options.output)
+        in_situ_table(report.rows).write_csv(options.output)
     elif options.output is not None and report.points is not None:
         report.points.write(options.output)
     if options.figure is not None and report.points is not None:
         draw_in_situ(record, report.points, options.figure)
     if options.json:
-        rows = [row.plain() for row in report.rows]
+        rows = in_situ_table(report.rows).as_rows()
         print_json({"title": record.title, "rows": rows, "notes": report.notes})
     else:
         print(format_in_situ(record, report))

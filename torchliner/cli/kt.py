@@ -17,19 +17,14 @@ from torchliner.cli.options import (
     require_ending,
     warnings_on_stderr,
 )
+from torchliner.names import WALL_METHODS, resolve
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
     from torchliner.report.wall_table import Educed
 
 SHARED = ("source_side", "draws", "level_error", "phase_error")
-WAVES = ("condition", "margin")
-OWN = {
-    "kt": (*WAVES, "rank", "order"),
-    "two-waves": (*WAVES, "weights"),
-    "free-waves": (*WAVES, "weights"),
-    "field": ("duct", "far_end", "variation", "start"),
-}
+OWN = {name: own for name, (_, _, own) in WALL_METHODS.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,9 +71,8 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from torchliner.io.microphone_file import read_microphones
-    from torchliner.report.table import write_rows
     from torchliner.report.wall_pressure import draw_wall
-    from torchliner.report.wall_table import format_wall, wall_rows
+    from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
     refuse_inputs([options.output], options.lines, options.figure)
     require_ending(options.output, [".csv"], "--output")
@@ -93,13 +87,13 @@ def run(options: argparse.Namespace) -> int:
             lines.append(line)
     tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
     if options.output is not None:
-        write_rows([row.plain() for rows in tables for row in rows], options.output)
+        wall_table([row for rows in tables for row in rows]).write_csv(options.output)
     if options.figure is not None:
         draw_wall(lines, found, options.figure)
     if options.json:
         print_json({"lines": [
             {"name": line.name, "title": line.title, "choices": dict(one.choices),
-             "rows": [row.plain() for row in rows], "notes": [*line.notes, *one.notes]}
+             "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
             for line, one, rows in zip(lines, found, tables, strict=True)
         ]})  # fmt: skip
     else:
@@ -129,38 +123,17 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def educe_line(
-    line: MicrophoneLine,
-    method: str,
-    *,
-    duct: str | Path | None = None,
-    source_side: str | None = None,
-    **options: Any,
+    line: MicrophoneLine, method: str, *, source_side: str | None = None, **options: Any
 ) -> Educed:
-    """By one of ``METHODS``.
+    """By one of ``WALL_METHODS``.
 
     Args:
         line: microphones.
-        method: its word.
-        duct: preset or file, for ``field``.
+        method: its name.
         source_side: instead of the line's.
-        options: those of ``kumaresan_tufts``, ``two_wave_fit`` and ``fit_field``.
-    Raises:
-        ValueError: ``field`` without a duct.
+        options: of the method.
     """
-    from torchliner.wall_field.fit_field import duct_of_line, fit_field
-    from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-    from torchliner.wall_waves.two_waves import two_wave_fit
-
     if source_side is not None:
         line = replace(line, source_side=source_side)
-    if method == "kt":
-        return kumaresan_tufts(line, **options)
-    if method != "field":
-        return two_wave_fit(line, tied=method == "two-waves", **options)
-    if duct is None:
-        raise ValueError(
-            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
-            "(torchliner duct solve NAME --copy FILE writes one to edit)"
-        )
-    solver, wall = duct_of_line(line, duct)
-    return fit_field(line, solver, wall=wall, **options)
+    found: Educed = resolve(WALL_METHODS[method][0])(line, **options)
+    return found

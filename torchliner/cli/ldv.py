@@ -58,23 +58,24 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from torchliner.report.bursts import (
+    from torchliner.report.station_report import (
         draw_stations,
         format_stations,
-        inspect_stations,
         intervals_of,
+        plain_station,
+        station_table,
     )
-    from torchliner.report.table import write_rows
+    from torchliner.signals.inspected_station import inspect_stations
 
     refuse_inputs((options.output, options.intervals, options.figure), files_in(options.source))
     records = [source.read() for source in stations_from(options)]
     stations = inspect_stations(records, filters_from(options))
     if options.json:
-        print_json([station.plain() for station in stations])
+        print_json([plain_station(station) for station in stations])
     else:
         print(format_stations(stations))
     if options.output is not None:
-        write_rows([station.row() for station in stations], options.output)
+        station_table(stations).write_csv(options.output)
     if options.intervals is not None:
         intervals_of(stations).write_csv(options.intervals)
     if options.figure is not None:

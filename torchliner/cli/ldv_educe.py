@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.io.line_parts import LineParts
     from torchliner.ldv.educe_bursts import educe_bursts
-    from torchliner.report.line import format_line, plain_line
+    from torchliner.report.line_table import format_line, plain_line
 
     require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     inputs: list[Any] = [*files_in(options.source), options.liner, options.reference]

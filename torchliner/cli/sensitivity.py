@@ -60,16 +60,14 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.calibration.sensitivities import sensitivities
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.sensitivities import (
+    from torchliner.report.sensitivity_report import (
         budget_correlation,
-        budget_rows,
+        budget_table,
         draw_contributions,
         format_budget,
-        format_sensitivities,
         nominal_impedance,
-        sensitivity_rows,
+        sensitivity_table,
     )
-    from torchliner.report.table import write_rows
 
     refuse_inputs([options.output], [options.plane, options.liner], options.figure)
     require_ending(options.output, [".csv"], "--output")
@@ -92,18 +90,19 @@ def run(options: argparse.Namespace) -> int:
     frequency, order = found.found.frequency.tolist(), options.order
     if tolerances:
         budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
-        rows = budget_rows(budget, frequency, order)
-        text = format_budget(budget, found, order, rows)
-        said = f"tolerances are {options.limits}"
+        table = budget_table(budget, frequency, order)
+        text = format_budget(budget, found, order, table)
+        meaning = f"tolerances are {options.limits}"
     else:
-        rows = sensitivity_rows(found, order)
-        text, said = format_sensitivities(rows), "p in the unit shown"
+        table = sensitivity_table(found, order)
+        text, meaning = table.as_text(), "p in the unit shown"
+    rows = table.as_rows()
     if options.output is not None:
-        write_rows(rows, options.output)
+        table.write_csv(options.output)
     if options.figure is not None:
         first = [row for row in rows if row["frequency"] == frequency[0]]
         title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
-        title += f"; {said}" if tolerances else ""
+        title += f"; {meaning}" if tolerances else ""
         draw_contributions(first, title, options.figure)
     if options.json:
         together = [budget_correlation(budget, order, i) for i in range(len(frequency))] if (
@@ -115,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
                     "notes": list(found.found.notes)})  # fmt: skip
         return 0
     print(text)
-    print(f"Z by rho c, averaging: {order}; {said}; first order, interpolation error of a "
+    print(f"Z by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
           f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
     return 0
 

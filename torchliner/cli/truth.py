@@ -21,8 +21,12 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.audits.truth_rows import truth_table
     from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.table import write_rows
-    from torchliner.report.truth import format_rules, format_summary, format_truth
+    from torchliner.report.truth_table import (
+        format_rules,
+        format_summary,
+        format_truth,
+        plain_truth,
+    )
 
     planes = [read_plane(path) for path in options.planes]
     names = {
@@ -32,9 +36,9 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(len(planes), "truth table", options.quiet) as step:
         rows = truth_table(planes, lambda plane: load_liner(names[id(plane)]), step)
     if options.output is not None:
-        write_rows([row.plain() for row in rows], options.output)
+        plain_truth(rows).write_csv(options.output)
     if options.json:
-        print_json([row.plain() for row in rows])
+        print_json(plain_truth(rows).as_rows())
     else:
         print(format_truth(rows))
         print(f"\n{format_rules(rows)}")

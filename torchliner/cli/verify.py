@@ -18,17 +18,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print tables and checks; 1 if one fails."""
-    from torchliner.report.table import write_rows
-    from torchliner.report.verify import checks, format_verification, order_rows
+    from torchliner.lee.verification import checks, order_rows
+    from torchliner.report.verification_table import format_verification, order_table
 
     require_ending(options.output, [".csv"], "--output")
     refuse_inputs((options.output,), ())
     rows = order_rows(options.degrees)
     found = checks(rows)
+    table = order_table(rows)
     if options.output is not None:
-        write_rows(rows, options.output)
+        table.write_csv(options.output)
     if options.json:
         print_json({"orders": rows, "checks": found})
     else:
-        print(format_verification(rows, found))
+        print(format_verification(table, found))
     return 0 if all(check["passed"] for check in found) else 1

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import torch
 
 from torchliner.checks import tell
 from torchliner.io.burst_sources import Place, StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
-from torchliner.ldv.join_stations import join_lines, review_line
+from torchliner.ldv.join_stations import join_lines
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
-from torchliner.ldv.station import checked_phase, educe_station
+from torchliner.ldv.line_warnings import warnings_of
+from torchliner.ldv.station import educe_station
+from torchliner.ldv.station_key import liner_fingerprint, station_key
+from torchliner.ldv.station_reference import checked_phases
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
-from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
@@ -71,84 +69,78 @@ def educe_bursts(
     Source: Roncen et al. (2026), sections 3.3, 5.5.2, 5.5.3. Departures: the tone is corrected for
         the interpolation, flagged stations do not count in averages, intervals.
     """
-    if isinstance(stations, (str, Path)):
-        stations = list_stations(stations)
-    stations = _checked(stations)
-    if not hasattr(liner, "impedance"):
-        raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
-            "by load_liner"
+    stations = _checked_stations(stations)
+    model = as_liner(liner)
+    station_choices, replay_choices = _split(choices)
+    if reference_phase is not None and not phase_rule(replay_choices.phase).takes_phase:
+        raise ValueError(
+            f"reference_phase is only used with phase='given', not {replay_choices.phase!r}"
         )
-    how, chosen = _sorted_choices(choices)
-    if reference_phase is not None and not phase_rule(chosen.phase).takes_phase:
-        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
-    references = _references(reference, len(stations))
-    phases = checked_phase(reference_phase, len(stations))
+    references = _checked_references(reference, len(stations))
+    phases = checked_phases(reference_phase, len(stations))
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    # What all keys share; a table takes some work to tell.
-    shared = [] if kept is None else [
-        liner_fingerprint(liner), _plain(frequency), how.describe(), chosen.describe(),
-    ]  # fmt: skip
+    shared: list[Any] = []
+    if kept is not None:  # the fingerprint of a table takes some work
+        wanted = frequency.tolist() if hasattr(frequency, "tolist") else frequency
+        shared = [
+            liner_fingerprint(model), wanted, station_choices.describe(), replay_choices.describe(),
+        ]  # fmt: skip
     lines = []
-    for station, channel, phase in _along_x(stations, references, phases):
-        known = _channel(channel, station)
-
-        def work(station: Station = station, known: Any = known, phase: Any = phase) -> Any:
-            record = station.read() if isinstance(station, StationSource) else station
-            return educe_station(record, liner, frequency, how, chosen, known, phase)
-
+    for i in _order(stations):
+        channel = _channel(references[i], stations[i])
+        work = partial(
+            _read_and_educe, stations[i], model, frequency, station_choices, replay_choices,
+            channel, phases[i],
+        )  # fmt: skip
         if kept is None:
             lines.append(work())
         else:
-            lines.append(kept.take_up(_key(station, known, [*shared, phase]), work))
+            lines.append(
+                kept.take_up(station_key(stations[i], channel, [*shared, phases[i]]), work)
+            )
         if progress is not None:
             progress(1)
-    return finished_line(lines, how, chosen)
+    line = join_lines(lines)
+    average = average_line(line, replay_choices, station_choices.monte_carlo)
+    line = dataclasses.replace(line, average=average)
+    notes = warnings_of(line)
+    tell(notes)
+    return dataclasses.replace(line, notes=tuple(notes))
 
 
-def _along_x(
-    stations: Sequence[Station], references: Sequence[Any], phases: Sequence[Any]
-) -> list[tuple[Station, Any, Any]]:
-    """Stations with what belongs to each, in the order of x, y, z where all are known.
+def _read_and_educe(station: Station, *arguments: Any) -> ImpedanceLine:
+    record = station.read() if isinstance(station, StationSource) else station
+    return educe_station(record, *arguments)
+
+
+def _order(stations: Sequence[Station]) -> list[int]:
+    """Numbers of the stations in the order of x, y, z where all are known.
 
     Raises:
         ValueError: two stations have the same position.
     """
-    triples = list(zip(stations, references, phases, strict=True))
-    places = [_place_of(station) for station in stations]
+    places: list[Place] = [
+        each.place if isinstance(each, StationSource) else (each.x, each.y, each.z)
+        for each in stations
+    ]
     if any(None in place for place in places):
-        return triples
-    return [triples[i] for i in order_of(places, [station.name for station in stations])]
+        return list(range(len(stations)))
+    return order_of(places, [each.name for each in stations])
 
 
-def _place_of(station: Station) -> Place:
-    if isinstance(station, StationSource):
-        return station.place
-    return (station.x, station.y, station.z)
-
-
-def _channel(channel: Any, station: Station) -> ReferenceChannel | None:
-    known = channel(station) if callable(channel) else channel
-    if known is not None and not isinstance(known, ReferenceChannel):
+def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
+    channel = reference(station) if callable(reference) else reference
+    if channel is not None and not isinstance(channel, ReferenceChannel):
         raise TypeError(
-            f"a reference is {type(known).__name__}; make a ReferenceChannel of your samples and "
+            f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples and "
             "their rate first"
         )
-    return known
+    return channel
 
 
-def finished_line(
-    lines: Sequence[ImpedanceLine], how: StationChoices, chosen: Choices
-) -> ImpedanceLine:
-    """Stations joined, with their average; what is doubtful is warned of once."""
-    line = join_lines(lines)
-    line = dataclasses.replace(line, average=average_line(line, chosen, how.monte_carlo))
-    notes = review_line(line)
-    tell(notes, depth=2)
-    return dataclasses.replace(line, notes=tuple(notes))
-
-
-def _checked(stations: Any) -> list[Station]:
+def _checked_stations(stations: Any) -> list[Station]:
+    if isinstance(stations, (str, Path)):
+        return list(list_stations(stations))
     found = [stations] if isinstance(stations, (BurstRecord, StationSource)) else list(stations)
     if not found:
         raise ValueError("no station is given")
@@ -160,17 +152,7 @@ def _checked(stations: Any) -> list[Station]:
     return found
 
 
-def _sorted_choices(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
-    """Those between bursts and segments, and those of the replay."""
-    mine = {field.name for field in fields(StationChoices)}
-    how = StationChoices(**{key: value for key, value in choices.items() if key in mine})
-    rest = {key: value for key, value in choices.items() if key not in mine}
-    if rest.get("incident") is not None:
-        raise ValueError("stations of bursts are educed for tones; leave incident out")
-    return how, Choices(**rest)
-
-
-def _references(reference: Any, count: int) -> list[Any]:
+def _checked_references(reference: Any, count: int) -> list[Any]:
     if not isinstance(reference, (list, tuple)):
         return [reference] * count
     if len(reference) != count:
@@ -181,38 +163,11 @@ def _references(reference: Any, count: int) -> list[Any]:
     return list(reference)
 
 
-def _key(station: Station, channel: ReferenceChannel | None, said: list[Any]) -> str:
-    """What a station's result follows from, hashed."""
-
-    if isinstance(station, StationSource):
-        source = f"{station.digest()} {station.name}"
-    else:
-        source = _hash(list(vars(station).values()))
-    reference = [] if channel is None else [channel.values, channel.sampling_rate, channel.start]
-    text = json.dumps([__version__, source, _hash(reference), *said], default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def liner_fingerprint(liner: Any) -> str:
-    """Hash of what a liner says of itself and of its impedances: tables say too little."""
-    low, high = getattr(liner, "frequency_range", None) or (300.0, 3500.0)
-    top = min(20.0, getattr(liner, "speed_max", None) or 20.0)
-    speeds = torch.linspace(0, top, 41, dtype=torch.float64)
-    with torch.no_grad():
-        values = [
-            torch.as_tensor(liner.impedance(float(f), speeds)).to(torch.complex128)
-            for f in torch.linspace(float(low), float(high), 9)
-        ]
-    said = liner.describe() if hasattr(liner, "describe") else type(liner).__name__
-    return _hash([torch.view_as_real(torch.stack(values)), json.dumps(said, default=str)])
-
-
-def _hash(values: list[Any]) -> str:
-    digest = hashlib.sha256()
-    for value in values:
-        digest.update(value.numpy().tobytes() if hasattr(value, "numpy") else repr(value).encode())
-    return digest.hexdigest()
-
-
-def _plain(frequency: Any) -> Any:
-    return frequency.tolist() if hasattr(frequency, "tolist") else frequency
+def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
+    """Choices between bursts and segments, and those of the replay."""
+    names = {field.name for field in dataclasses.fields(StationChoices)}
+    station_choices = StationChoices(**{k: v for k, v in choices.items() if k in names})
+    rest = {key: value for key, value in choices.items() if key not in names}
+    if rest.get("incident") is not None:
+        raise ValueError("stations of bursts are educed for tones; leave incident out")
+    return station_choices, Choices(**rest)

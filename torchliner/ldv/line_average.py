@@ -25,45 +25,42 @@ from torchliner.conversions import (
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.signals.bootstrap import can_resample, deviations, mean_factor, run_lengths
-from torchliner.signals.resampling import Resampling
+from torchliner.signals.resampling import Resampling, impedance_bounds
 from torchliner.tdibc.choices import Choices
 
 DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB
 
 
-def station_interval(reflection: Tensor, chosen: Choices) -> Interval | None:
+def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
     """Of the mean of Z over the segments, (F,); None where segments are too few to resample.
+
+    The ``bias`` is what the mean is off because Z is not linear in R and each segment is short: the
+    mean of Z less Z of the mean R, right to second order.
 
     Args:
         reflection: R of the segments, (S, F).
-        chosen: level, draws, seed.
-    The ``bias`` is what the mean is off because Z is not linear in R and each segment is short: the
-    mean of Z less Z of the mean R, right to second order.
+        choices: level, draws, seed.
     """
     count = len(reflection)
-    if chosen.interval is None or not can_resample(count):
+    if choices.interval is None or not can_resample(count):
         return None
     values = impedance_from_reflection(reflection)
     middle = values.mean(0)
     bias = middle - impedance_from_reflection(reflection.mean(0))
-    how = Resampling(
-        torch.full((count,), 1 / count, dtype=torch.float64), chosen.interval, chosen.draws,
-        chosen.seed, convert=_as_it_is,
+    resampling = Resampling(
+        _equal_weights(count), choices.interval, choices.draws, choices.seed,
+        convert=lambda impedance: impedance,
     )  # fmt: skip
-    found = how.over_time(values - middle, middle - bias)
+    found = resampling.over_time(values - middle, middle - bias)
     return dataclasses.replace(found, bias=bias)
 
 
-def _as_it_is(values: Tensor) -> Tensor:
-    return values
-
-
-def average_line(line: ImpedanceLine, chosen: Choices, draws: int) -> LineAverage:
+def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAverage:
     """(5.2) over the stations that count.
 
     Args:
         line: stations.
-        chosen: level, draws and seed of the interval; the seed serves the Monte Carlo too.
+        choices: level, draws and seed of the interval; the seed serves the Monte Carlo too.
         draws: of the Monte Carlo, the paper's 5000.
     Raises:
         ValueError: no station counts.
@@ -75,17 +72,16 @@ def average_line(line: ImpedanceLine, chosen: Choices, draws: int) -> LineAverag
         )
     admittance, counts = segment_admittances(line), line.segments[line.used]
     mean = mean_over_segments(admittance, counts)
-    drawn = monte_carlo(admittance, counts, draws, chosen.seed)
-    spread = line.impedance[line.used]
-    several = len(spread) > 1
+    drawn = monte_carlo(admittance, counts, draws, choices.seed)
+    impedance = line.impedance[line.used]
+    several = len(impedance) > 1  # one station has no spread
     return LineAverage(
         impedance=mean_impedance(mean),
         monte_carlo=mean_impedance(drawn),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
-        # One station has no spread.
-        spatial_spread=_deviation(spread) if several else torch.full_like(spread[0], torch.nan),
-        interval=_line_interval(line, admittance, counts, chosen),
-        stations=int(line.used.sum()),
+        spatial_spread=_deviation(impedance) if several else torch.full_like(drawn[0], torch.nan),
+        interval=_line_interval(line, admittance, counts, choices),
+        stations=len(impedance),
     )
 
 
@@ -116,56 +112,52 @@ def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Te
     return torch.cat([admittance[place, part].mean(1) for part in pick.split(step)])
 
 
-def monte_carlo_deviation(admittance: Tensor, counts: Tensor) -> Tensor:
-    """Standard deviation of real and imaginary part of ``monte_carlo``, in closed form, (F,)."""
-    there = (torch.arange(admittance.shape[1]) < counts[:, None])[..., None]
-    away = torch.where(there, admittance - mean_over_segments(admittance, counts)[:, None], 0)
-    parts = [
-        ((part.square().sum(1) / counts[:, None]).sum(0)).sqrt() / len(counts)
-        for part in (away.real, away.imag)
-    ]
-    return torch.complex(*parts)
-
-
 def _deviation(values: Tensor) -> Tensor:
     return torch.complex(values.real.std(0), values.imag.std(0))
 
 
 def _line_interval(
-    line: ImpedanceLine, admittance: Tensor, counts: Tensor, chosen: Choices
+    line: ImpedanceLine, admittance: Tensor, counts: Tensor, choices: Choices
 ) -> Interval | None:
     """Independent draws of each station, added; Student's factor by Welch and Satterthwaite."""
-    if chosen.interval is None or not can_resample(int(counts.min())):
+    if choices.interval is None or not can_resample(int(counts.min())):
         return None
-    stations = len(counts)
-    total = torch.zeros(chosen.draws, admittance.shape[2], dtype=torch.complex128)
+    total = torch.zeros(choices.draws, admittance.shape[2], dtype=torch.complex128)
     power = torch.zeros(admittance.shape[2], dtype=torch.float64)
     share = torch.zeros_like(power)
-    bias = torch.zeros(admittance.shape[2], dtype=torch.complex128)
-    reflection = line.reflection[line.used]
     for n, count in enumerate(counts.tolist()):
-        own, mean = admittance[n, :count], admittance[n, :count].mean(0)
-        # One length for all frequencies, so that their draws go together.
-        length = int(run_lengths(own).max())
-        weights = torch.full((count,), 1 / count, dtype=torch.float64)
-        matrix = deviations(weights, length, chosen.draws, chosen.seed + 1 + n)
-        draws = matrix.to(own) @ (own - mean) * mean_factor(count, length) / stations
+        draws, runs = _station_draws(admittance[n, :count], choices.draws, choices.seed + 1 + n)
+        draws = draws / len(counts)
         variance = draws.abs().square().mean(0)
         total += draws
         power += variance
-        share += variance**2 / (count / length - 1)
-        silent = line.wall is not None and line.wall[line.used][n]
-        whole = admittance_from_reflection(reflection[n, :count].mean(0))
-        bias += torch.where(torch.as_tensor(silent), 0, mean - whole) / stations
-    runs = torch.where(share > 0, 1 + power**2 / share.clamp(min=1e-300), counts.sum() / 2)
-    how = Resampling(
-        weights, chosen.interval, chosen.draws, chosen.seed, convert=impedance_from_admittance
-    )
-    value = mean_over_segments(admittance, counts).mean(0)
+        share += variance**2 / (runs - 1)
+    runs_of_line = torch.where(share > 0, 1 + power**2 / share.clamp(min=1e-300), counts.sum() / 2)
+    mean = mean_over_segments(admittance, counts)
+    bias = mean - admittance_from_reflection(mean_over_segments(line.reflection[line.used], counts))
+    if line.wall is not None:
+        bias = torch.where(line.wall[line.used], 0, bias)
+    value, off = mean.mean(0), bias.mean(0)
     parts = [
-        how.bounds(total[:, f : f + 1].T, (value - bias)[f : f + 1], float(runs[f]))
+        impedance_bounds(
+            total[:, f : f + 1].T, (value - off)[f : f + 1], float(runs_of_line[f]),
+            choices.interval, impedance_from_admittance,
+        )
         for f in range(len(value))
-    ]
+    ]  # fmt: skip
     low, high, error = (torch.cat(each) for each in zip(*parts, strict=True))
-    off = impedance_from_admittance(value) - impedance_from_admittance(value - bias)
-    return Interval(low, high, error, runs, off)
+    moved = impedance_from_admittance(value) - impedance_from_admittance(value - off)
+    return Interval(low, high, error, runs_of_line, moved)
+
+
+def _station_draws(admittance: Tensor, draws: int, seed: int) -> tuple[Tensor, float]:
+    """Deviations of a station's mean, (M, F), from (S, F), and how many runs they rest on."""
+    count = len(admittance)
+    length = int(run_lengths(admittance).max())  # one, so that all frequencies are drawn together
+    matrix = deviations(_equal_weights(count), length, draws, seed).to(admittance)
+    moved = matrix @ (admittance - admittance.mean(0)) * mean_factor(count, length)
+    return moved, count / length
+
+
+def _equal_weights(count: int) -> Tensor:
+    return torch.full((count,), 1 / count, dtype=torch.float64)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import torch
@@ -14,7 +12,7 @@ from torchliner.checks import DataWarning
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.records import BurstRecord, VelocityPlane
 from torchliner.signals.arrivals import GridSignal, onto_grid
-from torchliner.signals.attenuation import ToneAttenuation, tone_attenuation
+from torchliner.signals.attenuation import REMEDY, ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
 from torchliner.signals.segments import segment_starts
 from torchliner.tdibc.replayed import SAME_TONE
@@ -34,7 +32,7 @@ class Segments:
         hop: samples from one segment to the next.
         attenuation: factor on a tone over the whole record, complex128, (F,).
         corrected: frequencies whose tone was corrected, bool, (F,).
-        notes: doubts.
+        notes: warnings, with numbers.
     """
 
     plane: VelocityPlane
@@ -46,13 +44,13 @@ class Segments:
     notes: tuple[str, ...]
 
 
-def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoices) -> Segments:
+def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> Segments:
     """Bursts onto a grid, the tone corrected, cut into segments.
 
     Args:
         record: validated bursts.
         frequency: Hz, (F,).
-        how: choices.
+        choices: from bursts to segments.
     Raises:
         ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than
             a segment, fewer than two arrivals a period, a tone damped below 0.3.
@@ -62,77 +60,76 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, how: StationChoice
             f"{record.name} holds no wall-normal velocity, only streamwise; say which channel "
             "measures it, e.g. components = -wall_normal"
         )
-    _require_two_segments(record, how)
-    _require_small_grid(record, how)
-    _require_no_gap(record, how)
-    notes = list(record.notes)
-    with _collected(notes):
-        top = record.frequency or float(frequency.max())
+    _require_two_segments(record, choices)
+    _require_small_grid(record, choices)
+    _require_no_gap(record, choices)
+    # What is doubtful becomes a note of the station; the line as a whole warns once.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
         signal = onto_grid(
-            record.arrival_time, record.wall_normal, how.grid_rate, how.method,
-            frequency=top, band=how.band_limit, name=record.name,
+            record.arrival_time, record.wall_normal, choices.grid_rate, choices.method,
+            frequency=record.frequency or float(frequency.max()), band=choices.band_limit,
+            name=record.name,
         )  # fmt: skip
         factors = tone_attenuation(
-            record.arrival_time, frequency, method=how.method, band=how.band_limit,
+            record.arrival_time, frequency, method=choices.method, band=choices.band_limit,
             grid=signal.grid, name=record.name,
         )  # fmt: skip
-    own = _is_tone(record, frequency)
-    corrected = own if how.correction != "none" else torch.zeros_like(own)
+    notes = (*record.notes, *signal.notes, *factors.notes)
+    corrected = _is_tone(record, frequency) & (choices.correction != "none")
     if bool(corrected.any()):
-        signal = _corrected(record, signal, factors, own, how)
-        notes = [note for note in notes if "correct the tone with" not in note]
+        signal = _corrected(record, signal, factors, corrected, choices)
+        notes = tuple(note for note in notes if REMEDY not in note)
     rate = signal.grid.rate
-    starts, length = segment_starts(signal.grid.samples, 0, how.segment, rate, how.overlap)
+    starts, length = segment_starts(signal.grid.samples, 0, choices.segment, rate, choices.overlap)
     if len(starts) < FEWEST_SEGMENTS:
         raise ValueError(
-            f"{record.name}: its grid holds one segment of {how.segment:g} s; shorten the segment"
+            f"{record.name}: its grid holds one segment of {choices.segment:g} s; shorten the "
+            "segment"
         )
     hop = starts[1] - starts[0]
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop), sampling_rate=rate, frequency=record.frequency,
         fluid=record.fluid, incident_level=record.incident_level, mach=record.mach,
-        source_side=record.source_side, liner=record.liner, height=_height(record),
+        source_side=record.source_side, liner=record.liner,
+        height=record.y if record.y is not None and record.y > 0 else None,
         displacement_thickness=record.displacement_thickness, name=record.name,
     )  # fmt: skip
     begin = signal.grid.start + torch.tensor(starts, dtype=torch.float64) / rate
-    return Segments(plane, signal, begin, hop, factors.factor[0], corrected, tuple(notes))
+    return Segments(plane, signal, begin, hop, factors.factor[0], corrected, notes)
 
 
-def _require_two_segments(record: BurstRecord, how: StationChoices) -> None:
+def _require_two_segments(record: BurstRecord, choices: StationChoices) -> None:
     lasts = float(record.arrival_time[-1] - record.arrival_time[0])
-    needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - how.overlap)) * how.segment
+    needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - choices.overlap)) * choices.segment
     if lasts < needed or record.bursts < 2:
         raise ValueError(
             f"{record.name}: {record.bursts} bursts over {lasts:.4g} s; two segments of "
-            f"{how.segment:g} s with an overlap of {how.overlap:g} take {needed:.4g} s. Measure "
-            "longer, or shorten the segment"
+            f"{choices.segment:g} s with an overlap of {choices.overlap:g} take {needed:.4g} s. "
+            "Measure longer, or shorten the segment"
         )
 
 
-def _require_small_grid(record: BurstRecord, how: StationChoices) -> None:
-    if how.grid_rate is None:
+def _require_small_grid(record: BurstRecord, choices: StationChoices) -> None:
+    if choices.grid_rate is None:
         return
-    points = float(record.arrival_time[-1] - record.arrival_time[0]) * how.grid_rate
+    points = float(record.arrival_time[-1] - record.arrival_time[0]) * choices.grid_rate
     if points > MOST_POINTS:
         raise ValueError(
-            f"{record.name}: a grid of {how.grid_rate:g} Hz has {points:.3g} points (limit "
+            f"{record.name}: a grid of {choices.grid_rate:g} Hz has {points:.3g} points (limit "
             f"{MOST_POINTS:g}); {record.bursts} bursts fill far fewer, lower grid_rate"
         )
 
 
-def _require_no_gap(record: BurstRecord, how: StationChoices) -> None:
+def _require_no_gap(record: BurstRecord, choices: StationChoices) -> None:
     steps = record.arrival_time.diff()
     longest = int(steps.argmax())
-    if float(steps[longest]) > how.segment:
+    if float(steps[longest]) > choices.segment:
         raise ValueError(
             f"{record.name}: no burst for {float(steps[longest]):.4g} s from "
             f"{float(record.arrival_time[longest]):.6g} s on, longer than a segment of "
-            f"{how.segment:g} s, which would be made up; cut the record there"
+            f"{choices.segment:g} s, which would be made up; cut the record there"
         )
-
-
-def _height(record: BurstRecord) -> float | None:
-    return record.y if record.y is not None and record.y > 0 else None
 
 
 def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
@@ -143,32 +140,20 @@ def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
 
 
 def _corrected(
-    record: BurstRecord, signal: GridSignal, factors: ToneAttenuation, own: Tensor,
-    how: StationChoices,
+    record: BurstRecord, signal: GridSignal, factors: ToneAttenuation, tones: Tensor,
+    choices: StationChoices,
 ) -> GridSignal:  # fmt: skip
-    chosen = replace(
-        factors, factor=factors.factor[:, own], image=factors.image[:, own],
-        frequency=factors.frequency[own],
+    """The signal with the tones among the frequencies, bool (F,), put back."""
+    factors = replace(
+        factors, factor=factors.factor[:, tones], image=factors.image[:, tones],
+        frequency=factors.frequency[tones],
     )  # fmt: skip
-    smallest = float(chosen.factor.abs().min())
+    smallest = float(factors.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{record.name}: {how.method} reconstruction leaves {smallest:.3g} of the tone; a "
+            f"{record.name}: {choices.method} reconstruction leaves {smallest:.3g} of the tone; a "
             f"correction would raise noise {1 / smallest:.3g} times (limit: {LEAST_FACTOR:g}). "
             "More arrivals are needed, or correction='none' leaves the tone as it is"
         )
-    arrivals = record.arrival_time if how.correction == "tone-and-noise" else None
-    return corrected_coherent_part(signal, chosen, arrivals).signal
-
-
-@contextmanager
-def _collected(notes: list[str]) -> Iterator[None]:
-    """Doubts become notes of the station; the line as a whole warns once."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    for each in caught:
-        if issubclass(each.category, DataWarning):
-            notes.append(str(each.message))
-        else:
-            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+    arrivals = record.arrival_time if choices.correction == "tone-and-noise" else None
+    return corrected_coherent_part(signal, factors, arrivals).signal

@@ -1,4 +1,4 @@
-"""What other methods found beside a map: their numbers, and black symbols in its figures."""
+"""Results of other methods beside a map: their numbers, and black symbols in its figures."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Any
 import torch
 
 from torchliner.conversions import impedance_from_admittance
+from torchliner.in_situ_method.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
-from torchliner.report.numbers import Profile, over_z
-from torchliner.report.table import COMPLEX_PART
-
-ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))
+from torchliner.report.curves import COMPLEX_PART, Curves, part_of
+from torchliner.report.numbers import over_z
 
 
-def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Profile:
+def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
     """Resistance and reactance of another method along x: admittance averaged over equal x."""
     known = torch.isfinite(found.point_impedance[:, frequency_index].real)
     place = found.point_x if bool(torch.isfinite(found.point_x).all()) else None
@@ -23,14 +22,14 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Profile:
         None if place is None else place[known], 1 / found.point_impedance[known, frequency_index]
     )
     impedance = impedance_from_admittance(average)
-    values = {"resistance": impedance.real.numpy(), "reactance": impedance.imag.numpy()}
-    return Profile(x, values, found.name)
+    values = {part: part_of(impedance, part) for part in COMPLEX_PART}
+    return Curves(x, values, found.name)
 
 
 def alongside_at(
     results: Sequence[ImpedanceMap], frequency_index: int
 ) -> list[tuple[PointImpedances, int]]:
-    """What other methods found at the maps' frequency: each method once, with its index there."""
+    """Results of other methods at the maps' frequency: each method once, with its index there."""
     seen: dict[str, tuple[PointImpedances, int]] = {}
     for result in results:
         for other in result.alongside:
@@ -60,9 +59,9 @@ def draw_alongside(
 def draw_cells(axis: Any, found: PointImpedances, part: str, index: int, label: str) -> None:
     """Cell values, filled: admittance over points; open, larger and below: pressure first."""
     for (end, order), face, size in zip(ORDERS, ("black", "white"), (5, 9), strict=True):
-        values = getattr(found, f"cell_impedance{end}")[:, index].numpy()
+        values = part_of(getattr(found, f"cell_impedance{end}")[:, index], part)
         axis.plot(
-            1e3 * found.cell_x.numpy(), getattr(values, COMPLEX_PART[part]), "X",
+            1e3 * found.cell_x.numpy(), values, "X",
             markersize=size, markerfacecolor=face, markeredgecolor="black", markeredgewidth=0.7,
             zorder=9 - 0.1 * size, label=f"{label}{order}",
         )  # fmt: skip

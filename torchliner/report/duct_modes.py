@@ -3,72 +3,49 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import torch
 
-from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, ONE_ROW, Figure, finish, label_axes, styled, subplots
+from torchliner.report.table import Column, Table, real_and_imaginary
+
+NEPER = 20 * math.log10(math.e)  # dB
 
 
-def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:
-    """In each direction, above the first lined patch, as if it had no ends.
-
-    Raises:
-        ValueError: the impedance is a profile along x.
-    """
-    if callable(setup.impedance):
-        raise ValueError(
-            f"{setup.name} has an impedance that varies along x; modes need one: state impedance"
-        )
-    wall: Any = setup.impedance[0] if len(setup.impedance) else torch.inf
-    return {
-        direction: duct_modes(
-            setup.case.profile, setup.frequency, wall, count=count, direction=direction,
-            slip_condition=setup.case.slip_condition,
-        )
-        for direction in DIRECTIONS
-    }  # fmt: skip
-
-
-def mode_rows(setup: DuctSetup, modes: dict[str, DuctModes]) -> list[dict[str, Any]]:
-    """A row a frequency, direction and mode; decay in dB over the liner's length too."""
+def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
+    """One row per frequency, direction and mode; decay in dB over the liner's length too."""
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
-    rows = []
-    for direction, solved in modes.items():
-        found = solved.wavenumber
-        for f, frequency in enumerate(setup.frequency.tolist()):
-            for n in range(found.shape[-1]):
-                alpha = complex(found[f, n])
-                rows.append({
-                    "frequency (Hz)": frequency, "direction": direction, "mode": n,
-                    "alpha real (1/m)": alpha.real, "alpha imaginary (1/m)": alpha.imag,
-                    "decay (dB/m)": 20 * math.log10(math.e) * abs(alpha.imag),
-                    "decay over the liner (dB)": 20 * math.log10(math.e) * abs(alpha.imag) * length,
-                })  # fmt: skip
-    return rows
+    rows = [
+        (frequency, direction, n, complex(solved.wavenumber[f, n]))
+        for direction, solved in modes.items()
+        for f, frequency in enumerate(setup.frequency.tolist())
+        for n in range(solved.wavenumber.shape[-1])
+    ]
+    return Table(
+        rows,
+        (
+            Column("frequency (Hz)", lambda row: row[0], "f Hz", ".1f"),
+            Column("direction", lambda row: row[1], "direction"),
+            Column("mode", lambda row: row[2], "n", "d"),
+            *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
+            Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
+            Column("decay (dB/m)", lambda row: NEPER * abs(row[3].imag), "dB/m", ".2f"),
+            Column("decay over the liner (dB)", lambda row: NEPER * abs(row[3].imag) * length,
+                   "dB liner", ".2f"),
+        ),
+    )  # fmt: skip
 
 
-def format_modes(setup: DuctSetup, rows: Sequence[dict[str, Any]]) -> str:
-    """A line a mode."""
+def format_modes(setup: DuctSetup, table: Table) -> str:
+    """What was solved, then one row per mode."""
     patches = len(setup.case.liner)
     which = f"above the first of {patches} lined patches; " if patches > 1 else ""
-    lines = [f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
-             "mode n",
-             f"{'f Hz':>8s} {'direction':>10s} {'n':>3s} {'alpha 1/m':>22s} {'dB/m':>9s} "
-             f"{'dB liner':>9s}"]  # fmt: skip
-    for row in rows:
-        alpha = f"{row['alpha real (1/m)']:.5f}{row['alpha imaginary (1/m)']:+.5f}j"
-        lines.append(
-            f"{row['frequency (Hz)']:8.1f} {row['direction']:>10s} {row['mode']:3d} {alpha:>22s} "
-            f"{row['decay (dB/m)']:9.2f} {row['decay over the liner (dB)']:9.2f}"
-        )
-    return "\n".join(lines)
+    return (f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
+            f"mode n\n{table.as_text()}")  # fmt: skip
 
 
 @styled
@@ -83,11 +60,8 @@ def draw_modes(
         pressure, _, _ = solved.at(heights)
         for n in range(count):
             shape = pressure[frequency_index, n].abs().numpy()
-            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n % len(COLOURS)],
+            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n],
                       label=f"mode {n}")  # fmt: skip
-        axis.set_xlabel("$|p|$ over its maximum")
-        axis.set_ylabel("$y$ (mm), liner at 0")
+        label_axes(axis, "$|p|$ over its maximum", "$y$ (mm), liner at 0")
         axis.set_title(f"({'ab'[DIRECTIONS.index(direction)]}) {direction}", loc="left")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=count)
-    return finish(figure, path)
+    return finish(figure, path, legend=ONE_ROW)

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from torchliner.report.curves import Curves
+
 PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
 )
-
-
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
 
 
@@ -43,15 +43,60 @@ def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def finish(figure: Figure, path: str | Path | None) -> Figure:
-    """Save it if there is a path."""
+def impedance_panels(height: float, across: str) -> tuple[Figure, list[tuple[Any, str]]]:
+    """Resistance and reactance beside each other over ``across``: each axis with its part."""
+    figure, axes = subplots(1, 2, height)
+    for axis, (_, label) in zip(axes[0], PARTS, strict=True):
+        label_axes(axis, across, label)
+    return figure, [(axis, part) for axis, (part, _) in zip(axes[0], PARTS, strict=True)]
+
+
+def label_axes(axis: Any, across: str, up: str) -> None:
+    """Symbols and units."""
+    axis.set_xlabel(across)
+    axis.set_ylabel(up)
+
+
+def draw_curve(
+    axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any
+) -> None:
+    """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
+    x = scale * curves.at
+    if f"{name} low" in curves.values:
+        draw_band(axis, x, curves.values[f"{name} low"], curves.values[f"{name} high"], colour)
+    axis.plot(x, curves.values[name], color=colour, **{"label": curves.label} | style)
+
+
+def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:
+    """An interval along a curve, shaded."""
+    axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
+
+
+def finish(
+    figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
+) -> Figure:
+    """Legend, heading and file, where asked for.
+
+    Args:
+        figure: with everything drawn.
+        path: picture to write.
+        title: above all panels.
+        legend: columns, at most, of the names in the first panel, below all panels.
+    """
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if legend and labels:
+        columns = min(legend, len(labels))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    if title is not None:
+        figure.suptitle(title, fontsize=9)
     if path is not None:
         figure.savefig(path)
     return figure
 
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P")
+ONE_ROW = 99  # of a legend
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
+MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
 WIDTH = 6.6  # in, text width of a journal page
 
 RC: Any = {

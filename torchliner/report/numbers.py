@@ -10,20 +10,11 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND, Liner
+from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
-from torchliner.report.table import Array, Table
-
-
-@dataclass(frozen=True)
-class Profile(Table):
-    """Quantities along x, m."""
-
-    @property
-    def x(self) -> Array:
-        """m, (N,)."""
-        return self.at
+from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
 
 def height_label(height: float | None) -> str:
@@ -31,21 +22,29 @@ def height_label(height: float | None) -> str:
     return "" if height is None else f"y = {1e3 * height:.3g} mm"
 
 
-def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Profile:
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % statistical interval' or nothing."""
+    found = result.uncertainty
+    return "" if found is None else f"{100 * found.settings['level']:g} % statistical interval"
+
+
+def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """Resistance and reactance along x, and the bounds of their statistical intervals if known.
 
     Where there is a z the admittance is averaged over it.
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    impedance = impedance_from_admittance(average)
-    values = {"resistance": _array(impedance.real), "reactance": _array(impedance.imag)}
+    values = _parts(impedance_from_admittance(average))
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
-        bound = getattr(found, name)[:, frequency_index].cpu()
-        for part, numbers in (("resistance", bound.real), ("reactance", bound.imag)):
-            values[f"{part} {name}"] = _array(numbers)
-    return Profile(x, values, height_label(result.height))
+        values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
+    return Curves(x, values, height_label(result.height))
 
 
 def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
@@ -62,16 +61,19 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     return found.probes.map(lambda value: value.cpu()[order])
 
 
-def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Table:
+def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = getattr(liner, "frequency_range", BAND)
+    low, high = as_liner(liner).frequency_range or BAND
     frequency = np.linspace(low, high, 641)
-    values = liner.impedance(frequency, speed)
-    parts = {"resistance": _array(values.real), "reactance": _array(values.imag)}
-    return Table(frequency, parts, label, "frequency (Hz)")
+    values = _parts(liner.impedance(frequency, speed))
+    return Curves(frequency, values, label, "frequency (Hz)")
 
 
-def velocity_along_x(plane: VelocityPlane) -> Profile:
+def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:
+    return {f"{part}{end}": part_of(impedance, part).astype(np.float64) for part in COMPLEX_PART}
+
+
+def velocity_along_x(plane: VelocityPlane) -> Curves:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
     values: dict[str, Array] = {}
     x: Array | None = None
@@ -88,7 +90,7 @@ def velocity_along_x(plane: VelocityPlane) -> Profile:
             values["v0 (m/s)"] = _array(mean_x)
         values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
     assert x is not None
-    return Profile(x, values, height_label(plane.height))
+    return Curves(x, values, height_label(plane.height))
 
 
 def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
@@ -96,7 +98,7 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
     values = values.detach().cpu()
     if values.ndim == 2:
         where = np.arange(values.shape[1], dtype=float) if x is None else _array(x)
-        return where, values.nanmean(0) if not values.is_complex() else _nanmean(values)
+        return where, _nanmean(values)
     values = values.reshape(-1)
     if x is None:
         return np.arange(len(values), dtype=float), values
@@ -138,30 +140,15 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
+        found = result.uncertainty
+        both = () if found is None else (found.liner, found.liner_velocity_first)
         for i, frequency in enumerate(result.frequency.tolist()):
             # The median over probes: a mean of complex waves would cancel along a grazing one.
-            levels = result.inferred_incident_level[..., i].detach().cpu().reshape(-1)
-            level = float(levels.nanmedian())
-            rows.append(
-                HeightRow(
-                    result.height,
-                    frequency,
-                    complex(result.liner_impedance[i]),
-                    complex(result.liner_impedance_velocity_first[i]),
-                    complex(result.liner_spread[i]),
-                    float(result.coherence[..., i].nanmedian()),
-                    level,
-                    *_bounds(result, i),
-                )
-            )
+            level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
+            bounds = [(complex(each.low[i]), complex(each.high[i])) for each in both]
+            rows.append(HeightRow(
+                result.height, frequency, complex(result.liner_impedance[i]),
+                complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
+                float(result.coherence[..., i].nanmedian()), float(level), *bounds,
+            ))  # fmt: skip
     return rows
-
-
-def _bounds(result: ImpedanceMap, i: int) -> tuple[Bounds | None, Bounds | None]:
-    """Intervals of the whole liner, in both orders of averaging."""
-    found = result.uncertainty
-    if found is None:
-        return None, None
-    both = (found.liner, found.liner_velocity_first)
-    first, second = ((complex(each.low[i]), complex(each.high[i])) for each in both)
-    return first, second

@@ -68,7 +68,7 @@ class GridSignal:
         method, band: as asked.
         mean_rate: arrivals a second, (stations,) or ().
         longest_gap, longest_gap_at: s, and s on the clock of the arrivals where it begins; alike.
-        notes: doubts, as they were warned of.
+        notes: what was warned of.
     """
 
     values: Tensor
@@ -202,19 +202,23 @@ def mean_rate(arrival_times: Tensor) -> float:
 
 
 def checked_stations(
-    arrival_times: Any, values: Any, name: str = "arrivals"
+    arrival_times: Any, values: Any = None, name: str = "arrivals"
 ) -> tuple[list[tuple[Tensor, Tensor]], bool]:
-    """Pairs of times and values, checked, and whether a list was given."""
-    if not is_several(arrival_times):
+    """Pairs of times and values, (N,) each, checked, and whether a list of stations was given.
+
+    Without ``values`` the times stand for them.
+    """
+    values = arrival_times if values is None else values
+    if not _is_several(arrival_times):
         return [_checked(arrival_times, values, name)], False
-    if not is_several(values) or len(values) != len(arrival_times):
-        count = len(values) if is_several(values) else 1
+    if not _is_several(values) or len(values) != len(arrival_times):
+        count = len(values) if _is_several(values) else 1
         raise ValueError(f"{name}: {len(arrival_times)} stations of times, {count} of values")
     pairs = zip(arrival_times, values, strict=True)
     return [_checked(t, v, f"{name}, station {i}") for i, (t, v) in enumerate(pairs)], True
 
 
-def is_several(value: Any) -> bool:
+def _is_several(value: Any) -> bool:
     """Whether this is a list of stations and not the samples of one."""
     return isinstance(value, (list, tuple)) and len(value) > 0 and np.ndim(value[0]) > 0
 
@@ -228,11 +232,11 @@ def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor
         )
     if len(times) < 2:
         raise ValueError(f"{name}: {len(times)} samples; two or more are needed")
-    for what, each in (("times", times), ("values", numbers)):
+    for kind, each in (("times", times), ("values", numbers)):
         bad = (~torch.isfinite(each)).nonzero()
         if len(bad):
             raise ValueError(
-                f"{name}: {len(bad)} {what} are nan or inf, the first is sample {int(bad[0])}; "
+                f"{name}: {len(bad)} {kind} are nan or inf, the first is sample {int(bad[0])}; "
                 "leave these samples out"
             )
     back = (times.diff() <= 0).nonzero()
@@ -262,10 +266,10 @@ def _long_gaps(
     if not long:
         return ()
     worst = max(long, key=lambda i: float(lengths[i]))
-    count = f"{len(long)} of {len(rates)} stations have gaps beyond the limit; " if len(
-        rates) > 1 else ""  # fmt: skip
+    several = f"{len(long)} of {len(rates)} stations have gaps beyond the limit; "
     return (
-        f"{name}: {count}the longest gap between arrivals is {1e3 * lengths[worst]:.3g} ms at "
-        f"{places[worst]:.6g} s, {lengths[worst] * rates[worst]:.3g} mean intervals (limit "
-        f"{1e3 * limits[worst]:.3g} ms); what lies in it is made up",
+        f"{name}: {several if len(rates) > 1 else ''}the longest gap between arrivals is "
+        f"{1e3 * lengths[worst]:.3g} ms at {places[worst]:.6g} s, "
+        f"{lengths[worst] * rates[worst]:.3g} mean intervals (limit {1e3 * limits[worst]:.3g} ms); "
+        "what lies in it is made up",
     )

@@ -18,27 +18,18 @@ before and after are independent and exponential. With :math:`x = \omega/\lambda
   the mean of :math:`[F e^{-j\omega B} + B e^{j\omega F}]/D` over it is
   :math:`2(1-\cos\omega D)/(\omega D)^2`; over D, by Frullani's integral,
   :math:`\langle G\rangle = \ln(1+x^2)/x^2`.
-
-The power of the reconstructed tone is 1 for hold; for linear the mean over an interval is
-:math:`1 - (1-\cos\omega D)/3`, and over D :math:`2/3 + (1-x^2)/[3(1+x^2)^2]`. Where this exceeds
-:math:`|G|^2` the tone has become noise.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    frequency_tensor,
-    require_choice,
-    require_positive,
-    tell,
-)
+from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
 from torchliner.names import GRID_METHODS
 from torchliner.signals.arrivals import (
     BAND_SHARE,
@@ -47,16 +38,14 @@ from torchliner.signals.arrivals import (
     common_grid,
     derived_rate,
     interpolate,
-    is_several,
     mean_rate,
 )
-from torchliner.signals.segments import segment_starts
-from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.windows import make_window
+from torchliner.signals.transfer import segment_amplitudes
 
 DAMPED = 0.95  # warned of below
-ARRIVALS_A_PERIOD = 8.0  # doubtful below
+ARRIVALS_A_PERIOD = 8.0  # warned of below
 CLOSED_FORMS = ("linear", "hold")
+REMEDY = "correct the tone with corrected_coherent_part"
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ class ToneAttenuation:
         mean_rate: arrivals a second, () or (stations,).
         grid: the grid they hold for.
         method, window, band: as asked.
-        notes: doubts, as they were warned of.
+        notes: what was warned of.
     """
 
     factor: Tensor
@@ -80,7 +69,7 @@ class ToneAttenuation:
     method: str
     window: Any
     band: float | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     def true_amplitude(self, line: Tensor) -> Tensor:
         """A from the windowed lines GA + HA* of the gridded signal, (..., F), exactly."""
@@ -98,28 +87,15 @@ def poisson_attenuation(frequency: Any, rate: Any, method: str = "linear") -> Te
     Source: derived in the module's docstring; linear interpolation at 1500 Hz gives
         0.84, 0.94, 0.98 for 15, 25, 50 kHz.
     """
-    squared, turns = _turns(frequency, rate, method)
-    if method == "hold":
-        return 1 / (1 + 1j * turns)
-    return (torch.log1p(squared) / squared).to(torch.complex128)
-
-
-def poisson_power(frequency: Any, rate: Any, method: str = "linear") -> Tensor:
-    """Mean square of a reconstructed tone over its own for Poisson arrivals; see above."""
-    squared, _ = _turns(frequency, rate, method)
-    if method == "hold":
-        return torch.ones_like(squared)
-    return 2 / 3 + (1 - squared) / (3 * (1 + squared) ** 2)
-
-
-def _turns(frequency: Any, rate: Any, method: str) -> tuple[Tensor, Tensor]:
-    """(omega/lambda)^2 and omega/lambda."""
     require_choice("method with a closed form", method, CLOSED_FORMS)
     high, low = (torch.as_tensor(each, dtype=torch.float64) for each in (frequency, rate))
     for name, each in (("frequency (Hz)", high), ("mean rate (Hz)", low)):
         require_positive(name, each.min())
     turns = 2 * math.pi * high / low
-    return turns**2, turns
+    squared = turns**2
+    if method == "hold":
+        return 1 / (1 + 1j * turns)
+    return (torch.log1p(squared) / squared).to(torch.complex128)
 
 
 def tone_attenuation(
@@ -150,11 +126,8 @@ def tone_attenuation(
         DataWarning: a factor below 0.95, with the number; fewer than 8 arrivals a period.
     """
     require_choice("method", method, GRID_METHODS)
-    several = is_several(arrival_times)
-    blank = (
-        [torch.zeros(len(t)) for t in arrival_times] if several else torch.zeros(len(arrival_times))
-    )
-    times = [station[0] for station in checked_stations(arrival_times, blank, name)[0]]
+    stations, several = checked_stations(arrival_times, name=name)
+    times = [each[0] for each in stations]
     wanted = frequency_tensor(frequency)
     for i, each in enumerate(times):
         place = f"{name}, station {i}" if several else name
@@ -163,22 +136,20 @@ def tone_attenuation(
         fine = derived_rate(times, float(wanted.max())) if rate is None else rate
         grid = common_grid(times, fine)
     frequency_tensor(wanted, grid.rate)
-    starts, length = segment_starts(grid.samples, 0, segment, grid.rate)
-    weights = make_window(window, length).weights
-    pairs = [_factors(each, wanted, grid, method, band, starts, weights) for each in times]
-    factor, image = (torch.stack(part) for part in zip(*pairs, strict=True))
+    spectra = [_factors(each, wanted, grid, method, band, window, segment) for each in times]
+    factor, image = (torch.stack(part) for part in zip(*spectra, strict=True))
     rates = torch.tensor([mean_rate(each) for each in times], dtype=torch.float64)
     if not several:
         factor, image, rates = factor[0], image[0], rates[0]
     found = ToneAttenuation(factor, image, wanted, rates, grid, method, window, band)
-    notes = _doubts(found, name)
+    notes = _warnings_of(found, name)
     tell(notes)
     return replace(found, notes=notes)
 
 
 def _factors(
     times: Tensor, frequency: Tensor, grid: UniformGrid, method: str, band: float | None,
-    starts: list[int], weights: Tensor,
+    window: Any, segment: float | None,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """G and H, (S, F) each, from the reconstructions of cosine and sine.
 
@@ -189,11 +160,9 @@ def _factors(
     factor, image = [], []
     for i, row in enumerate(turns):  # one tone at a time: two signals in memory
         pushed = interpolate(times, torch.stack([row.cos(), row.sin()]), grid, method, band)
-        lines = torch.stack([
-            tone_amplitudes(pushed[:, s : s + len(weights)], frequency[i : i + 1], grid.rate,
-                            weights, s)[:, 0]
-            for s in starts
-        ])  # fmt: skip
+        lines = segment_amplitudes(
+            pushed, frequency[i : i + 1], grid.rate, window=window, segment=segment
+        )[..., 0]
         factor.append(lines[:, 0] + 1j * lines[:, 1])
         image.append(lines[:, 0] - 1j * lines[:, 1])
     return torch.stack(factor, -1), torch.stack(image, -1)
@@ -216,8 +185,7 @@ def _require_dense(
         )
 
 
-def _doubts(found: ToneAttenuation, name: str) -> tuple[str, ...]:
-    """What is to be said of the factors, with numbers."""
+def _warnings_of(found: ToneAttenuation, name: str) -> tuple[str, ...]:
     notes = []
     sizes = found.factor.abs()
     rates = found.mean_rate.reshape(-1)
@@ -231,7 +199,7 @@ def _doubts(found: ToneAttenuation, name: str) -> tuple[str, ...]:
             notes.append(
                 f"{name}: {found.method} reconstruction from {slowest:.6g} arrivals a second damps "
                 f"the tone of {frequency:g} Hz to {float(size.mean()):.3f} (least "
-                f"{float(size.min()):.3f}){squared}; correct the tone with corrected_coherent_part"
+                f"{float(size.min()):.3f}){squared}; {REMEDY}"
             )
         if slowest < ARRIVALS_A_PERIOD * frequency:
             notes.append(

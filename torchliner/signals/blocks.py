@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -41,12 +42,7 @@ class Blocks:
 
     def sums(self, values: Tensor) -> Tensor:
         """Sum of each block of a signal (n,): (S,)."""
-        return torch.stack(
-            [
-                values[begin:end].sum()
-                for begin, end in zip(self.borders, self.borders[1:], strict=False)
-            ]
-        )
+        return torch.stack([values[begin:end].sum() for begin, end in pairwise(self.borders)])
 
 
 def plan_blocks(samples: int, start: int, period: float, most: int = MOST_BLOCKS) -> Blocks:

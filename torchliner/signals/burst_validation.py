@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -41,12 +39,7 @@ class BurstFilters:
             require_positive("outliers (standard deviations)", self.outliers)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a filter found: ``keep``, bool, (N,), and bursts dropped by reason."""
-
-    keep: Tensor
-    dropped: dict[str, int]
+Found = tuple[Tensor, dict[str, int]]  # what a filter keeps, bool, (N,), and drops, by reason
 
 
 def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) -> BurstRecord:
@@ -58,21 +51,17 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
     Raises:
         ValueError: nothing would be left, or the times run backwards.
     """
-    filters = BurstFilters() if filters is None else filters
-    verdicts: list[Callable[[BurstRecord], Verdict]] = []
+    filters = filters or BurstFilters()
     if filters.times:
-        verdicts.append(time_filter)
+        record = record.keep(*time_filter(record))
     if filters.zero_runs is not None:
-        verdicts.append(partial(zero_run_filter, shortest=filters.zero_runs))
+        record = record.keep(*zero_run_filter(record, filters.zero_runs))
     if filters.outliers is not None:
-        verdicts.append(partial(outlier_filter, limit=filters.outliers))
-    for judge in verdicts:
-        found = judge(record)
-        record = record.keep(found.keep, found.dropped)
+        record = record.keep(*outlier_filter(record, filters.outliers))
     return record
 
 
-def time_filter(record: BurstRecord) -> Verdict:
+def time_filter(record: BurstRecord) -> Found:
     """Bursts later than all before them; of equal times the first stays.
 
     Raises:
@@ -92,10 +81,10 @@ def time_filter(record: BurstRecord) -> Verdict:
             f"{record.name}: {repeated} of {record.bursts} arrival times repeat the one before; "
             "the column is no arrival time, or was written with too few digits"
         )
-    return Verdict(step > 0, {BACKWARDS: backwards, REPEATED: repeated})
+    return step > 0, {BACKWARDS: backwards, REPEATED: repeated}
 
 
-def zero_run_filter(record: BurstRecord, shortest: int) -> Verdict:
+def zero_run_filter(record: BurstRecord, shortest: int) -> Found:
     """No runs of exact zeros in a component: a channel that was not validated writes 0.00.
 
     Chance makes runs too where the resolution is coarse: of N bursts with a share p of zeros,
@@ -108,7 +97,7 @@ def zero_run_filter(record: BurstRecord, shortest: int) -> Verdict:
     keep = torch.ones(record.bursts, dtype=torch.bool)
     for values in record.components.values():
         keep &= run_lengths(values == 0) < shortest
-    return Verdict(keep, {ZERO_RUN: int((~keep).sum())})
+    return keep, {ZERO_RUN: int((~keep).sum())}
 
 
 def run_lengths(flag: Tensor) -> Tensor:
@@ -118,7 +107,7 @@ def run_lengths(flag: Tensor) -> Tensor:
     return torch.where(flag, torch.bincount(member)[member], 0)
 
 
-def outlier_filter(record: BurstRecord, limit: float) -> Verdict:
+def outlier_filter(record: BurstRecord, limit: float) -> Found:
     """No bursts far from the median, by the weighted median absolute deviation.
 
     Both medians are weighted by transit time, so that many fast bursts do not draw them. A
@@ -135,7 +124,7 @@ def outlier_filter(record: BurstRecord, limit: float) -> Verdict:
         away = (values - centre).abs()
         spread = GAUSSIAN_MAD * weighted_median(away, record.weights)
         keep &= away <= limit * torch.clamp(spread, min=resolution(values))
-    return Verdict(keep, {OUTLIER: int((~keep).sum())})
+    return keep, {OUTLIER: int((~keep).sum())}
 
 
 def weighted_median(values: Tensor, weights: Tensor) -> Tensor:

@@ -8,8 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
-from torchliner.signals.arrivals import GridSignal, interpolate, is_several
+from torchliner.signals.arrivals import GridSignal, checked_stations, interpolate
 from torchliner.signals.attenuation import ToneAttenuation
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.windows import make_window
@@ -90,13 +89,12 @@ def _tones(amplitude: Tensor, frequency: Tensor, seconds: Tensor) -> Tensor:
 
 def _made_of_tones(arrival_times: Any, amplitude: Tensor, attenuation: ToneAttenuation) -> Tensor:
     """What the reconstruction makes of tones known at the arrivals alone."""
-    stations = arrival_times if is_several(arrival_times) else [arrival_times]
+    stations, _ = checked_stations(arrival_times)
     each = amplitude.reshape(-1, amplitude.shape[-1])
     if len(stations) != len(each):
         raise ValueError(f"{len(stations)} stations of arrivals for {len(each)} of signals")
     grid, parts = attenuation.grid, []
-    for times, found in zip(stations, each, strict=True):
-        seconds = real_tensor(times).cpu()
-        tone = _tones(found, attenuation.frequency, seconds - grid.start)
-        parts.append(interpolate(seconds, tone, grid, attenuation.method, attenuation.band))
+    for (times, _), found in zip(stations, each, strict=True):
+        tone = _tones(found, attenuation.frequency, times - grid.start)
+        parts.append(interpolate(times, tone, grid, attenuation.method, attenuation.band))
     return torch.stack(parts).reshape(*amplitude.shape[:-1], grid.samples)

@@ -20,10 +20,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
-from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+from torchliner.signals.transfer import transfer_function
 from torchliner.signals.windows import Window, make_window
 
 FEWEST_SEGMENTS = 8
+NO_TONE = 1e-24  # power of a tone over the largest square of its signal
 CHANCE = 0.01  # of so high a coherence without any sound
 
 
@@ -37,7 +38,7 @@ class RejectedFlow:
         relative_error: standard deviation of the amplitude over itself, and of its phase in
             radians, (..., F).
         segments: how many, overlapping by half.
-        notes: doubts, with numbers.
+        notes: what was warned of.
     """
 
     amplitude: Tensor
@@ -83,38 +84,29 @@ def reject_flow_noise(
             f"{pressure.shape[-1]}; they share one time base"
         )
     length = (pressure.shape[-1] / sampling_rate - start) / 8 if segment is None else segment
-    driver, response = (
-        segment_amplitudes(
-            signal, frequency, sampling_rate, window=window, segment=length, start=start
-        )
-        for signal in (reference, pressure)
-    )
-    if len(driver) < FEWEST_SEGMENTS:
+    found = transfer_function(
+        reference.reshape(*[1] * (pressure.ndim - 1), -1), pressure, frequency, sampling_rate,
+        window=window, segment=length, start=start,
+    )  # fmt: skip
+    if found.segments < FEWEST_SEGMENTS:
         raise ValueError(
-            f"{name}: {len(driver)} segments of {length:g} s fit; at least {FEWEST_SEGMENTS} are "
-            "needed to tell sound from flow noise: shorten the segment"
+            f"{name}: {found.segments} segments of {length:g} s fit; at least {FEWEST_SEGMENTS} "
+            "are needed to tell sound from flow noise: shorten the segment"
         )
-    power = driver.abs().square().mean(0)
-    silent = power <= 1e-24 * reference.to(torch.float64).square().max()
-    if bool(silent.any()):
+    power = found.driver_power.reshape(-1)
+    absent = power <= NO_TONE * reference.to(torch.float64).square().max()
+    if bool(absent.any()):
         raise ValueError(
-            f"{name}: the reference has no tone at {float(frequency[silent][0]):g} Hz; name the "
+            f"{name}: the reference has no tone at {float(frequency[absent][0]):g} Hz; name the "
             "frequencies that were played"
         )
-    driver = driver.reshape(len(driver), *([1] * (response.ndim - 2)), -1)
-    found = transfer_from_amplitudes(driver, response)
-    independent = _independent(len(driver), make_window(window, round(length * sampling_rate)))
+    independent = _independent(found.segments, make_window(window, round(length * sampling_rate)))
     coherence = found.coherence.clamp(max=1)
     error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
-    notes = _doubts(coherence, frequency, independent, name)
+    notes = _warnings_of(coherence, frequency, independent, name)
     tell(notes)
-    return RejectedFlow(
-        amplitude=2 * found.response * power.sqrt(),
-        coherence=coherence,
-        relative_error=error,
-        segments=len(driver),
-        notes=notes,
-    )
+    amplitude = 2 * found.response * power.sqrt()
+    return RejectedFlow(amplitude, coherence, error, found.segments, notes)
 
 
 def _independent(segments: int, window: Window) -> float:
@@ -125,7 +117,9 @@ def _independent(segments: int, window: Window) -> float:
     return segments / (1 + 2 * rho * (segments - 1) / segments)
 
 
-def _doubts(coherence: Tensor, frequency: Tensor, independent: float, name: str) -> tuple[str, ...]:
+def _warnings_of(
+    coherence: Tensor, frequency: Tensor, independent: float, name: str
+) -> tuple[str, ...]:
     """Noise alone exceeds a coherence g with probability (1 - g)^(n - 1)."""
     limit = 1 - CHANCE ** (1 / (independent - 1))
     low = coherence < limit

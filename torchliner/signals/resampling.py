@@ -81,7 +81,7 @@ class Resampling:
             mine = lengths == length
             draws = (self.matrix(length).to(series) @ series[:, mine]).T
             draws = draws * mean_factor(count, length)
-            low[mine], high[mine], error[mine] = self.bounds(
+            low[mine], high[mine], error[mine] = self._bounds(
                 draws, reflection[mine], count / length
             )
         return low, high, error, count / lengths.to(torch.float64)
@@ -105,22 +105,13 @@ class Resampling:
         together = (self.matrix(long).to(series) @ series.mean(1)).abs().square().mean(0)
         alone = draws.abs().square().mean(0).clamp(min=1e-300)
         draws = draws * (together / alone).clamp(min=1).sqrt()
-        bounds = self.bounds(draws.T * mean_factor(count, long), reflection, runs)
+        bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
         behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
-        return Interval(*bounds, behind, torch.zeros_like(reflection))
+        low, high, error = bounds
+        return Interval(low, high, error, behind, torch.zeros_like(reflection))
 
-    def bounds(
-        self, draws: Tensor, reflection: Tensor, runs: float
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Quantiles of Z of widened draws, (N, M), and its standard error: (N,) each."""
-        student = student_factor(runs, self.level)
-        values = self.convert(reflection[:, None] + student * draws)
-        found = []
-        for part in (values.real, values.imag):
-            low, high = tails(part, self.level)
-            found.append((low, high, part.std(dim=1) / student))
-        low, high, error = (torch.complex(*pair) for pair in zip(*found, strict=True))
-        return low, high, error
+    def _bounds(self, draws: Tensor, reflection: Tensor, runs: float) -> tuple[Tensor, ...]:
+        return impedance_bounds(draws, reflection, runs, self.level, self.convert)
 
     def second_moment(self, series: Tensor) -> Tensor:
         """E of the square of the mean's deviation, not of its modulus: complex, (...).
@@ -137,3 +128,25 @@ class Resampling:
             covariance = (matrix.T @ matrix / self.draws * mean_factor(count, length) ** 2).to(flat)
             found[mine] = (flat[:, mine] * (covariance @ flat[:, mine])).sum(0)
         return found.reshape(series.shape[1:])
+
+
+def impedance_bounds(
+    draws: Tensor, value: Tensor, runs: float, level: float, convert: Callable[[Tensor], Tensor]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Both ends of the interval of Z and its standard error, (N,) each.
+
+    Args:
+        draws: deviations of the resampled quantity, complex, (N, M).
+        value: the quantity itself, (N,).
+        runs: independent runs that the draws rest on.
+        level: of the interval, 0 to 1.
+        convert: impedance from the quantity.
+    """
+    student = student_factor(runs, level)
+    impedance = convert(value[:, None] + student * draws)
+    found = []
+    for part in (impedance.real, impedance.imag):
+        low, high = tails(part, level)
+        found.append((low, high, part.std(dim=1) / student))
+    low, high, error = (torch.complex(*pair) for pair in zip(*found, strict=True))
+    return low, high, error

@@ -26,11 +26,13 @@ class Transfer:
     Args:
         response: H1 = Y/X, complex128, (..., F).
         coherence: squared, 0 to 1, (..., F); nan from a single segment, where it would always be 1.
+        driver_power: mean of |X|^2 over the segments, (..., F).
         segments: S.
     """
 
     response: Tensor
     coherence: Tensor
+    driver_power: Tensor
     segments: int
 
 
@@ -84,7 +86,7 @@ def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:
     coherence = across.abs().square() / (driving * answering)
     if len(driver) == 1:
         coherence = torch.full_like(coherence, torch.nan)
-    return Transfer(across / driving, coherence, len(driver))
+    return Transfer(across / driving, coherence, driving / len(driver), len(driver))
 
 
 def transfer_function(

@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import stated_frequency
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, Liner, build_kernels
+from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.replay.survey import Survey, survey
@@ -43,9 +44,10 @@ def prepare(
     Raises:
         ValueError: see ``educe``.
     """
-    surveyed = [_survey(plane, liner, frequency, chosen, progress) for plane in planes]
-    grid = velocity_grid(planes, [each["seen"] for each in surveyed], liner, chosen)
-    band = kernel_band(liner, torch.cat([each["frequency"] for each in surveyed]), chosen)
+    model = as_liner(liner)
+    surveyed = [_survey(plane, model, frequency, chosen, progress) for plane in planes]
+    grid = velocity_grid(planes, [each["seen"] for each in surveyed], model, chosen)
+    band = kernel_band(model, torch.cat([each["frequency"] for each in surveyed]), chosen)
     made: dict[float, KernelTable] = {}
     ready = []
     for known in surveyed:
@@ -53,20 +55,24 @@ def prepare(
         if needs_kernels(record, known["frequency"], chosen):
             rate = record.sampling_rate
             if rate not in made:
-                made[rate] = build_kernels(liner, grid, rate, kind=chosen.kernel, band=band)
+                made[rate] = build_kernels(model, grid, rate, kind=chosen.kernel, band=band)
             kernels = made[rate]
             kernels.require_band(known["frequency"])
             notes += review_signal(kernels, chosen, known["sent"])
         ready.append(
             Prepared(
-                **known, liner=liner, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
+                **known, liner=model, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
             )
         )
     return ready
 
 
 def _survey(
-    plane: VelocityPlane, liner: Liner, frequency: Any, chosen: Choices, progress: Progress | None
+    plane: VelocityPlane,
+    liner: LinerModel,
+    frequency: Any,
+    chosen: Choices,
+    progress: Progress | None,
 ) -> dict[str, Any]:
     """What ``Prepared`` holds of one plane alone."""
     record = _record(plane, chosen)
@@ -76,7 +82,7 @@ def _survey(
         frequency = _signal_lines(plane, record, chosen) if frequency is None else frequency
     wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
-    cells = sort_into_cells(plane, getattr(liner, "cell_pitch", None))
+    cells = sort_into_cells(plane, liner.cell_pitch)
     blocks = _blocks(plane, wanted, record, chosen, notes)
     velocity, seen, used = _first_pass(
         plane, cells, wanted, record, blocks, chosen, progress, notes

@@ -1,4 +1,4 @@
-"""What a plane holds and whether it can be used: the facts behind ``torchliner info``."""
+"""Contents and usability of a plane: the facts behind ``torchliner info``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from torch import Tensor
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 from torchliner.replay.probe_velocity import ProbeVelocity
-from torchliner.replay.survey import Survey, survey
-from torchliner.report.numbers import velocity_along_x
+from torchliner.replay.survey import Survey, moments, survey
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384
@@ -21,7 +20,7 @@ OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thick
 
 @dataclass(frozen=True)
 class Inspection:
-    """Facts by name, failed checks in words, and what the file does not state."""
+    """Facts by name, failed checks in words, and the names of missing facts."""
 
     facts: dict[str, Any]
     failures: list[str]
@@ -124,8 +123,11 @@ def _range(values: Tensor) -> str:
 
 
 def _rms(plane: VelocityPlane) -> float:
-    profile = velocity_along_x(plane).values["v' rms (m/s)"]
-    return float((profile**2).mean() ** 0.5)
+    """Of all probes; along z, then along x, as squares."""
+    mean, square = moments(plane)
+    variance = (square - mean**2).reshape(plane.probe_shape)
+    along_x = variance.nanmean(0) if variance.ndim == 2 else variance
+    return float(along_x.clamp(min=0).mean().sqrt())
 
 
 def _spectrum_peak(plane: VelocityPlane) -> float:

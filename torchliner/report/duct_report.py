@@ -9,44 +9,20 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
 from torchliner.lee.field import DuctField
-from torchliner.records import MicrophoneLine
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.lee.solved_line import microphones_of
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.table import Column, Table
 
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
-
-
-def microphones_of(setup: DuctSetup) -> np.ndarray:
-    """x of the microphones, or of 50 places along the duct where the file states none, m."""
-    if len(setup.microphones):
-        return setup.microphones.numpy()
-    return np.linspace(setup.case.start, setup.case.end, 50)
-
-
-def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
-    """The field at the microphones as measured lines are kept, in the order of x.
-
-    Warns:
-        DataWarning: several lined patches, of which a line can name one: it names none.
-    """
-    places = np.sort(microphones_of(setup))
-    pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
-    liner = setup.case.liner if len(setup.case.liner) == 1 else ()
-    if len(setup.case.liner) > 1:
-        tell(
-            f"{setup.name} has {len(setup.case.liner)} lined patches, a line of microphones names "
-            "one; it names none, and methods of one liner take all microphones"
-        )
-    return MicrophoneLine(
-        places, pressure, setup.frequency, duct_height=setup.case.height,
-        mach=setup.case.profile.bulk_mach, source_side=field.source,
-        liner_start=liner[0][0] if liner else None, liner_end=liner[0][1] if liner else None,
-        fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
-        provenance={"solved": setup.facts}, name=setup.name,
-    )  # fmt: skip
+MICROPHONES = (
+    Column("frequency (Hz)", heading="f Hz", text=".1f"),
+    Column("x (m)", heading="x mm", text=".2f", scale=1e3),
+    Column("SPL (dB)", heading="SPL dB", text=".3f"),
+    Column("phase (deg)", heading="phase", text=".2f"),
+)
 
 
 def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
@@ -75,7 +51,7 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
 
 
 def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
-    """What was solved, then a line a microphone; ``found`` is what ``plain_duct`` says of it."""
+    """What was solved, then one row per microphone; ``found`` is that of ``plain_duct``."""
     case, profile = setup.case, setup.case.profile
     lines = [
         f"{setup.name}: H {1e3 * case.height:g} mm, bulk Mach {profile.bulk_mach:g}, displacement "
@@ -90,13 +66,7 @@ def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
             f"{ratio['frequency (Hz)']:g} Hz: plane mode reflected {ratio['reflection']:.4f}, "
             f"transmitted {ratio['transmission']:.4f}, {ratio['transmission loss (dB)']:.2f} dB"
         )
-    lines.append(f"{'f Hz':>8s} {'x mm':>8s} {'SPL dB':>8s} {'phase':>8s}")
-    lines += [
-        f"{row['frequency (Hz)']:8.1f} {1e3 * row['x (m)']:8.2f} {row['SPL (dB)']:8.3f} "
-        f"{row['phase (deg)']:8.2f}"
-        for row in found["microphones"]
-    ]
-    return "\n".join(lines)
+    return "\n".join([*lines, Table(found["microphones"], MICROPHONES).as_text()])
 
 
 @styled
@@ -120,20 +90,16 @@ def draw_walls(
             if axis is axes[0, 1]:
                 jumps = np.abs(np.diff(curve)) > 180
                 curve = np.where(np.append(jumps, False), np.nan, curve)
-            colour = COLOURS[i % len(COLOURS)]
+            colour = COLOURS[i]
             axis.plot(1e3 * places, curve, color=colour, label=label)
-            axis.plot(1e3 * at, points, MARKERS[i % len(MARKERS)], color=colour, markersize=3)
+            axis.plot(1e3 * at, points, MARKERS[i], color=colour, markersize=3)
     for axis, label in zip(axes[0], ("SPL (dB re 20 µPa)", "phase (degrees)"), strict=True):
         for start, end in solved[0][0].case.liner:
             axis.axvspan(1e3 * start, 1e3 * end, color="0.9", zorder=0)
-        axis.set_xlabel("$x$ (mm)")
-        axis.set_ylabel(label)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=2)
+        label_axes(axis, "$x$ (mm)", label)
     frequency = float(solved[0][0].frequency[frequency_index])
-    wall = solved[0][0].wall
-    figure.suptitle(title or f"{wall} wall, {frequency:g} Hz; grey: liner", fontsize=9)
-    return finish(figure, path)
+    title = title or f"{solved[0][0].wall} wall, {frequency:g} Hz; grey: liner"
+    return finish(figure, path, title, legend=2)
 
 
 @styled
@@ -161,10 +127,7 @@ def draw_field(
         figure.colorbar(drawn, ax=axis, label=label, extend="max")
         for start, end in case.liner:
             axis.plot([1e3 * start, 1e3 * end], [0, 0], color="r", linewidth=3, clip_on=False)
-        axis.set_xlabel("$x$ (mm)")
-        axis.set_ylabel("$y$ (mm)")
+        label_axes(axis, "$x$ (mm)", "$y$ (mm)")
     frequency = float(setup.frequency[frequency_index])
-    figure.suptitle(
-        f"{setup.name}, {frequency:g} Hz, source {field.source}; red: liner", fontsize=9
-    )
-    return finish(figure, path)
+    title = f"{setup.name}, {frequency:g} Hz, source {field.source}; red: liner"
+    return finish(figure, path, title)

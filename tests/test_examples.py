@@ -1,0 +1,77 @@
+"""The pages' Python examples run as printed, on data made for them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import torchliner as tl
+
+ROOT = Path(__file__).resolve().parent.parent
+RATE, TONE, SECONDS = 12e3, 1500.0, 6
+
+
+def bursts(at: float = 0.0) -> tl.BurstRecord:
+    """Random arrivals, seven segments of them, of a tone in slow turbulence."""
+    random = np.random.default_rng(7)
+    seconds = np.cumsum(random.exponential(1 / RATE, int(SECONDS * RATE)))
+    slow = np.interp(seconds, np.arange(0, 8, 1 / 500), random.normal(size=4000))
+    velocity = np.cos(2 * np.pi * TONE * seconds) + 0.8 * slow
+    return tl.BurstRecord(
+        torch.tensor(seconds), wall_normal=torch.tensor(velocity), x=at, y=1e-3, z=0.0
+    )
+
+
+def stations() -> dict[str, object]:
+    folder = Path("line_1mm")
+    folder.mkdir()
+    for n in range(2):
+        bursts(0.01 * n).write(folder / f"{n}.csv")
+    return {}
+
+
+def arrivals() -> dict[str, object]:
+    one = bursts()
+    return {"tl": tl, "arrival_times": one.arrival_time, "velocity": one.wall_normal}
+
+
+def slits() -> dict[str, object]:
+    found = {case: tl.read_plane(f"data/slit_{case}_y2.5mm.h5") for case in ("n115", "n130")}
+    g01 = tl.read_plane("data/slit_g01_145_y2.5mm.h5")
+    return {**found, "g01": g01, "tl": tl, "plane": found["n130"],
+            "liner": tl.load_liner("lbm_slit")}  # fmt: skip
+
+
+def microphones() -> dict[str, object]:
+    from torchliner.cli.main import main
+
+    assert main(["duct", "solve", "b2a", "-o", "up.csv", "--quiet"]) == 0
+    return {}
+
+
+PAGES = {"calibration": slits, "duct": dict, "in_situ": dict, "ldv": stations,
+         "ldv_grid": arrivals, "ldv_line": stations, "wall_pressure": microphones}  # fmt: skip
+
+
+def examples(page: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_no_page_is_forgotten():
+    """The README's example has its own test."""
+    assert {page.stem for page in (ROOT / "docs").glob("*.md") if examples(page)} == set(PAGES)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize("page", PAGES)
+def test_the_examples_of_a_page_run(page, tmp_path, monkeypatch):
+    """One after another, in one namespace, as a reader would paste them."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    names = PAGES[page]()
+    for example in examples(ROOT / "docs" / f"{page}.md"):
+        exec(compile(example, f"docs/{page}.md", "exec"), names)

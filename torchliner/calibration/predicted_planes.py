@@ -1,0 +1,77 @@
+"""Planes predicted by a calibrated liner, beside what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from torchliner.calibration.calibrate import Calibration
+from torchliner.tdibc.educe import educe
+
+
+@dataclass(frozen=True)
+class PredictionRow:
+    """One predicted impedance beside what is known of it, all normalised.
+
+    Args:
+        label: of the plane.
+        frequency: Hz.
+        height: m, or None.
+        before, after: with the liner as it was, and calibrated.
+        standard: u(R) + j u(X) of ``after``, from the parameters' spread.
+        correlation: of R and X.
+        true: reference, or None.
+        misses: by how many standard deviations R and X lie off it, signed; None without one.
+    """
+
+    label: str
+    frequency: float
+    height: float | None
+    before: complex
+    after: complex
+    standard: complex
+    correlation: float
+    true: complex | None
+    misses: complex | None
+
+
+def prediction_rows(
+    found: Calibration,
+    plane: Any,
+    before: Any,
+    *,
+    label: str | None = None,
+    reference: str = "true",
+    noise: complex = 0j,
+) -> list[PredictionRow]:
+    """Rows of one plane.
+
+    Args:
+        found: calibration.
+        plane: velocity plane.
+        before: liner as it was, whose other numbers the prediction keeps.
+        label: of the plane; default its case.
+        reference: name of the impedance beside which it is put, if the plane has it.
+        noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
+    """
+    names = ("phase", "edge", "drive", "mean", "kernel")
+    chosen = {name: getattr(found.choices, name) for name in names}
+    first = educe(plane, before, **chosen)
+    values = first.liner_impedance
+    if found.order == "velocity first":
+        values = first.liner_impedance_velocity_first
+    prediction = found.predict(plane, before)
+    true = plane.reference.get(reference)
+    rows = []
+    for i, frequency in enumerate(prediction.frequency.tolist()):
+        covariance, standard = prediction.covariance[i], complex(prediction.standard[i])
+        product = standard.real * standard.imag
+        rows.append(
+            PredictionRow(
+                label or str(plane.provenance.get("case", plane.title)), frequency, plane.height,
+                complex(values[i]), complex(prediction.impedance[i]), standard,
+                float(covariance[0, 1]) / product if product else 0.0, true,
+                None if true is None else prediction.misses(complex(true), noise, i),
+            )
+        )  # fmt: skip
+    return rows

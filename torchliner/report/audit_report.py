@@ -1,0 +1,107 @@
+"""The audit as a table, as CSV, for JSON and as a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from torchliner.audits.rows import Audit, AuditRow
+from torchliner.report.curves import part_of
+from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import (
+    Column,
+    Table,
+    format_bounds,
+    format_complex,
+    real_and_imaginary,
+)
+
+ROW_HEIGHT = 0.17  # inches
+SHOWN = (
+    Column("", "factor", "choice"),
+    Column("", "variant", "changed to"),
+    Column("", "impedance", "Z", format_complex),
+    Column("", "change.real", "dR", "+.3f"),
+    Column("", "change.imag", "dX", "+.3f"),
+)
+WRITTEN = (
+    Column("factor"),
+    Column("variant"),
+    *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None),
+    *real_and_imaginary("change of R", "change of X", "change", None),
+    Column("note"),
+)
+
+
+def plain_audit(found: Audit) -> dict[str, Any]:
+    """For JSON."""
+    return {
+        **{key: getattr(found, key) for key in ("title", "frequency", "order", "base")},
+        "interval": None if found.low is None else [found.low, found.high],
+        "level": found.level,
+        "rows": [vars(row) for row in found.rows],
+        "not_applicable": dict(found.skipped),
+        "readings": found.readings,
+        "choices": found.choices,
+        "notes": list(found.notes),
+    }
+
+
+def write_audit(found: Audit, path: str | Path) -> None:
+    """One row per variant; the base and its interval are rows too, and what does not apply."""
+    rows = [AuditRow("base", found.order, found.base, 0j)]
+    for name, bound in (("low", found.low), ("high", found.high)):
+        if bound is not None:
+            rows.append(AuditRow("interval", name, bound, bound - found.base))
+    nothing = {"variant": "does not apply", "impedance": None, "change": None}
+    written = [vars(row) | {"note": ""} for row in (*rows, *found.rows)]
+    written += [{"factor": key, "note": why, **nothing} for key, why in found.skipped.items()]
+    Table(written, WRITTEN, ".9g").write_csv(path)
+
+
+def format_audit(found: Audit) -> str:
+    """Factors by how far they move Z; the base and its interval on top."""
+    base = f"base {format_complex(found.base)}"
+    if found.low is not None and found.high is not None and found.level is not None:
+        base += (
+            f"; {100 * found.level:g} % statistical interval "
+            f"{format_bounds((found.low, found.high))}"
+        )
+    skipped = [f"  {factor}: {reason}" for factor, reason in found.skipped.items()]
+    return "\n".join([
+        f"{found.title}, {found.frequency:g} Hz, whole liner, {found.order}",
+        f"{base}\n",
+        Table(found.rows, SHOWN).as_text(),
+        *(["\ndoes not apply to these data:", *skipped] if skipped else []),
+        f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
+    ])  # fmt: skip
+
+
+@styled
+def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
+    """A bar per factor from its smallest to its largest value, its variants as points."""
+    factors = found.factors[::-1]
+    figure, axes = subplots(1, 2, 1.3 + ROW_HEIGHT * 1.6 * len(factors))
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        base = part_of(found.base, part)
+        if found.low is not None and found.high is not None:
+            axis.axvspan(
+                part_of(found.low, part), part_of(found.high, part), color="0.85", zorder=0,
+                label=f"{100 * (found.level or 0):g} % statistical interval",
+            )  # fmt: skip
+        axis.axvline(base, color="k", linewidth=0.9, label="base", zorder=1)
+        for place, factor in enumerate(factors):
+            values = [part_of(row.impedance, part) for row in found.of(factor)]
+            ends = [*values, base]
+            axis.plot([min(ends), max(ends)], [place] * 2, color=COLOURS[0], linewidth=3.5,
+                      alpha=0.45, solid_capstyle="butt", zorder=2)  # fmt: skip
+            axis.plot(values, [place] * len(values), "o", color=COLOURS[0], markersize=3.2,
+                      zorder=3, label="choice changed" if place == 0 else None)  # fmt: skip
+        axis.set_xlabel(label)
+        axis.set_ylim(-0.7, len(factors) - 0.3)
+        axis.set_yticks(range(len(factors)), factors if part == "resistance" else [])
+        axis.tick_params(axis="y", length=0)
+        axis.minorticks_off()
+    return finish(
+        figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW
+    )

@@ -1,0 +1,104 @@
+"""Height studies as text, as CSV and for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torchliner.heights.recommend import Recommendation
+from torchliner.heights.study import HeightStudy
+from torchliner.report.height_figures import imprint_over_height, length_label
+from torchliner.report.table import (
+    Column,
+    Table,
+    format_complex,
+    format_pair,
+    real_and_imaginary,
+)
+
+ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
+FACTS = (
+    Column("", "height", "y mm", ".2f", 1e3),
+    Column("", "coherence", "coherence", ".2f"),
+    Column("", "velocity_rms", "v_rms m/s", ".3f"),
+    Column("", lambda one: one.imprint and one.imprint.relative, "imprint v_rms", ".4f"),
+    Column("", lambda one: (i := one.imprint) and i.between and i.between / i.mean, "between",
+           ".4f"),
+    Column("", lambda one: one.streamwise_imprint and one.streamwise_imprint.relative,
+           "imprint u_rms", ".4f"),
+    Column("", "jet_velocity", "U_j m/s", ".1f"),
+    Column("", "jet_height", "H_j mm", ".2f", 1e3),
+)  # fmt: skip
+
+
+def height_table(study: HeightStudy) -> Table:
+    """One row per height and averaging length, with the facts of the height in CSV and JSON."""
+    facts = {one.height: vars(one) for one in study.facts}
+    pitch = study.pitch
+    columns = [
+        Column("height (m)", "height", "y mm", ".2f", 1e3),
+        Column("averaging length (m)", "length", "length", lambda each: length_label(each, pitch)),
+        Column("length in cells", lambda row: None if pitch is None else row["length"] / pitch),
+        Column("probes", heading="probes", text="d"),
+        Column("windows", heading="windows", text="d"),
+    ]
+    for order, heading in ORDERS.items():
+        label, spread = order.replace("_", " "), f"{order}_spread"
+        columns += [
+            *real_and_imaginary(f"resistance, {label}", f"reactance, {label}", order),
+            *real_and_imaginary(f"spread of R, {label}", f"spread of X, {label}", spread),
+            Column("", order, heading, format_complex),
+            Column("", spread, "spread", format_pair),
+        ]
+    columns += [
+        Column("coherence"),
+        Column("v' rms (m/s)", "velocity_rms"),
+        Column("imprint on v'", lambda row: row["imprint"] and row["imprint"].relative),
+        Column("jet velocity (m/s)", "jet_velocity"),
+        Column("jet height (m)", "jet_height"),
+    ]
+    rows = [facts[row.height] | vars(row) for row in study.rows]
+    return Table(rows, columns, csv=".9g")
+
+
+def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
+    """For JSON."""
+    imprint, decay, first = imprint_over_height(study), study.decay, study.first_decay
+    columns = {imprint.variable: imprint.at, **imprint.values}
+    return {
+        "title": study.title,
+        "frequency": study.frequency,
+        "cell_pitch": study.pitch,
+        "rows": height_table(study).as_rows(),
+        "imprint": {name: values.tolist() for name, values in columns.items()},
+        "decay_length": None if decay is None else decay.length,
+        "first_harmonic_decay_length": None if first is None else first.length,
+        "evanescent_length": None if decay is None else decay.evanescent,
+        "recommended_height": found.height,
+        "judgements": [vars(one) | {"passed": one.passed} for one in found.judgements],
+        "reasons": list(found.reasons),
+        "unknown": list(found.unknown),
+        "reference": study.reference,
+        "choices": study.choices,
+        "notes": list(study.notes),
+    }
+
+
+def format_study(study: HeightStudy, found: Recommendation) -> str:
+    """Rows, facts, and which height."""
+    lines = [
+        f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "
+        "deviation of R and X over windows",
+        height_table(study).as_text(),
+        f"\n{Table(study.facts, FACTS).as_text()}",
+    ]
+    if study.first_decay is not None:
+        first = study.first_decay
+        lines.append(
+            f"first harmonic of v_rms: exp(-y/l), l = {1e3 * first.length:.3g} mm (sound: "
+            f"{1e3 * first.evanescent:.3g} mm); heights stray from it by a factor "
+            f"{first.scatter:.3g}"
+        )
+    lines += ["", *found.reasons, *(f"not judged: {line}" for line in found.unknown)]
+    for name, value in study.reference.items():
+        lines.append(f"not used above: {name} {format_complex(value)}")
+    return "\n".join(lines)

@@ -1,0 +1,74 @@
+"""In situ and microphone impedances beside a file's own: ``torchliner insitu``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stated_impedance
+from torchliner.records import PointImpedances, PressureRecord
+from torchliner.report.alongside import draw_cells, points_along_x
+from torchliner.report.curves import part_of
+from torchliner.report.figure import COLOURS, ONE_ROW, draw_curve, finish, impedance_panels, styled
+from torchliner.report.table import Column, Table, format_complex, plain_columns, real_and_imaginary
+
+COLUMNS = (
+    Column("method", heading="method"),
+    Column("place", heading="place"),
+    Column("frequency", heading="f Hz", text=".1f"),
+    *real_and_imaginary("resistance", "reactance", "impedance"),
+    *plain_columns("own* true*"),
+    Column("", "impedance", "Z", format_complex),
+    Column("", "own", "file own", format_complex),
+    Column("distance_to_own", lambda row: row.distance(row.own), "|dZ|", ".3f"),
+    Column("distance_to_true", lambda row: row.distance(row.true), "|Z-true|", ".3f"),
+    Column("coherence", heading="coherence", text=".2f"),
+    Column("residual", heading="residual", text=".5f"),
+    Column("incident_level"),
+)
+
+
+def in_situ_table(rows: Sequence[InSituRow]) -> Table:
+    """Complex values as two numbers in CSV and JSON, nan where there is none."""
+    return Table(rows, COLUMNS)
+
+
+def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
+    """What was measured, then one row per method and place."""
+    head = record.title or record.name
+    if record.facesheet is not None:
+        head += (
+            f"; cavity {1e3 * (record.cavity_depth or 0):.4g} mm deep, "
+            f"{100 * record.cavity_porosity:.3g} % of the surface"
+        )
+    if "true" in record.reference:
+        head += f"; true Z = {format_complex(record.reference['true'])}"
+    return (
+        f"{head}\n{in_situ_table(report.rows).as_text()}\n"
+        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave "
+        "sees; admittance over points: the paper's order"
+    )
+
+
+@styled
+def draw_in_situ(
+    record: PressureRecord,
+    points: PointImpedances,
+    path: str | Path | None = None,
+    frequency_index: int = 0,
+) -> Any:
+    """R and X of the in situ method along x: points, cells in both orders, the file's truth."""
+    profile = points_along_x(points, frequency_index)
+    known = bool((points.point_x == points.point_x).all())
+    figure, panels = impedance_panels(3.0, "$x$ (mm)" if known else "probe")
+    frequency = float(points.frequency[frequency_index])
+    true = stated_impedance(record, "true", frequency)
+    for axis, part in panels:
+        draw_curve(axis, profile, part, COLOURS[0], 1e3 if known else 1.0, label="points")
+        if known:
+            draw_cells(axis, points, part, frequency_index, "cells, ")
+        if true is not None:
+            axis.axhline(part_of(true, part), color="k", linewidth=0.9, label="true")
+    title = f"{record.title or record.name}, in situ (Dean), {frequency:g} Hz"
+    return finish(figure, path, title, legend=ONE_ROW)

@@ -1,0 +1,90 @@
+"""Maps as a short text table and for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from torchliner.records import ImpedanceMap
+from torchliner.report.alongside import alongside_surfaces
+from torchliner.report.numbers import against_height, case_title, interval_words
+from torchliner.report.table import (
+    Column,
+    Table,
+    format_bounds,
+    format_complex,
+    format_pair,
+    format_references,
+)
+
+NULL_TEST = (
+    "NULL TEST, the wall below these data is hard and has no liner; the values only show how this "
+    "model responds to such a velocity"
+)
+WHERE = (
+    Column("", "height", "y mm", ".2f", 1e3),
+    Column("", "frequency", "f Hz", ".1f"),
+)
+AVERAGES = (
+    Column("", "probes_first", "Z, admittance over probes", format_complex),
+    Column("", "spread", "spread R, X", format_pair),
+    Column("", "velocity_first", "Z, velocity first", format_complex),
+    Column("", "coherence", "coherence", ".2f"),
+    Column("", "level", "incident dB", ".1f"),
+)
+
+
+INTERVALS = (
+    Column("", "interval", "admittance over probes", format_bounds),
+    Column("", "interval_velocity_first", "velocity first", format_bounds),
+)
+
+
+def format_maps(results: Sequence[ImpedanceMap]) -> str:
+    """One row per height and frequency; intervals; results of other methods; the choices."""
+    rows = against_height(results)
+    lines = [Table(rows, (*WHERE, *AVERAGES)).as_text()]
+    words = interval_words(results[0])
+    if words:
+        lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
+                     f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
+    return "\n".join([*lines, *_beside(results), _choices(results[0])])
+
+
+def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
+    """Other methods, references, the null test: each once."""
+    seen: dict[str, None] = {}
+    for i, f in enumerate(results[0].frequency.tolist()):
+        beside = alongside_surfaces(results, i)
+        seen |= dict.fromkeys(format_references(beside, f"{f:g} Hz, "))
+    for result in results:
+        case = case_title(result)
+        seen |= dict.fromkeys(format_references(result.reference, f"{case}, "))
+        if result.choices.get("surface") == "hard wall":
+            seen[f"{case}: {NULL_TEST}"] = None
+    return list(seen)
+
+
+def _choices(result: ImpedanceMap) -> str:
+    choices = result.choices
+    names = ("engine", "phase", "edge", "drive", "kernel")
+    text = "Z is p/(rho c v), exp(+jwt); " + ", ".join(f"{key} {choices[key]}" for key in names)
+    error = choices.get("kernel_error")
+    return text if error is None else f"{text}; kernel error in R {error:.1e}"
+
+
+def plain_map(result: ImpedanceMap) -> dict[str, Any]:
+    """For JSON; ``spread`` is that over probes, ``interval`` the statistical one."""
+    return {
+        "title": result.title,
+        "rows": [vars(row) for row in against_height([result])],
+        "reference": dict(result.reference),
+        "alongside": [
+            {"frequency": f, "impedance": alongside_surfaces([result], i)}
+            for i, f in enumerate(result.frequency.tolist())
+            if result.alongside
+        ],
+        "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
+        "choices": dict(result.choices),
+        "notes": list(result.notes),
+    }
