@@ -72,6 +72,14 @@ def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float 
     axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
 
 
+def legend_below(figure: Figure, axis: Any, columns: int) -> None:
+    """The names in one panel, in so many columns at most, below all panels."""
+    handles, labels = axis.get_legend_handles_labels()
+    if labels:
+        columns = min(columns, len(labels))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
 def finish(
     figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
 ) -> Figure:
@@ -83,10 +91,8 @@ def finish(
         title: above all panels.
         legend: columns, at most, of the names in the first panel, below all panels.
     """
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    if legend and labels:
-        columns = min(legend, len(labels))
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    if legend:
+        legend_below(figure, figure.axes[0], legend)
     if title is not None:
         figure.suptitle(title, fontsize=9)
     if path is not None:
