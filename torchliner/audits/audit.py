@@ -167,7 +167,9 @@ class _Work:
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
-        quiet = Replayed(dataclasses.replace(self.replayed.ready, blocks=None), self.replayed.sums)
+        quiet = Replayed(
+            dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
+        )
         for name in PHASE_RULES:
             if phase_rule(name).takes_phase:
                 self._stated_phases(quiet, name)
@@ -201,7 +203,7 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.seen, ready.drive.running_samples
+                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples
             )
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_choice, require_positive
+from torchliner.checks import plain_number, require_choice, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
@@ -74,9 +74,7 @@ class BurstRecord(Written):
             value = getattr(self, label)
             if value is not None and not abs(plain_number(value)) < float("inf"):
                 raise ValueError(f"{self.name}: {label} is {value}; a finite number is needed")
-        for label in ("frequency", "displacement_thickness"):
-            if getattr(self, label) is not None:
-                require_positive(f"{self.name}: {label}", getattr(self, label))
+        require_positive_where_stated(self, "frequency", "displacement_thickness")
         require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
         for reason, count in self.dropped.items():
             if count < 0:

@@ -24,6 +24,7 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
+from torchliner.records.probes import finite_places
 from torchliner.records.unit_checks import unit_warnings
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
@@ -136,11 +137,9 @@ class MicrophoneLine(Written):
         return replace(line, notes=line.notes + notes)
 
     def _check_places(self) -> None:
-        x = torch.as_tensor(np.asarray(self.x, dtype=np.float64)).reshape(-1)
+        x = finite_places(self.x, "x", self.name)
         if len(x) < 2:
             raise ValueError(f"{self.name}: {len(x)} microphone is given; at least two make a line")
-        if not bool(torch.isfinite(x).all()):
-            raise ValueError(f"{self.name}: x holds values that are not finite")
         back = (x.diff() <= 0).nonzero()
         if len(back):
             i = int(back[0])

@@ -181,21 +181,19 @@ class Choices:
             raise TypeError(
                 f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)"
             )
-        if wave is not None and self.engine == "spectral":
-            raise ValueError(
-                "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"
-            )
-        if wave is not None and self.phase != "averaged":
-            raise ValueError(
-                f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"
-            )
-        if wave is not None and self.wall_filter is not None:
-            raise ValueError(
-                "wall_filter asks for the coherence of v with a tone; with an incident signal "
-                "there is none, leave it out"
-            )
-        if wave is None and self.segment is not None:
-            raise ValueError("segment is only used with an incident signal")
+        for wrong, reason in (
+            (wave is not None and self.engine == "spectral",
+             "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"),
+            (wave is not None and self.phase != "averaged",
+             f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"),
+            (wave is not None and self.wall_filter is not None,
+             "wall_filter asks for the coherence of v with a tone; with an incident signal there "
+             "is none, leave it out"),
+            (wave is None and self.segment is not None,
+             "segment is only used with an incident signal"),
+        ):  # fmt: skip
+            if wrong:
+                raise ValueError(reason)
         defaults = {
             "engine": "spectral" if wave is None else "unfold",
             "edge": "finite" if wave is None else wave.edge,

@@ -46,10 +46,10 @@ def prepare(
     """
     model = as_liner(liner)
     surveyed = [_survey(plane, model, frequency, chosen, progress) for plane in planes]
-    grid = velocity_grid(planes, [each["seen"] for each in surveyed], model, chosen)
+    grid = velocity_grid(planes, [each["survey"] for each in surveyed], model, chosen)
     band = kernel_band(model, torch.cat([each["frequency"] for each in surveyed]), chosen)
     made: dict[float, KernelTable] = {}
-    ready = []
+    prepared = []
     for known in surveyed:
         kernels, record, notes = None, known["record"], known.pop("notes")
         if needs_kernels(record, known["frequency"], chosen):
@@ -59,12 +59,12 @@ def prepare(
             kernels = made[rate]
             kernels.require_band(known["frequency"])
             notes += review_signal(kernels, chosen, known["sent"])
-        ready.append(
+        prepared.append(
             Prepared(
                 **known, liner=model, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
             )
         )
-    return ready
+    return prepared
 
 
 def _survey(
@@ -93,7 +93,7 @@ def _survey(
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
     return {
         "plane": plane, "frequency": wanted, "record": record, "cells": cells, "used": used,
-        "seen": seen, "drive": drive, "sent": sent, "blocks": blocks, "notes": notes,
+        "survey": seen, "drive": drive, "sent": sent, "blocks": blocks, "notes": notes,
     }  # fmt: skip
 
 

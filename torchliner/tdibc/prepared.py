@@ -34,7 +34,7 @@ class Prepared:
         record: window and edge rule.
         cells: probes by cell; the cell averages follow the probes in every (P + C, ...) tensor.
         used: probes without faults, (P,).
-        seen: first pass, over probes and cell averages.
+        survey: first pass, over probes and cell averages.
         drive: |v| for the engines.
         sent: incident signal on the record, (n,); None for tones.
         blocks: of the record, for error bars; None where there are none.
@@ -50,7 +50,7 @@ class Prepared:
     record: Record
     cells: Cells
     used: Tensor
-    seen: Survey
+    survey: Survey
     drive: DriveSpeed
     sent: Tensor | None
     blocks: Blocks | None
@@ -70,7 +70,7 @@ class Prepared:
     @property
     def velocity_amplitude(self) -> Tensor:
         """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
-        return self.window_sums.tone_amplitude(-self.seen.line)
+        return self.window_sums.tone_amplitude(-self.survey.line)
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (P + C, n), for the reference engine."""
