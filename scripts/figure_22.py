@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.jet_figures import draw_jets, exponent_lines, height_over_mach, height_over_velocity
-from torchliner.heights.jets import jet_scaling
+from studies.jet_scaling import jet_scaling
 
 SHEARS = (0.05, 0.1)  # the paper's, and that of its duct computations
 
