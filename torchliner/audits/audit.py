@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from torchliner.audits.rows import Audit, AuditRow
-from torchliner.audits.variants import Variant, VariantMaker
+from torchliner.audits.variants import CannotApply, Variant, VariantMaker
 from torchliner.checks import tell
 from torchliner.liners.model import Liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
@@ -75,8 +75,11 @@ def audit(
     work.lines()
     work.phases()
     work.drives()
-    work.lengths()
-    work.heights()
+    for factor, vary in (("averaging length", work.lengths), ("height", work.heights)):
+        try:
+            vary()
+        except CannotApply as reason:
+            work.skipped[factor] = str(reason)
     tell(work.found.notes)
     return work.result(order)
 
@@ -213,21 +216,18 @@ class _Work:
         ready, plane = self.ready, self.ready.plane
         pitch = ready.liner.cell_pitch
         if pitch is None:
-            self.skipped["averaging length"] = "the liner states no cell_pitch"
-            return
+            raise CannotApply("the liner states no cell_pitch")
         try:
             grid = grid_of(plane)
         except ValueError as reason:
-            self.skipped["averaging length"] = str(reason)
-            return
+            raise CannotApply(str(reason)) from None
         used = ready.used.reshape(grid.rows, grid.columns)
         shares = [s for s in LENGTHS if grid.spacing <= s * pitch <= grid.length * (1 + 1e-6)]
         if not shares:
-            self.skipped["averaging length"] = (
+            raise CannotApply(
                 f"none of {', '.join(f'{s:g}' for s in LENGTHS)} cells lies between the spacing, "
                 f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
             )
-            return
         cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
         averaged = averaged_planes(plane, cut)
         self.readings += 1
@@ -244,7 +244,7 @@ class _Work:
     def heights(self) -> None:
         """The other planes."""
         if not self.others:
-            self.skipped["height"] = "one plane is given; name the other heights too"
+            raise CannotApply("one plane is given; name the other heights too")
         for other in self.others:
             value = self._of_pass(other)
             self.readings += 1
