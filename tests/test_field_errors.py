@@ -179,13 +179,13 @@ def test_draws_that_do_not_settle_do_not_count(monkeypatch):
     whole = fit_field(line, solver, draws=6)
 
     def some_lost(*arguments):
-        found = field_search.least_squares(*arguments)
+        found = field_search.search(*arguments)
         if len(found.cost) == 6:
             found.converged[::3] = False
             found.place[::3] = 0.9
         return found
 
-    monkeypatch.setattr(field_fit, "least_squares", some_lost)
+    monkeypatch.setattr(field_fit, "search", some_lost)
     with pytest.warns(tl.DataWarning, match="2 of 6 draws did not settle in 60 steps and are left"):
         found = fit_field(line, solver, draws=6)
     assert found.failed.tolist() == [2]

@@ -18,9 +18,10 @@ from torchliner.duct.dispersion import (
     wavenumber_from_impedance,
 )
 from torchliner.records import MicrophoneLine
-from torchliner.wall_waves.kumaresan_tufts import _result_notes, kumaresan_tufts
+from torchliner.wall_waves.from_source import resistance_notes
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 from torchliner.wall_waves.sort_waves import sort_waves
-from torchliner.wall_waves.two_waves import _fit_notes, two_wave_fit
+from torchliner.wall_waves.two_waves import two_wave_fit
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)
 
@@ -157,13 +158,12 @@ def test_batch_is_the_loop():
             assert error < 1e-8
 
 
-@pytest.mark.parametrize("notes", [_fit_notes, _result_notes])
-def test_rounding_is_no_negative_resistance(notes):
+def test_rounding_is_no_negative_resistance():
     """A wall without loss is educed as one with a resistance of 0 but for the last digits."""
     found = two_wave_fit(line_of(both_ways()[0]))
-    for resistance, said in ((-1e-10, 0), (-1e-8, 1)):
+    for resistance, count in ((-1e-10, 0), (-1e-8, 1)):
         walls = torch.full_like(found.impedance, complex(resistance, 1.0))
-        assert len(notes(dataclasses.replace(found, impedance=walls), "line")) == said
+        assert len(resistance_notes(dataclasses.replace(found, impedance=walls), "line")) == count
 
 
 def test_refusals_and_doubts():

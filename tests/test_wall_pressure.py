@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 
 import numpy as np
@@ -12,9 +13,11 @@ from conftest import relative_error
 
 import torchliner as tl
 from torchliner.duct.dispersion import CONDITIONS, cut_on_frequency, wavenumber_from_impedance
+from torchliner.names import WALL_METHODS, resolve
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.exponentials import find_exponentials
 from torchliner.signals.microphone_errors import draw_pressures
+from torchliner.wall_field.fit_field import fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
@@ -138,6 +141,16 @@ def test_exponentials_by_hand():
     growing = find_exponentials(signal.flip(0), 1, 2)
     assert complex(growing.ratio[0]) == pytest.approx(2.0)
     assert complex(growing.amplitude[0]) == pytest.approx(0.125)
+
+
+@pytest.mark.parametrize("method", WALL_METHODS)
+def test_rows_of_the_methods_name_functions_that_take_their_options(method):
+    home, _, options = WALL_METHODS[method]
+    known = list(inspect.signature(resolve(home)).parameters)
+    if method == "field":
+        known += inspect.signature(fit_field).parameters
+    assert known[0] == "line"
+    assert set(options) <= set(known)
 
 
 # --- errors of the microphones ------------------------------------------------------------------

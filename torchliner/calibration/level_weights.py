@@ -19,7 +19,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, reflection_from_impedance
+from torchliner.conversions import (
+    admittance_from_reflection,
+    mean_impedance,
+    reflection_from_impedance,
+)
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 from torchliner.replay.incident import Means
@@ -57,7 +61,7 @@ class LevelWeights:
 
     def impedance(self, response: Tensor) -> Tensor:
         """Z of the liner, (..., F), from the model's R at lines and levels, (..., L, V)."""
-        return 1 / admittance_from_reflection(self.reflection(response)).mean(-2)
+        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2)
 
     def anchored(self, liner: LinerModel) -> LevelWeights:
         """The same with E of ``liner``, from a whole replay."""

@@ -17,19 +17,14 @@ from torchliner.cli.options import (
     require_ending,
     warnings_on_stderr,
 )
+from torchliner.names import WALL_METHODS, resolve
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
     from torchliner.report.wall_table import Educed
 
 SHARED = ("source_side", "draws", "level_error", "phase_error")
-WAVES = ("condition", "margin")
-OWN = {
-    "kt": (*WAVES, "rank", "order"),
-    "two-waves": (*WAVES, "weights"),
-    "free-waves": (*WAVES, "weights"),
-    "field": ("duct", "far_end", "variation", "start"),
-}
+OWN = {name: own for name, (_, _, own) in WALL_METHODS.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,38 +123,17 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def educe_line(
-    line: MicrophoneLine,
-    method: str,
-    *,
-    duct: str | Path | None = None,
-    source_side: str | None = None,
-    **options: Any,
+    line: MicrophoneLine, method: str, *, source_side: str | None = None, **options: Any
 ) -> Educed:
-    """By one of ``METHODS``.
+    """By one of ``WALL_METHODS``.
 
     Args:
         line: microphones.
-        method: its word.
-        duct: preset or file, for ``field``.
+        method: its name.
         source_side: instead of the line's.
-        options: those of ``kumaresan_tufts``, ``two_wave_fit`` and ``fit_field``.
-    Raises:
-        ValueError: ``field`` without a duct.
+        options: of the method.
     """
-    from torchliner.wall_field.fit_field import duct_of_line, fit_field
-    from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-    from torchliner.wall_waves.two_waves import two_wave_fit
-
     if source_side is not None:
         line = replace(line, source_side=source_side)
-    if method == "kt":
-        return kumaresan_tufts(line, **options)
-    if method != "field":
-        return two_wave_fit(line, tied=method == "two-waves", **options)
-    if duct is None:
-        raise ValueError(
-            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
-            "(torchliner duct solve NAME --copy FILE writes one to edit)"
-        )
-    solver, wall = duct_of_line(line, duct)
-    return fit_field(line, solver, wall=wall, **options)
+    found: Educed = resolve(WALL_METHODS[method][0])(line, **options)
+    return found

@@ -10,8 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_positive, tell
-from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
+from torchliner.checks import require_positive, stated_frequency, tell
+from torchliner.conversions import (
+    admittance_from_reflection,
+    impedance_from_admittance,
+    mean_impedance,
+)
 from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.heights.imprint import Decay, fit_decay
 from torchliner.liners.model import Liner, as_liner
@@ -175,10 +179,7 @@ def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> 
             raise ValueError(
                 f"the planes state different frequencies, {sorted(map(str, stated))}; give one"
             )
-        frequency = stated.pop()
-    if frequency is None:
-        raise ValueError(f"{planes[0].name} states no frequency; give frequency=..., in Hz")
-    values = frequency_tensor(frequency)
+    values = stated_frequency(frequency, planes[0].frequency, planes[0].name)
     if len(values) != 1:
         raise ValueError(f"heights are compared at one frequency; {len(values)} are given")
     return float(values[0])
@@ -257,7 +258,7 @@ def _average(admittance: Tensor) -> tuple[complex, complex]:
     spread = complex(math.nan, math.nan)
     if len(known) > 1:
         spread = complex(float(impedance.real.std()), float(impedance.imag.std()))
-    return complex(impedance_from_admittance(known.mean(0, keepdim=True))[0]), spread
+    return complex(mean_impedance(known)), spread
 
 
 def _decays(facts: Sequence[HeightFacts], pitch: float | None) -> tuple[Decay | None, Decay | None]:

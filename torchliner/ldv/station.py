@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor
+from torchliner.checks import stated_frequency
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station_reference import (
@@ -126,11 +126,7 @@ def _one(value: Any) -> Tensor:
 
 
 def _frequencies(record: BurstRecord, frequency: Any) -> Tensor:
-    if frequency is None:
-        frequency = record.frequency
-    if frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(frequency)
+    wanted = stated_frequency(frequency, record.frequency, record.name)
     if len(wanted.unique()) < len(wanted):
         raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
     return wanted

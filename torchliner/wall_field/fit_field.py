@@ -16,6 +16,7 @@ import cmath
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -34,7 +35,7 @@ from torchliner.signals.microphone_errors import (
     require_draws,
 )
 from torchliner.wall_field.fit_warnings import doubts, largest_misfit
-from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, least_squares
+from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import (
     coordinates,
@@ -109,10 +110,10 @@ def fit_field(
     if start is None:
         found = constant_wall(model, target, weights, largest_misfit(freedom))
     else:
-        found = least_squares(model, target, _begin(start, target), weights)
+        found = search(model, target, _begin(start, target), weights)
     if variation == "linear":
         begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
-        found = least_squares(model, target, begin, weights)
+        found = search(model, target, begin, weights)
     result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                "level_error": level_error,
@@ -127,7 +128,7 @@ def fit_field(
         noisy = draw_pressures(
             pressure, draws, random, level_error=level_error, phase_error=phase_error
         )
-        again = least_squares(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
+        again = search(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
         drawn = _settled(_result(again, model, noisy, line, freedom))
         result = replace(result, draws=drawn)
         lost = int((~drawn.converged).sum())
@@ -168,6 +169,21 @@ def _begin(start: complex, pressure: Tensor) -> Tensor:
         raise ValueError(f"start is {start}; an impedance other than -1 is needed")
     wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
     return coordinates(wall.to(pressure.device))
+
+
+def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
+    """``fit_field`` in the duct of a preset or TOML file; ``options`` are its own.
+
+    Raises:
+        ValueError: no duct is stated.
+    """
+    if duct is None:
+        raise ValueError(
+            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
+            "(torchliner duct solve NAME --copy FILE writes one to edit)"
+        )
+    solver, wall = duct_of_line(line, duct)
+    return fit_field(line, solver, wall=wall, **options)
 
 
 def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:

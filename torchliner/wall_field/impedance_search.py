@@ -19,13 +19,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.least_squares import Problem, System, least_squares
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import bounded, coordinates
 
 STEPS = 60
-TOLERANCE, SETTLED = 1e-9, 1e-6  # of a step taken, and of one left, in the wall's coordinates
-FARTHEST = 0.3  # step in the wall's coordinates
-STUCK = 1e8  # damping
+TOLERANCE = 1e-9  # of a step in the wall's coordinates
 NEAR = 1e-3  # tolerance of a first search
 KEPT = 2  # of the places that first searches end at
 SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
@@ -127,11 +126,11 @@ def from_grid(
     misfit = torch.stack([_loud_misfit(each, pressure) for each in fields])
     best = places[misfit.topk(grid.starts, 0, largest=False).indices]  # (S, B, F, 1)
     repeated = pressure.repeat(grid.starts, 1, 1)
-    rough = least_squares(model, repeated, best.flatten(0, 1), ALIKE, NEAR)
+    rough = search(model, repeated, best.flatten(0, 1), ALIKE, NEAR)
     cost = rough.cost.reshape(best.shape[:-1]).nan_to_num(torch.inf)
     kept = cost.topk(KEPT, 0, largest=False).indices[..., None]
     begin = rough.place.reshape(best.shape).gather(0, kept)
-    return _best([least_squares(model, pressure, each, weights) for each in begin])
+    return _best([search(model, pressure, each, weights) for each in begin])
 
 
 def _loud_misfit(fields: Tensor, pressure: Tensor) -> Tensor:
@@ -141,52 +140,60 @@ def _loud_misfit(fields: Tensor, pressure: Tensor) -> Tensor:
     return left.abs().square().sum(-1) / pressure.abs().square().sum(-1)
 
 
-def least_squares(
+@dataclass(frozen=True, eq=False)
+class WallSearch(Problem):
+    """The wall's coordinates as Re rho, Im rho, ..., and the amplitudes, solved for at each place.
+
+    Args:
+        model: of the duct.
+        pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
+        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
+        tolerance: of the last step.
+        unknowns: 2 P.
+    """
+
+    model: FieldModel
+    pressure: Tensor
+    weights: tuple[float, float]
+    tolerance: float = TOLERANCE
+    unknowns: int = 2
+
+    longest = 0.3
+
+    def system(self, place: Tensor, index: Tensor) -> System:
+        """Residuals (B, F, 2 N) and their derivatives by Re rho, Im rho, ..., Re A, Im A, ..."""
+        pressure = self.pressure[index]
+        fields, slopes = self.model.with_slope(place)
+        amplitude = _linear_amplitude(fields, pressure, self.weights)
+        by_place = _over(slopes, amplitude, pressure)
+        columns = [turn * by for by in by_place for turn in (1, 1j)]
+        first = torch.stack([_residual(column, self.weights) for column in columns], -1)
+        jacobian = torch.cat([first, _by_amplitude(fields, pressure, self.weights)], -1)
+        left = _over(fields, amplitude, pressure) - 1
+        return System(_residual(left, self.weights), jacobian, amplitude)
+
+    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
+        """Walls within the bounds of the coordinates."""
+        del index
+        return bounded(place + torch.complex(step[..., ::2], step[..., 1::2])), True
+
+
+def search(
     model: FieldModel,
     pressure: Tensor,
     start: Tensor,
     weights: tuple[float, float],
     tolerance: float = TOLERANCE,
 ) -> Solution:
-    """Levenberg and Marquardt's method on all cases, draws and frequencies at once.
-
-    Lines that are done are left alone while the others go on.
-
-    Args:
-        model: of the duct.
-        pressure: Pa, (B, F, N).
-        start: coordinates of the wall, (B, F, P).
-        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
-        tolerance: of the last step.
-    """
-    place = start.to(torch.complex128).clone()  # a view of one number cannot carry a tangent
-    count = place.shape[-1]
-    amplitude, residual, jacobian = _system(model, place, pressure, weights)
-    cost = residual.square().sum(-1)
-    damping = torch.full_like(cost, 1e-3)
-    moved = torch.full_like(cost, torch.inf)
-    values = (place, amplitude, residual, jacobian, cost)
-    for _ in range(STEPS):
-        on = torch.nonzero(~((moved < tolerance) | (damping >= STUCK)).all(-1))[:, 0]
-        if len(on) == 0:
-            break
-        step = _damped_step(residual[on], jacobian[on], damping[on])[..., : 2 * count]
-        step = step * (FARTHEST / step.norm(dim=-1, keepdim=True)).clamp(max=1)
-        tried = bounded(place[on] + torch.complex(step[..., ::2], step[..., 1::2]))
-        found = _system(model, tried, pressure[on], weights)
-        trial = (tried, *found, found[1].square().sum(-1))
-        better = trial[-1] <= cost[on]
-        # A step so small tells as well if rounding of the cost refuses it.
-        tells = better | (damping[on] <= 1)
-        moved[on] = torch.where(tells, step.norm(dim=-1), moved[on])
-        damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(min=1e-12)
-        for value, new in zip(values, trial, strict=True):
-            which = better.reshape(*better.shape, *[1] * (value.ndim - 2))
-            value[on] = torch.where(which, new, value[on])
-    step = _damped_step(residual, jacobian, torch.full_like(cost, 1e-12))[..., : 2 * count]
-    converged = (moved < tolerance) | (step.norm(dim=-1) < SETTLED)
-    covariance = _inverse(jacobian.mT @ jacobian)[..., : 2 * count, : 2 * count]
-    return Solution(place, amplitude, covariance, cost, converged)
+    """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N)."""
+    unknowns = 2 * start.shape[-1]
+    problem = WallSearch(model, pressure, weights, tolerance, unknowns)
+    found = least_squares(problem, start.to(torch.complex128), STEPS)
+    jacobian = found.system.jacobian
+    covariance = _inverse(jacobian.mT @ jacobian)[..., :unknowns, :unknowns]
+    return Solution(
+        found.place, found.system.amplitude, covariance, found.system.cost, found.converged
+    )
 
 
 def _inverse(normal: Tensor) -> Tensor:
@@ -223,26 +230,3 @@ def _by_amplitude(fields: Tensor, pressure: Tensor, weights: tuple[float, float]
 def _residual(away: Tensor, weights: tuple[float, float]) -> Tensor:
     """Real and imaginary parts over their errors, (..., 2 N)."""
     return torch.cat([away.real * weights[0], away.imag * weights[1]], -1)
-
-
-def _system(
-    model: FieldModel, place: Tensor, pressure: Tensor, weights: tuple[float, float]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Best amplitudes (B, F, K), residuals (B, F, 2 N) and their derivatives by Re rho, Im rho,
-    ..., Re A, Im A, ... (B, F, 2 N, 2 P + 2 K)."""
-    fields, slopes = model.with_slope(place)
-    amplitude = _linear_amplitude(fields, pressure, weights)
-    by_place = _over(slopes, amplitude, pressure)
-    columns = [turn * by for by in by_place for turn in (1, 1j)]
-    first = torch.stack([_residual(column, weights) for column in columns], -1)
-    jacobian = torch.cat([first, _by_amplitude(fields, pressure, weights)], -1)
-    return amplitude, _residual(_over(fields, amplitude, pressure) - 1, weights), jacobian
-
-
-def _damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
-    normal = jacobian.mT @ jacobian
-    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30)
-    damped = normal + torch.diag_embed(damping[..., None] * scale)
-    right = -(jacobian.mT @ residual[..., None])
-    step: Tensor = torch.linalg.solve(damped, right)[..., 0]
-    return step

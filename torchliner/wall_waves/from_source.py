@@ -1,4 +1,4 @@
-r"""A line of microphones seen from its source, and what makes a duct doubtful for one wave.
+r"""What the methods of single waves share: microphones seen from the source, warnings, draws.
 
 With s the distance from the source's side the wave above the liner is :math:`e^{-j\alpha' s}`: for
 a source upstream s = x and alpha' = alpha; for one downstream the array is read backwards, s = -x,
@@ -15,11 +15,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.duct.dispersion import cut_on_frequency
+from torchliner.checks import FEEDS, require_choice, tell
+from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumber
+from torchliner.names import CONDITIONS, SOURCES
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import draw_pressures
-
-SIDES = {"upstream": 1, "downstream": -1}
+from torchliner.signals.microphone_errors import draw_pressures, require_draws
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class FromSource:
     @property
     def source_side(self) -> str:
         """``upstream`` or ``downstream``."""
-        return "upstream" if self.sign == 1 else "downstream"
+        return SOURCES[self.sign == -1]
 
 
 def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSource:
@@ -61,16 +61,63 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
         ValueError: the side of the source is not known.
     """
     side = line.source_side if source_side is None else source_side
-    if side not in SIDES:
+    if side not in SOURCES:
         raise ValueError(
             f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream': the array is "
             "read from the source on"
         )
-    sign = SIDES[side]
+    sign = 1 if side == "upstream" else -1
     x, pressure = sign * line.x, line.pressure
     if sign == -1:
         x, pressure = x.flip(0), pressure.flip(-2)
     return FromSource(line, sign, x - x[0], pressure, sign * float(line.mach))
+
+
+def over_liner(
+    line: MicrophoneLine, source_side: str | None, *, margin: float, condition: str, draws: int
+) -> FromSource:
+    """The microphones over the liner along s; arguments as of ``kumaresan_tufts``, checked."""
+    require_choice("condition", condition, CONDITIONS)
+    require_draws(draws)
+    return seen_from_source(line.over_liner(margin), source_side)
+
+
+def wall_eduction(
+    seen: FromSource, wave: Tensor, modes: Tensor, amplitude: Tensor, residual: Tensor,
+    *, method: str, condition: str, choices: dict[str, Any], **about: Any,
+) -> WallEduction:  # fmt: skip
+    """The record of waves along s, with the impedance of one of them.
+
+    Args:
+        seen: the line.
+        wave: alpha' of the wave whose impedance is wanted, (..., F); nan for none.
+        modes, amplitude: of all waves, (..., F, K).
+        residual: (..., F).
+        method: for tables.
+        condition: at the liner.
+        choices: the method's own.
+        about: further fields of the record.
+    """
+    line, there = seen.line, ~torch.isnan(wave)
+    impedance = impedance_from_wavenumber(
+        torch.where(there, wave, 1 + 0j), line.frequency.to(wave.device), height=line.duct_height,
+        mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
+    )  # fmt: skip
+    return WallEduction(
+        method=method,
+        frequency=line.frequency,
+        x=line.x,
+        wavenumber=seen.sign * wave,
+        impedance=torch.where(there, impedance, complex(math.nan, math.nan)),
+        modes=seen.sign * modes.movedim(-1, -2),
+        amplitudes=amplitude.movedim(-1, -2),
+        origin=seen.origin,
+        residual=residual,
+        source_side=seen.source_side,
+        choices={**choices, "condition": condition, "source_side": seen.source_side,
+                 "source": line.name, "microphones": line.microphones},
+        **about,
+    )  # fmt: skip
 
 
 def runs_with_source(wavenumber: Tensor) -> Tensor:
@@ -99,37 +146,51 @@ def duct_notes(line: MicrophoneLine) -> tuple[str, ...]:
     return tuple(notes)
 
 
-Educe = Callable[[Tensor], WallEduction]
+def resistance_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+    """Where the wall would feed sound."""
+    active = result.impedance.real < FEEDS
+    if not bool(active.any()):
+        return ()
+    return (
+        f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} values, "
+        f"{float(result.impedance.real[active].min()):.3g} at least: the wave found gains energy "
+        "at the wall, or is not the one assumed",
+    )
 
 
-def with_draws(
+def with_notes_and_draws(
     result: WallEduction,
-    educe: Educe,
+    notes: tuple[str, ...],
+    educe: Callable[[Tensor], WallEduction],
     pressure: Tensor,
     draws: int,
     generator: torch.Generator | None,
     **errors: float,
 ) -> WallEduction:
-    """The result with the same eduction over draws of the microphones' errors, as one batch.
+    """The result with its notes, which are warned of, and with the same eduction over draws of the
+    microphones' errors, as one batch.
 
     Args:
         result: without errors.
+        notes: on the result.
         educe: from pressures (D, ..., N, F).
         pressure: (..., N, F).
         draws: D; 0 for none.
         generator: default one with seed 0.
         errors: ``level_error`` (dB), ``phase_error`` (degrees).
     """
+    tell(notes, depth=2)
+    result = result.with_notes(*notes)
     if draws == 0:
         return result
-    source = torch.Generator().manual_seed(0) if generator is None else generator
+    source = generator or torch.Generator().manual_seed(0)
     drawn = educe(draw_pressures(pressure, draws, source, **errors))
+    choices = {**result.choices, "draws": draws, **errors}
+    result = replace(result, draws=drawn, choices=choices)
     lost = int((~torch.isfinite(drawn.impedance)).sum())
-    notes = result.notes
-    if lost:
-        notes += (
-            f"{result.method}: {lost} of {drawn.impedance.numel()} draws have no impedance and are "
-            "left out of mean, deviation and interval",
-        )
-    choices: dict[str, Any] = {**result.choices, "draws": draws, **errors}
-    return replace(result, draws=drawn, choices=choices, notes=notes)
+    if not lost:
+        return result
+    return result.with_notes(
+        f"{result.method}: {lost} of {drawn.impedance.numel()} draws have no impedance and are "
+        "left out of mean, deviation and interval"
+    )

@@ -14,17 +14,17 @@ import math
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, tell
-from torchliner.duct.dispersion import CONDITIONS, impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.exponentials import find_exponentials
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
+from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
 from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
+    over_liner,
+    resistance_notes,
     runs_with_source,
-    seen_from_source,
-    with_draws,
+    wall_eduction,
+    with_notes_and_draws,
 )
 
 RANK = 2
@@ -67,11 +67,9 @@ def kumaresan_tufts(
             in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
-    require_choice("condition", condition, CONDITIONS)
-    require_draws(draws)
-    line = line.over_liner(margin)
+    seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
+    line = seen.line
     spacing = line.require_equal_spacing("Kumaresan and Tufts' method")
-    seen = seen_from_source(line, source_side)
     length = line.microphones // 2 if order is None else order
     if order is None and rank > length > 0:
         raise ValueError(
@@ -84,48 +82,31 @@ def kumaresan_tufts(
         return _educe(pressure, seen, spacing, rank, length, condition)
 
     result = educe(seen.pressure)
-    notes = duct_notes(line) + _aliasing_notes(seen, spacing) + _result_notes(result, line.name)
-    tell(notes)
-    errors = {"level_error": level_error, "phase_error": phase_error}
-    return with_draws(result.with_notes(*notes), educe, seen.pressure, draws, generator, **errors)
+    notes = (*duct_notes(line), *_aliasing_notes(seen, spacing), *_lost_notes(result, line.name),
+             *resistance_notes(result, line.name))  # fmt: skip
+    return with_notes_and_draws(
+        result, notes, educe, seen.pressure, draws, generator, level_error=level_error,
+        phase_error=phase_error,
+    )  # fmt: skip
 
 
 def _educe(
     pressure: Tensor, seen: FromSource, spacing: float, rank: int, order: int, condition: str
 ) -> WallEduction:
     """From pressures along s, (..., N, F), with any leading axes."""
-    line = seen.line
     found = find_exponentials(pressure.movedim(-2, -1), rank, order)
     along = 1j * torch.log(found.ratio) / spacing  # (..., F, K)
     with_source = runs_with_source(along)
-    strength = torch.where(with_source, found.energy, -1.0)
-    best = strength.argmax(-1, keepdim=True)
-    there = with_source.any(-1)
-    wave = torch.where(there, along.gather(-1, best)[..., 0], math.nan + 0j)
-    impedance = impedance_from_wavenumber(
-        torch.where(there, wave, 1 + 0j), line.frequency.to(wave.device),
-        height=line.duct_height, mach=seen.mach, sound_speed=line.fluid.sound_speed,
-        condition=condition,
-    )  # fmt: skip
-    return WallEduction(
+    best = torch.where(with_source, found.energy, -1.0).argmax(-1, keepdim=True)
+    wave = torch.where(with_source.any(-1), along.gather(-1, best)[..., 0], math.nan + 0j)
+    return wall_eduction(
+        seen, wave, along, found.amplitude, found.residual,
         method="Kumaresan-Tufts",
-        frequency=line.frequency,
-        x=line.x,
-        wavenumber=seen.sign * wave,
-        impedance=torch.where(there, impedance, complex(math.nan, math.nan)),
-        modes=seen.sign * along.movedim(-1, -2),
-        amplitudes=found.amplitude.movedim(-1, -2),
-        origin=seen.origin,
-        residual=found.residual,
-        source_side=seen.source_side,
+        condition=condition,
+        choices={"method": "kumaresan-tufts", "rank": rank, "order": order, "spacing": spacing},
         singular_values=found.singular_values.movedim(-1, -2),
         rank=rank,
         order=order,
-        choices={
-            "method": "kumaresan-tufts", "rank": rank, "order": order, "condition": condition,
-            "source_side": seen.source_side, "source": line.name,
-            "microphones": line.microphones, "spacing": spacing,
-        },
     )  # fmt: skip
 
 
@@ -144,7 +125,7 @@ def _aliasing_notes(seen: FromSource, spacing: float) -> tuple[str, ...]:
     )
 
 
-def _result_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+def _lost_notes(result: WallEduction, name: str) -> tuple[str, ...]:
     """Frequencies without a wave; RuntimeError if there is none at all."""
     lost = ~torch.isfinite(result.wavenumber)
     if bool(lost.all()):
@@ -153,18 +134,10 @@ def _result_notes(result: WallEduction, name: str) -> tuple[str, ...]:
             "source may be on the other side, or the phases of the other sign (exp(+j omega t) is "
             "needed)"
         )
-    notes = []
-    if bool(lost.any()):
-        where = result.frequency[lost.reshape(-1, lost.shape[-1]).any(0).cpu()].tolist()
-        notes.append(
-            f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a "
-            f"source {result.source_side}, first at {where[0]:g} Hz; they are nan"
-        )
-    active = result.impedance.real < FEEDS
-    if bool(active.any()):
-        notes.append(
-            f"{name}: the resistance is negative at {int(active.sum())} of {lost.numel()} values, "
-            f"{float(result.impedance.real[active].min()):.3g} at least: the wave found gains "
-            "energy at the wall, or is not the one assumed"
-        )
-    return tuple(notes)
+    if not bool(lost.any()):
+        return ()
+    where = result.frequency[lost.reshape(-1, lost.shape[-1]).any(0).cpu()].tolist()
+    return (
+        f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a source "
+        f"{result.source_side}, first at {where[0]:g} Hz; they are nan",
+    )

@@ -6,29 +6,26 @@ the three best, so that no guess is needed; draws start from the result.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, tell
-from torchliner.duct.dispersion import (
-    CONDITIONS,
-    DIRECTIONS,
-    impedance_from_wavenumber,
-    wavenumber_from_impedance,
-)
-from torchliner.duct.relation import Duct, duct_of
+from torchliner.checks import require_choice
+from torchliner.duct.dispersion import wavenumber_from_impedance
+from torchliner.duct.relation import DIRECTIONS, duct_of
 from torchliner.names import WEIGHTS
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR, require_draws
+from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
 from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
-    seen_from_source,
-    with_draws,
+    over_liner,
+    resistance_notes,
+    wall_eduction,
+    with_notes_and_draws,
 )
-from torchliner.wall_waves.paired_waves import Pairs, fit_pairs, pair_residuals
+from torchliner.wall_waves.paired_waves import Pairs, WavePairs
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -65,27 +62,30 @@ def two_wave_fit(
     Warns:
         DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
     """
-    require_choice("condition", condition, CONDITIONS)
-    require_draws(draws)
     require_choice("weights", weights, WEIGHTS)
-    line = line.over_liner(margin)
+    seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
+    line = seen.line
     fewest = FEWEST + (not tied)
     if line.microphones < fewest:
         raise ValueError(
             f"{line.name}: {line.microphones} microphones are used; two "
             f"{'tied' if tied else 'free'} waves need at least {fewest}"
         )
-    seen = seen_from_source(line, source_side)
     first = _educe(seen.pressure, seen, condition, tied, weights, None)
-    notes = duct_notes(line) + _fit_notes(first, line.name)
-    tell(notes)
     start = seen.sign * first.modes
 
     def educe(pressure: Tensor) -> WallEduction:
         return _educe(pressure, seen, condition, tied, weights, start)
 
-    errors = {"level_error": level_error, "phase_error": phase_error}
-    return with_draws(replace(first, notes=notes), educe, seen.pressure, draws, generator, **errors)
+    notes = (*duct_notes(line), *_unsettled_notes(first, line.name),
+             *resistance_notes(first, line.name))  # fmt: skip
+    return with_notes_and_draws(
+        first, notes, educe, seen.pressure, draws, generator, level_error=level_error,
+        phase_error=phase_error,
+    )  # fmt: skip
+
+
+free_wave_fit = partial(two_wave_fit, tied=False)
 
 
 def _educe(
@@ -107,36 +107,23 @@ def _educe(
     flat, duct = values.reshape(-1, values.shape[-1]), duct.flattened()
     weight = torch.ones_like(flat.real) if weights == WEIGHTS[0] else 1 / flat.abs()
     distance = seen.distance.to(values.device)
+    lines = WavePairs(flat, distance, weight, duct, tied)
     if start is None:
         grid = _grid(seen, condition).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
-        found = _best_of_grid(flat, distance, weight, duct, grid, tied)
+        found = _best_of_grid(lines, grid)
     else:
         begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
-        found = fit_pairs(flat, distance, weight, duct, begin, tied)
+        found = lines.fit(begin)
     wave, amplitude = found.wavenumber, found.amplitude.clone()
     # The reflected wave is referred to the far end in the fit, to the origin in the record.
     amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
-    impedance = impedance_from_wavenumber(
-        wave[:, 0].reshape(lead), line.frequency.to(values.device), height=line.duct_height,
-        mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
-    )  # fmt: skip
-    return WallEduction(
+    return wall_eduction(
+        seen, wave[:, 0].reshape(lead), wave.reshape(*lead, 2), amplitude.reshape(*lead, 2),
+        found.residual.reshape(lead),
         method="two waves" if tied else "two free waves",
-        frequency=line.frequency,
-        x=line.x,
-        wavenumber=seen.sign * wave[:, 0].reshape(lead),
-        impedance=impedance,
-        modes=seen.sign * wave.reshape(*lead, 2).movedim(-1, -2),
-        amplitudes=amplitude.reshape(*lead, 2).movedim(-1, -2),
-        origin=seen.origin,
-        residual=found.residual.reshape(lead),
-        source_side=seen.source_side,
-        choices={
-            "method": "two-wave fit", "tied": tied, "weights": weights, "condition": condition,
-            "source_side": seen.source_side, "source": line.name,
-            "microphones": line.microphones,
-            "unsettled": int((~found.settled).sum()),
-        },
+        condition=condition,
+        choices={"method": "two-wave fit", "tied": tied, "weights": weights,
+                 "unsettled": int((~found.settled).sum())},
     )  # fmt: skip
 
 
@@ -155,32 +142,22 @@ def _grid(seen: FromSource, condition: str) -> Tensor:
     return torch.stack(both, -1).to(line.pressure.device)
 
 
-def _best_of_grid(
-    flat: Tensor, distance: Tensor, weight: Tensor, duct: Duct, grid: Tensor, tied: bool
-) -> Pairs:
-    """Refined from the best starts of each line."""
-    left = pair_residuals(flat[:, None], distance, weight[:, None], grid)
-    best = left.argsort(-1)[:, :STARTS]
+def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
+    """Refined from the best starts, (P, G, 2), of each line."""
+    best = lines.residuals(grid).argsort(-1)[:, :STARTS]
     begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
-    row = torch.arange(len(flat), device=flat.device).repeat_interleave(best.shape[1])
-    found = fit_pairs(flat[row], distance, weight[row], duct.at(row), begin, tied)
+    row = torch.arange(len(grid), device=grid.device)
+    found = lines.at(row.repeat_interleave(best.shape[1])).fit(begin)
     residual = torch.where(torch.isfinite(found.residual), found.residual, torch.inf)
-    winner = residual.reshape(len(flat), -1).argmin(-1)
-    index = winner + torch.arange(len(flat), device=flat.device) * best.shape[1]
+    index = residual.reshape(best.shape).argmin(-1) + row * best.shape[1]
     return Pairs(*(part[index] for part in found))
 
 
-def _fit_notes(result: WallEduction, name: str) -> tuple[str, ...]:
-    notes = []
-    if result.choices["unsettled"]:
-        notes.append(
-            f"{name}: {result.choices['unsettled']} of {result.impedance.numel()} fits did not "
-            "settle; their waves may not be the best"
-        )
-    active = result.impedance.real < FEEDS
-    if bool(active.any()):
-        notes.append(
-            f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} "
-            f"values, {float(result.impedance.real[active].min()):.3g} at least"
-        )
-    return tuple(notes)
+def _unsettled_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+    count = result.choices["unsettled"]
+    if not count:
+        return ()
+    return (
+        f"{name}: {count} of {result.impedance.numel()} fits did not settle; their waves may not "
+        "be the best",
+    )

@@ -1,0 +1,139 @@
+r"""Levenberg and Marquardt's method on many problems at once.
+
+With residuals r and their Jacobian J at a place, each step solves :math:`(J^H J + \lambda D) s =
+-J^H r`, D the diagonal of :math:`J^H J`. The damping :math:`\lambda` falls tenfold where the step
+did not raise the cost :math:`|r|^2`; where it did, the step is refused and the damping rises
+tenfold. Residuals may be complex if they are holomorphic in the unknowns.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-12
+SMALLEST = 1e-30  # of the diagonal: an unknown that changes nothing
+
+
+class System(NamedTuple):
+    """Problems at their places, leading axes (B, ...).
+
+    Args:
+        residual: r, (B, ..., R).
+        jacobian: J, (B, ..., R, U).
+        amplitude: what was solved for at each place, (B, ..., K); for the caller.
+    """
+
+    residual: Tensor
+    jacobian: Tensor
+    amplitude: Tensor
+
+    @property
+    def cost(self) -> Tensor:
+        """Sum of squares, (B, ...)."""
+        return self.residual.abs().square().sum(-1)
+
+
+class Problem:
+    """What is minimised: a subclass gives ``system``, and the rest where it differs.
+
+    Attributes:
+        unknowns: how many unknowns of the Jacobian are moved, from the first; None for all. Others
+            are solved for at every place (variable projection).
+        longest: size of a step, at most.
+        tolerance: size of a step, after which a problem is done.
+        settled: size of a step that may be left where the search ended otherwise.
+        most_damping: at which a problem is given up.
+        exact: cost from which down it is rounding and the problem is done; number or (B, ...).
+        rounding: of a cost, by which a step may raise it.
+    """
+
+    unknowns: int | None = None
+    longest = torch.inf
+    tolerance = 1e-9
+    settled = 1e-6
+    most_damping = 1e8
+    exact: Tensor | float = 0.0
+    rounding = 0.0
+
+    def system(self, place: Tensor, index: Tensor) -> System:
+        """The problems ``index`` of the batch at places (B, ..., P)."""
+        raise NotImplementedError
+
+    def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
+        """Of steps (B, ..., U), (B, ...)."""
+        del place, index
+        return step.norm(dim=-1)
+
+    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
+        """Places after the steps, and whether each can be taken."""
+        del index
+        return place + step, True
+
+
+class Minimum(NamedTuple):
+    """Where searches ended.
+
+    Args:
+        place: (B, ..., P).
+        system: there.
+        converged: whether the last step was below the tolerance or what is left is settled,
+            (B, ...).
+    """
+
+    place: Tensor
+    system: System
+    converged: Tensor
+
+
+def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
+    """Search from every start; problems that are done are left alone while others go on.
+
+    Args:
+        problem: a batch of B.
+        start: places, (B, ..., P). Problems along further axes share their evaluations: those of
+            one row go on together until the last of them is done.
+        steps: at most.
+    """
+    place, index = start.clone(), torch.arange(len(start), device=start.device)
+    found = problem.system(place, index)
+    cost = found.cost
+    damping = torch.full_like(cost, FIRST_DAMPING)
+    moved = torch.full_like(cost, torch.inf)
+    for _ in range(steps):
+        done = (moved < problem.tolerance) | (cost <= problem.exact)
+        done |= damping >= problem.most_damping
+        while done.ndim > 1:
+            done = done.all(-1)
+        on = index[~done]
+        if not len(on):
+            break
+        step = damped_step(found.residual[on], found.jacobian[on], damping[on])
+        step = step[..., : problem.unknowns]
+        size = problem.size(place[on], step, on)
+        step = step * (problem.longest / size[..., None]).clamp(max=1)
+        tried, possible = problem.move(place[on], step, on)
+        there = problem.system(tried, on)
+        better = (there.cost <= (1 + problem.rounding) * cost[on]) & possible
+        # A step so small tells as well if rounding of the cost refuses it.
+        tells = better | (damping[on] <= 1)
+        moved[on] = torch.where(tells, size.clamp(max=problem.longest), moved[on])
+        damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(LEAST_DAMPING)
+        for value, new in zip((place, cost, *found), (tried, there.cost, *there), strict=True):
+            which = better.reshape(*better.shape, *[1] * (value.ndim - better.ndim))
+            value[on] = torch.where(which, new, value[on])
+    left = damped_step(found.residual, found.jacobian, torch.full_like(cost, LEAST_DAMPING))
+    left = problem.size(place, left[..., : problem.unknowns], index)
+    small = (moved < problem.tolerance) | (cost <= problem.exact) | (left < problem.settled)
+    return Minimum(place, found, small)
+
+
+def damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
+    """The step of the module's text, (..., U)."""
+    normal = jacobian.mH @ jacobian
+    scale = normal.diagonal(dim1=-2, dim2=-1).real.clamp(min=SMALLEST)
+    damped = normal + torch.diag_embed(damping[..., None] * scale)
+    step: Tensor = torch.linalg.solve(damped, -(jacobian.mH @ residual[..., None]))[..., 0]
+    return step
