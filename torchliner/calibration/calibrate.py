@@ -160,6 +160,8 @@ def calibrate(
             f"{chosen.engine!r}, {chosen.phase!r}"
         )
     names, low, high = bounds_of(parameters, models[0])
+    for liner in models[1:]:
+        named_numbers(liner, names)
     known = prior_of(prior, names, noise is not None)
     ready = [
         prepare([plane], liner, frequency, chosen)[0]
@@ -175,8 +177,6 @@ def calibrate(
         )
     weights = [level_weights(one, order) for one in ready]
     misfit = Misfit(weights, models, names, low, high, wanted, spread, known)
-    for liner in models[1:]:
-        named_numbers(liner, names)
     start = values_of(named_numbers(models[0], names))
     share = ((start - low) / (high - low)).clamp(*START)
     fit = fit_misfit(misfit, share, noise is not None)

@@ -252,16 +252,19 @@ def _assemble(
 ) -> Sensitivities:
     """Averages and phase rule, differentiated along each parameter's tangent of the sums."""
     phase, count = ready.chosen.phase, len(ready.frequency)
-    parts = [sums.forward.split(count, dim=1)]
-    if sums.backward is not None:
-        parts.append(sums.backward.split(count, dim=1))
+    forward = sums.forward.split(count, dim=1)
+    backward = None if sums.backward is None else sums.backward.split(count, dim=1)
     rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
     for i in range(1, len(numbers) + 1):
         with forward_ad.dual_level():
-            moved = LineSums(*(forward_ad.make_dual(part[0], part[i]) for part in parts))
+            moved = LineSums(
+                forward_ad.make_dual(forward[0], forward[i]),
+                None if backward is None else forward_ad.make_dual(backward[0], backward[i]),
+            )
             found = Replayed(ready, moved).map(phase, reference_phase)
             for name, field in FIELDS.items():
                 rows[name].append(_tangent(getattr(found, field)))
-    nominal = Replayed(ready, LineSums(*(part[0] for part in parts))).map(phase, reference_phase)
+    at_values = LineSums(forward[0], None if backward is None else backward[0])
+    nominal = Replayed(ready, at_values).map(phase, reference_phase)
     stacked = {name: torch.stack(each) for name, each in rows.items()}
     return Sensitivities(numbers, **stacked, level_error=level_error, found=nominal)

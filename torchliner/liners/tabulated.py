@@ -84,18 +84,13 @@ class TabulatedLiner(LinerModel):
         """
         rows = _read_rows(Path(path))
         options.setdefault("name", Path(path).stem)
+        rows.sort(key=lambda row: row["frequency"])
+        values = [complex(row["resistance"], row["reactance"]) for row in rows]
         if "speed" not in rows[0]:
-            rows.sort(key=lambda row: row["frequency"])
-            return cls(
-                [row["frequency"] for row in rows],
-                [complex(row["resistance"], row["reactance"]) for row in rows],
-                **options,
-            )
-        frequency = sorted({row["frequency"] for row in rows})
-        speed = sorted({row["speed"] for row in rows})
-        found = {
-            (r["frequency"], r["speed"]): complex(r["resistance"], r["reactance"]) for r in rows
-        }
+            return cls([row["frequency"] for row in rows], values, **options)
+        places = [(row["frequency"], row["speed"]) for row in rows]
+        frequency, speed = (sorted(set(axis)) for axis in zip(*places, strict=True))
+        found = dict(zip(places, values, strict=True))
         if len(found) < len(rows):
             raise ValueError(
                 f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed"
