@@ -275,7 +275,8 @@ def test_two_frequencies_tell_them_apart():
     """The mass of the thickness grows with frequency, an offset does not."""
     free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
     wanted = tl.educe(planes()[0], true_liner().replace(facesheet_thickness=7e-4),
-                      [1000.0, 2000.0], dtype="float64", edge="wrap").liner_impedance_velocity_first  # fmt: skip
+                      [1000.0, 2000.0], dtype="float64", edge="wrap")  # fmt: skip
+    wanted = wanted.liner_impedance_velocity_first
     found = calibrate(planes()[0], true_liner(), [wanted], free, frequency=[1000.0, 2000.0],
                       noise=1e-4, draws=0, edge="wrap")  # fmt: skip
     assert found.unseen == ()

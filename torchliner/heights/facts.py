@@ -78,11 +78,11 @@ def facts_of_plane(
     """
     assert plane.height is not None
     rms = seen.velocity_rms.detach().cpu()
-    imprints, notes = _imprints(plane, rms, seen.mean_velocity.detach().cpu(), pitch)
+    (waves, steady, stream), notes = _imprints(plane, rms, seen.mean_velocity.detach().cpu(), pitch)
     speed, reach, reason = _jet(plane, complex(seen.liner_impedance[0]), liner, flow)
     facts = HeightFacts(
         plane.height, float(seen.coherence[..., 0].nanmedian()),
-        float((rms**2).nanmean().sqrt()), *imprints, speed, reach,
+        float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
     )  # fmt: skip
     return facts, notes if reason is None else [*notes, f"no jet height: {reason}"]
 
