@@ -15,7 +15,6 @@ import math
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,14 +26,15 @@ import torch
 from scipy.special import j1
 
 import torchliner as tl
+from common import DATA, FIGURES, options_of, parser_of
+from studies.station_line_figures import draw_averages, draw_line_velocity
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.line_file import line_rows
 from torchliner.report.figure import RC
-from torchliner.report.line_figures import draw_averages, draw_line_velocity, draw_lines
+from torchliner.report.line_figures import draw_lines
 from torchliner.report.table import write_rows
 
-DATA = Path(__file__).resolve().parent.parent / "data"
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation
 FRICTION = {0.3: 4.2, 0.1: 4.2 * 3 ** (-7 / 8)}  # m/s
@@ -115,18 +115,15 @@ def imprint(x: np.ndarray, height: float, pitch: float, diameter: float) -> np.n
     above pistons, sum over the harmonics k of the cell of c_k e^{-ky}."""
     offsets = HOLE_SPACING * np.array([-1.0, 0.0, 1.0])
     holes = np.array([(a, b) for a in offsets for b in offsets if (a, b) != (0.0, 0.0)])
-    found = np.ones_like(x)
     orders = np.arange(-40, 41)
-    for m in orders:
-        for n in orders:
-            if m == n == 0:
-                continue
-            wave = 2 * np.pi / pitch * np.array([m, n])
-            k = float(np.hypot(*wave))
-            size = 2 * j1(k * diameter / 2) / (k * diameter / 2) * np.exp(-k * height)
-            share = np.exp(-1j * holes @ wave).mean() * size
-            found += np.real(share * np.exp(1j * wave[0] * (x - pitch / 2)))
-    return found
+    waves = 2 * np.pi / pitch * np.stack(np.meshgrid(orders, orders, indexing="ij"), -1)
+    k = np.hypot(waves[..., 0], waves[..., 1])
+    k[40, 40] = 1.0  # the mean, whose term is 1
+    size = 2 * j1(k * diameter / 2) / (k * diameter / 2) * np.exp(-k * height)
+    share = np.exp(-1j * waves @ holes.T).mean(-1) * size
+    share[40, 40] = 1.0
+    along = np.exp(1j * np.outer(x - pitch / 2, waves[:, 0, 0]))
+    return np.real(along @ share.sum(1))
 
 
 def settled_impedance(liner: Any, rms: float, pressure: float, ratio: float) -> complex:
@@ -311,8 +308,7 @@ def _line(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--stations", type=int, default=120)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--phase", choices=["averaged", "self-consistent"], default="averaged")
@@ -320,10 +316,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--lines", type=Path, metavar="FOLDER",
         help="keep educed lines there, and take those that are there, for other figures of them",
     )  # fmt: skip
-    options = parser.parse_args(arguments)
+    options = options_of(parser, arguments)
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
-    warnings.simplefilter("ignore", tl.DataWarning)
     liner, turbulence = tl.load_liner("onera"), Turbulence()
     lines, rows, stations = {}, {}, []
     for case in (*CASES, HIGH, *GROWING):

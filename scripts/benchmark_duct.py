@@ -24,7 +24,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ import torch
 from scipy.sparse.linalg import splu
 
 import torchliner as tl
+from common import options_of, parser_of
 from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
 from torchliner.flow_profiles import TanhProfile
@@ -214,14 +214,13 @@ def _draws(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--only", default="sizes,batch,microphones")
     parser.add_argument("--largest", type=int, default=45000, help="unknowns of the sparse LU")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--run", nargs=3, help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
+    options = options_of(parser, arguments)
     torch.set_num_threads(options.threads)
-    warnings.simplefilter("ignore", tl.DataWarning)
     if options.run:
         kind, size, out = options.run
         {"columns": run_columns, "sparse": run_sparse}[kind](int(size), out)

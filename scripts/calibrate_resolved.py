@@ -10,15 +10,14 @@ results/calibration.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torchliner as tl
+from common import RESULTS, case_files, options_of, parser_of
 from torchliner.calibration.predicted_planes import PredictionRow, prediction_rows
 from torchliner.names import ORDERS
 from torchliner.report.calibration_report import (
@@ -29,8 +28,7 @@ from torchliner.report.calibration_report import (
 )
 from torchliner.report.table import write_rows
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA, RESULTS = ROOT / "data", ROOT / "results" / "calibration"
+FOLDER = RESULTS / "calibration"
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}
 FREE = {"vena_contracta": (0.4, 1.0), **OFFSET}
 # Wave decomposition and in-situ value of the same run differ by up to 0.0021 (n115, n130, o115).
@@ -42,8 +40,7 @@ HIGHEST, ALL = "highest plane", "all planes"
 
 def planes_of(case: str, variant: str) -> list[tl.VelocityPlane]:
     """Shipped planes of a case."""
-    kind = "orifice" if case.startswith("o") else "slit"
-    files = sorted(DATA.glob(f"{kind}_{case}_y*.h5"))
+    files = case_files(case)
     return [tl.read_plane(path) for path in (files if variant == ALL else files[-1:])]
 
 
@@ -84,11 +81,10 @@ def draw(panels: dict[str, list[PredictionRow]], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Everything, printed and written."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--draws", type=int, default=1000)
-    draws = parser.parse_args(arguments).draws
-    warnings.simplefilter("ignore", tl.DataWarning)
-    RESULTS.mkdir(parents=True, exist_ok=True)
+    draws = options_of(parser, arguments).draws
+    FOLDER.mkdir(parents=True, exist_ok=True)
     parameters: list[dict[str, Any]] = []
     predictions: list[dict[str, Any]] = []
     panels = {}
@@ -108,10 +104,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             predictions += [{**about, **row} for row in prediction_table(rows).as_rows()]
             if variant == HIGHEST:
                 panels[order] = rows
-    write_rows(parameters, RESULTS / "parameters.csv")
-    write_rows(predictions, RESULTS / "predictions.csv")
-    draw(panels, RESULTS / "predictions.png")
-    print(f"\nNumbers and picture are in {RESULTS}")
+    write_rows(parameters, FOLDER / "parameters.csv")
+    write_rows(predictions, FOLDER / "predictions.csv")
+    draw(panels, FOLDER / "predictions.png")
+    print(f"\nNumbers and picture are in {FOLDER}")
     return 0
 
 

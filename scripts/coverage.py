@@ -14,10 +14,8 @@ of them are a line.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -25,6 +23,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
+from common import options_of, parser_of
 from torchliner.report.table import write_rows
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
@@ -181,12 +180,11 @@ def rows(trials: int, *, only_stations: bool = False) -> Iterator[dict[str, obje
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--trials", type=int, default=2000)
     parser.add_argument("--only-stations", action="store_true", help="leave the planes out")
     parser.add_argument("--csv", type=Path, help="write the table")
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     true = true_impedance(tl.load_liner("onera"))
     print(f"truth {true:.4f}, {options.trials} trials a row, 95 % intervals")
     done = []

@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from common import DATA, RESULTS, ROOT, plane_files
 from torchliner.cli.main import main as torchliner
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA, RESULTS = ROOT / "data", ROOT / "results"
 CASES = (
     ("slit_n130", "Resolved slit liner, 130 dB, no flow (two-dimensional)"),
     ("slit_g03_145", "Resolved slit liner, 145 dB, Mach 0.3 (two-dimensional: a stress test)"),
@@ -30,21 +29,13 @@ def run(*arguments: str | Path) -> None:
         sys.exit(code)
 
 
-def planes(pattern: str) -> list[Path]:
-    """Shipped planes by name."""
-    found = sorted(DATA.glob(pattern))
-    if not found:
-        sys.exit(f"{DATA} holds no {pattern}; the clone is not whole")
-    return found
-
-
 def main() -> None:
     RESULTS.mkdir(exist_ok=True)
     for name, title in CASES:
         print(f"\n== {title}")
         folder = RESULTS / name
         folder.mkdir(exist_ok=True)
-        files = planes(f"{name}_y*.h5")
+        files = plane_files(f"{name}_y*.h5")
         run("educe", *files, "-o", folder / "map.h5", "--figures", folder, "--quiet")
     print("\n== Turbulence over a hard wall, educed with a liner's model: the null test")
     for name, pattern in (("channel", "channel_y*.h5"), ("channel_tone", "channel_tone_*.h5")):
@@ -52,9 +43,9 @@ def main() -> None:
         folder.mkdir(exist_ok=True)
         where = ("-o", folder / "map.h5", "--figures", folder)
         model = ("--liner", "polito", "--frequency", "1400")
-        run("educe", *planes(pattern), *model, *where, "--quiet")
+        run("educe", *plane_files(pattern), *model, *where, "--quiet")
     print("\n== Every rule beside the truth")
-    resolved = [path for case in ("slit_*", "orifice_*") for path in planes(f"{case}.h5")]
+    resolved = [path for case in ("slit_*", "orifice_*") for path in plane_files(f"{case}.h5")]
     run("truth", *resolved, "-o", RESULTS / "truth.csv")
     print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {RESULTS}")
 

@@ -10,17 +10,15 @@ as one impedance per height of the measuring plane would be. No measured pressur
 
 from __future__ import annotations
 
-import argparse
 import csv
 import sys
-import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import torchliner as tl
+from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
@@ -30,7 +28,7 @@ from torchliner.report.table import write_rows
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}
 ASSUMED, HEIGHTS = 1.36 - 0.67j, {"R - 25 %": 0.75, "assumed Z": 1.0, "R + 25 %": 1.25}
-STATIONS = Path(__file__).resolve().parent.parent / "docs" / "figures" / "b2a_stations.csv"
+STATIONS = FIGURES / "b2a_stations.csv"
 Solved = tuple[DuctSetup, DuctField]
 
 
@@ -68,10 +66,7 @@ def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser_of(__doc__, FIGURES), arguments)
     cases: dict[str, Solved] = {}
     for side, pair in SIDES.items():
         cases[f"source {side}, Z = {pair[0]:g}{pair[1]:+g}j"] = solved("b2a", side, pair)

@@ -11,20 +11,28 @@ from them.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torchliner as tl
+from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.presets import load_duct
 from torchliner.lee.solved_line import solved_line
 from torchliner.records import FieldFit, WallEduction
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.table import write_rows
 from torchliner.report.wall_pressure import draw_cloud, draw_levels
 
@@ -97,8 +105,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     plane.set_ylabel(PARTS[1][1])
     levels.set_xlabel("$x$ (mm)")
     levels.set_ylabel("SPL (dB)")
-    handles, labels = plane.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
     count = one.by_modes.choices["draws"]
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
@@ -144,11 +151,9 @@ def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--draws", type=int, default=500)
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     found, heard = [], []
     for facility, name in zip(FACILITIES, ("figure_14", "figure_19"), strict=True):
         sides = {side: educed(facility, side, options.draws) for side in SIDES}

@@ -7,17 +7,15 @@ The resolved slits g01 and g03 stand in for the paper's simulation; the channel 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
+from common import RESULTS, options_of, parser_of, plane_files
+from studies.rms_figures import draw_rms_along_x
 from torchliner.io.plane_file import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import VelocityPlane
-from torchliner.report.height_figures import draw_rms_along_x
 from torchliner.report.numbers import velocity_along_x
 
-DATA = Path(__file__).resolve().parent.parent / "data"
 CASES = (
     ("slit_g01_145", "slit, Mach 0.1, 145 dB"),
     ("slit_g03_145", "slit, Mach 0.3, 145 dB"),
@@ -31,13 +29,10 @@ def pitch_below(plane: VelocityPlane) -> float | None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/figure_16"))
-    folder = parser.parse_args(arguments).output
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = options_of(parser_of(__doc__, RESULTS / "figure_16"), arguments).output
     cases = []
     for name, title in CASES:
-        paths = sorted(DATA.glob(f"{name}_y*.h5"))
+        paths = plane_files(f"{name}_y*.h5")
         planes = [read_plane(path, lazy=True) for path in paths]
         for path, plane in zip(paths, planes, strict=True):
             velocity_along_x(plane).write_csv(folder / f"figure_16_{path.stem}.csv")

@@ -8,11 +8,9 @@ vortices do not decay, and an orifice without flow.
 
 from __future__ import annotations
 
-import argparse
-import warnings
 from pathlib import Path
 
-from torchliner.checks import DataWarning
+from common import DATA, RESULTS, case_files, options_of, parser_of
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.io.plane_file import read_plane
 from torchliner.io.pressure_file import read_pressure
@@ -21,14 +19,14 @@ from torchliner.report.figures import draw_along_x
 from torchliner.report.numbers import impedance_along_x
 from torchliner.tdibc.educe import educe
 
-ROOT = Path(__file__).resolve().parent.parent
-CASES = {"g01_145": "slit", "g03_145": "slit", "o145": "orifice"}
+FOLDER = RESULTS / "figure_17"
+CASES = ("g01_145", "g03_145", "o145")
 
 
-def draw_case(case: str, kind: str, folder: Path) -> None:
+def draw_case(case: str, folder: Path) -> None:
     """PNG, a CSV for each height, and one of the in situ points and cells."""
-    planes = [read_plane(path) for path in sorted((ROOT / "data").glob(f"{kind}_{case}_y*.h5"))]
-    beside = in_situ(read_pressure(ROOT / "data" / f"pressure_{case}.h5"))
+    planes = [read_plane(path) for path in case_files(case)]
+    beside = in_situ(read_pressure(DATA / f"pressure_{case}.h5"))
     maps = [found.with_alongside(beside) for found in educe(planes, load_liner(planes[0].liner))]
     draw_along_x(maps, folder / f"figure_17_{case}.png")
     for found in maps:
@@ -38,14 +36,11 @@ def draw_case(case: str, kind: str, folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    default = ROOT / "results" / "figure_17"
-    parser.add_argument("folder", nargs="?", type=Path, default=default)
-    folder = parser.parse_args().folder
-    folder.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", DataWarning)
-    for case, kind in CASES.items():
-        draw_case(case, kind, folder)
+    parser = parser_of(__doc__)
+    parser.add_argument("output", metavar="FOLDER", nargs="?", type=Path, default=FOLDER)
+    folder = options_of(parser).output
+    for case in CASES:
+        draw_case(case, folder)
     print(f"pictures and numbers are in {folder}")
 
 

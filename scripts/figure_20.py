@@ -9,10 +9,8 @@ a homogeneous wall of Z = 0.8. Z(y) is 1 over the mean along x of the local admi
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,12 +18,22 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
+from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.flow_profiles import UniformProfile
 from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.table import write_rows
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
@@ -103,8 +111,7 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, axes[0, 0], 2)
     figure.suptitle("no flow, 1500 Hz; black: 1 / mean admittance of the wall", fontsize=9)
     return finish(figure, path)
 
@@ -128,10 +135,7 @@ def draw_velocity(field: Any, path: Path) -> Figure:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser_of(__doc__, FIGURES), arguments)
     rows, curves = [], {}
     fields = {f"patches of {1e3 * size:g} mm": solved(size) for size in SIZES}
     fields["homogeneous wall, Z = 0.8"] = solved(None)

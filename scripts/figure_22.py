@@ -5,10 +5,9 @@ python scripts/figure_22.py [-o FOLDER]
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
+from common import RESULTS, options_of, parser_of
 from studies.jet_figures import draw_jets, exponent_lines, height_over_mach, height_over_velocity
 from torchliner.heights.jets import jet_scaling
 
@@ -16,10 +15,7 @@ SHEARS = (0.05, 0.1)  # the paper's, and that of its duct computations
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/figure_22"))
-    folder = parser.parse_args(arguments).output
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = options_of(parser_of(__doc__, RESULTS / "figure_22"), arguments).output
     scalings = [jet_scaling(shear) for shear in SHEARS]
     draw_jets(scalings, folder / "figure_22.png")
     height_over_velocity(scalings).write_csv(folder / "figure_22a.csv")

@@ -9,17 +9,15 @@ what is left of the reactance is shown.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
 import torchliner as tl
+from common import DATA, options_of, parser_of
 
-DATA = Path(__file__).resolve().parent.parent / "data"
 TOLERANCE, MOST_STEPS = 1e-7, 30
 
 
@@ -51,10 +49,9 @@ def fit(plane: tl.VelocityPlane, liner: tl.SDoFLiner, wanted: torch.Tensor) -> f
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a row for each plane."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("planes", nargs="*", type=Path, default=[DATA / "slit_n130_y2.5mm.h5"])
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     print(f"{'plane':26s} {'true Z':>14s} {'at 0.8':>14s} {'fitted C':>9s} {'Z fitted':>14s}")
     for path in options.planes:
         plane = tl.read_plane(path)

@@ -10,9 +10,7 @@ known truth, then over flow, liner length, rank, order, noise, end reflection an
 
 from __future__ import annotations
 
-import argparse
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,11 +18,21 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
+from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.table import write_rows
 from torchliner.wall_field.fit_field import fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
@@ -177,8 +185,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         )
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     figure.suptitle("one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", fontsize=9)
     return finish(figure, path)
 
@@ -200,8 +207,7 @@ def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                      linewidth=0.8, linestyle="-.", label="paper, 150 mm")  # fmt: skip
         axis.set_xlabel("liner length (mm)")
         axis.set_ylabel(f"${label}$ downstream less upstream")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     return finish(figure, path)
 
 
@@ -261,8 +267,7 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             axes[line, column].set_ylabel(label)
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, axes[0, 0], 2)
     figure.suptitle(
         "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) truth",
         fontsize=9,
@@ -271,11 +276,9 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--draws", type=int, default=500)
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     rows = flows_and_lengths()
     solvers, lines = {}, {}
     for side in SIDES:

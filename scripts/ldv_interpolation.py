@@ -9,10 +9,8 @@ on the tone and the error of its amplitude; spectra; rms and the educed Z of the
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from scipy.signal import welch
 from torch import Tensor
 
 import torchliner as tl
+from common import RESULTS, options_of, parser_of
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.slotting import slotted_correlation, slotted_spectrum
 from torchliner.names import GRID_METHODS
@@ -204,12 +203,9 @@ def study(folder: Path, draws: int) -> dict[str, Curves]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/ldv_interpolation"))
+    parser = parser_of(__doc__, RESULTS / "ldv_interpolation")
     parser.add_argument("--draws", type=int, default=200, help="of the amplitude's errors")
-    options = parser.parse_args(arguments)
-    options.output.mkdir(parents=True, exist_ok=True)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     for name, table in study(options.output, options.draws).items():
         table.write_csv(options.output / f"ldv_{name}.csv")
     print(f"figures and numbers are in {options.output}")

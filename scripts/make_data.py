@@ -9,7 +9,6 @@ data/SHA256SUMS. ``--only pressures`` writes the pressure records alone.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import hashlib
 from pathlib import Path
@@ -17,13 +16,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from common import DATA, parser_of
 from studies.resolved_pressure import read_resolved_pressure
 from torchliner.io.plane_file import write_plane
 from torchliner.io.pressure_file import write_pressure
 from torchliner.io.resolved import read_channel, read_resolved
 from torchliner.records import VelocityPlane
 
-HERE = Path(__file__).resolve().parent.parent / "data"
 SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"
 SLIT_CASES, SLIT_LINES = ("n115", "n130", "g01_145", "g03_145"), (0, 1, 2, 4)
 ORIFICE_CASES, ORIFICE_LINES = ("o115", "o145"), (0, 1, 4)
@@ -74,7 +73,7 @@ def millimetres(plane: VelocityPlane) -> float:
 
 def write(plane: VelocityPlane, name: str) -> None:
     """One compressed plane file in data/."""
-    path = HERE / name
+    path = DATA / name
     write_plane(plane, path, compress=True)
     print(f"{name:32s} {path.stat().st_size / 1e6:6.2f} MB  {plane.title}")
 
@@ -128,25 +127,25 @@ def make_pressures(folder: Path) -> None:
                 facesheet=rounded(whole.facesheet),
                 provenance={**whole.provenance, "mantissa_bits_surface": MANTISSA_BITS},
             )
-            path = HERE / f"pressure_{case}.h5"
+            path = DATA / f"pressure_{case}.h5"
             write_pressure(record, path)
             print(f"{path.name:32s} {path.stat().st_size / 1e6:6.2f} MB  {record.title}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="folder with the three full simulation files")
     parser.add_argument("--only", choices=["planes", "pressures"], help="leave the others as is")
     options = parser.parse_args()
-    HERE.mkdir(exist_ok=True)
+    DATA.mkdir(exist_ok=True)
     if options.only != "pressures":
         for make in (make_slits, make_orifices, make_channel):
             make(options.folder)
     if options.only != "planes":
         make_pressures(options.folder)
-    files = sorted(HERE.glob("*.h5"))
+    files = sorted(DATA.glob("*.h5"))
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files]
-    (HERE / "SHA256SUMS").write_text("\n".join(sums) + "\n")
+    (DATA / "SHA256SUMS").write_text("\n".join(sums) + "\n")
     print(f"{len(files)} files, {sum(p.stat().st_size for p in files) / 1e6:.1f} MB in all")
 
 

@@ -6,7 +6,6 @@ python scripts/make_docs_figures.py
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import b2a_line
 import calibrate_resolved
@@ -17,6 +16,7 @@ import kt_mismatch
 import ldv_interpolation
 import side_by_side
 import truth_page
+from common import DATA, FIGURES, plane_files
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
 from torchliner.heights.study import study_heights
@@ -29,15 +29,12 @@ from torchliner.report import figures, height_figures
 from torchliner.report.spectra import draw_spectrum
 from torchliner.tdibc.educe import educe
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA, FIGURES = ROOT / "data", ROOT / "docs" / "figures"
-
 
 def main() -> None:
     warnings.simplefilter("ignore", DataWarning)
     FIGURES.mkdir(parents=True, exist_ok=True)
     for case in ("slit_n130", "slit_g03_145", "orifice_o145"):
-        planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
+        planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
         maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
         figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
         figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
@@ -60,7 +57,7 @@ def main() -> None:
         ("slit_n130", height_figures.draw_impedance_over_height, "height_n130_impedance"),
         ("slit_g03_145", height_figures.draw_imprint, "height_g03_imprint"),
     ):
-        planes = [read_plane(path) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
+        planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
         study = study_heights(planes, load_liner(planes[0].liner))
         draw(study, FIGURES / f"{name}.png")
     for case, heights in (("slit_n130", ("2.5", "1.0")), ("orifice_o145", ("2.5", "1.0", "0.5"))):

@@ -10,7 +10,6 @@ wavenumbers need the spacing alone, the impedances both.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import sys
@@ -25,6 +24,7 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 import torchliner as tl
+from common import FIGURES, parser_of
 from studies.mismatch import MeasuredWave, draw_mismatch, wave_rows
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.report.table import write_rows
@@ -258,9 +258,8 @@ def repeatability(rows: Rows, spacing: float) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("file", type=Path, help="liner.txt")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
     parser.add_argument("--spacing", type=float, default=55.0, help="of the microphones, mm")
     parser.add_argument("--heights", type=float, nargs="+", default=[20.0, 110.0], help="mm")
     parser.add_argument("--draws", type=int, default=500)

@@ -11,10 +11,8 @@ the sound: a fixed point. From the one world so found every method is given what
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +23,7 @@ import torch
 
 import b2a_line
 import torchliner as tl
+from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
 from torchliner.lee.field import DuctField
@@ -348,12 +347,10 @@ def draw(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--seconds", type=float, default=4.0, help="of planes and bursts")
     parser.add_argument("--stations", type=int, default=24, help="of laser Doppler bursts")
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     liner, noise = tl.load_liner("onera"), b2a_line.Turbulence()
     x = (np.arange(PLACES) + 0.5) * LENGTH / PLACES
     times = np.arange(round(options.seconds * RATE)) / RATE

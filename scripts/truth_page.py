@@ -9,16 +9,15 @@ them again, which takes a minute and a half.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import re
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torchliner as tl
+from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
 from studies.truth_reasons import (
     MotionRow,
@@ -38,11 +37,9 @@ from torchliner.audits.truth_rows import (
 from torchliner.io.hdf5 import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex, write_rows
-from torchliner.report.truth_table import drive_label, plain_truth, truth_row_of
+from torchliner.report.truth_table import drive_label, plain_truth
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA, FIGURES, PAGE = ROOT / "data", ROOT / "docs" / "figures", ROOT / "docs" / "truth.md"
-RESULTS = ROOT / "results" / "truth"
+PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
 CASES = ("n115", "n130", "g01_145", "g03_145", "o115", "o145")
 LOW, HIGH = ("n115", "n130", "o115"), ("g01_145", "g03_145", "o145")
 MOVING = ("n130", "g01_145", "g03_145", "o145")
@@ -63,7 +60,7 @@ def liner_of(case: str) -> tl.SDoFLiner:
 
 def planes_of(case: str) -> list[tl.VelocityPlane]:
     """Shipped planes of a case, lowest first."""
-    return [tl.read_plane(path) for path in sorted(DATA.glob(f"{kind_of(case)}_{case}_y*.h5"))]
+    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def pressures_of(case: str) -> tl.PressureRecord:
@@ -76,6 +73,17 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
     rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
     dean = complex(tl.in_situ(pressures_of(case)).liner_impedance_pressure_first[0])
     return [dataclasses.replace(row, in_situ=dean) for row in rows]
+
+
+def truth_row_of(row: dict[str, str]) -> TruthRow:
+    """The row of such a CSV again."""
+
+    def pair(key: str) -> complex:
+        return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+
+    names = ("educed", "true", "in_situ", "low", "high")
+    return TruthRow(row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"],
+                    row["order"], *map(pair, names))  # fmt: skip
 
 
 def read_rows(path: Path) -> list[TruthRow]:
@@ -238,7 +246,7 @@ def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -
 
 def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> dict[str, str]:
     """Tables by name; numbers and pictures in results/truth."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
+    FOLDER.mkdir(parents=True, exist_ok=True)
     if rows is None:
         rows = []
         for case in CASES:
@@ -246,9 +254,9 @@ def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> d
             rows += rows_of(case)
     reasons = [reasons_of(case) for case in CASES]
     motions = [row for case in MOVING for row in motions_of(case)]
-    draw(rows, reasons, RESULTS)
-    rows = read_rows(RESULTS / "truth_errors.csv")  # so that the tables follow from the file
-    write_rows(plain_motion(motions), RESULTS / "motion.csv")
+    draw(rows, reasons, FOLDER)
+    rows = read_rows(FOLDER / "truth_errors.csv")  # so that the tables follow from the file
+    write_rows(plain_motion(motions), FOLDER / "motion.csv")
     return {
         "errors": error_table(rows),
         "rules": rule_table(rows),
@@ -260,23 +268,22 @@ def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> d
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, print, write."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--write", action="store_true", help="into docs/ as well")
     parser.add_argument("--rows", type=Path, help="the 528 rows as CSV")
-    options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", tl.DataWarning)
+    options = options_of(parser, arguments)
     rows = None if options.rows is None else read_rows(options.rows)
     tables = everything(rows, lambda text: print(text, file=sys.stderr))
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     if options.write:
-        for path in RESULTS.glob("truth_*"):
+        for path in FOLDER.glob("truth_*"):
             with written_whole(FIGURES / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
         with written_whole(PAGE) as temporary:
             page = with_tables(PAGE.read_text(encoding="utf-8"), tables)
             temporary.write_text(page, encoding="utf-8")
-    print(f"\nNumbers and pictures are in {RESULTS}")
+    print(f"\nNumbers and pictures are in {FOLDER}")
     return 0
 
 

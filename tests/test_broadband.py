@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,9 @@ from scipy.io import wavfile
 
 import torchliner as tl
 from torchliner.replay.waves import parse_signal
+from torchliner.tdibc.broadband import educe_signal
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.prepare import prepare
 
 SAMPLES = 840  # lines 50 Hz apart
 LINES = [500.0, 1400.0, 3000.0, 4800.0]
@@ -49,8 +54,14 @@ def test_noise_tends_to_what_spectral_gives_at_once(liner):
     plane = plane_of(turbulence((1, SAMPLES), seed=3))
     wanted = tl.educe(plane, liner, LINES, edge="wrap", window="boxcar").reflection[0]
 
-    def draw(seed):
-        return tl.educe(plane, liner, LINES, incident=tl.BandNoise(300, 5000, seed)).reflection[0]
+    (ready,) = prepare([plane], liner, LINES, Choices(incident=tl.BandNoise(300, 5000)))
+
+    def draw(seed):  # the kernels are those of all draws
+        noise = tl.BandNoise(300, 5000, seed)
+        chosen = dataclasses.replace(ready.chosen, incident=noise)
+        sent = noise.sampled(SAMPLES, RATE)
+        own = dataclasses.replace(ready, chosen=chosen, sent=sent)
+        return educe_signal(own, None, None).reflection[0]
 
     draws = torch.stack([draw(seed) for seed in range(48)])
     error = (draws.mean(0) - wanted).abs()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -11,12 +12,13 @@ from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.calibration.calibrate import calibrate
-from torchliner.calibration.level_weights import law_at, level_weights
-from torchliner.calibration.misfit import Misfit
+from torchliner.calibration.level_weights import level_weights, responses_of
+from torchliner.calibration.misfit import FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text, preset_names
-from torchliner.liners.parameters import plain_liner
+from torchliner.liners.model import LinerModel, Number
+from torchliner.report.calibration_report import parameter_table
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
@@ -33,7 +35,7 @@ def start():
 
 
 def true_liner():
-    return plain_liner(start(), TRUE)
+    return start().with_numbers(TRUE)
 
 
 def plane(rms, seed=1):
@@ -70,6 +72,36 @@ def test_known_parameters_are_recovered(order, edge):
     assert found.on_bound == found.unseen == ()
 
 
+@dataclass(frozen=True)
+class Resistive(LinerModel):
+    """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
+
+    r0: float
+    a: float
+    m: float
+    length: float
+
+    def impedance(self, frequency, speed=0.0):
+        omega = 2 * torch.pi * torch.as_tensor(frequency)
+        reactance = self.m * omega - 1 / torch.tan(omega * self.length / 343.2)
+        return torch.complex(self.r0 + self.a * torch.as_tensor(speed) + 0 * omega, reactance)
+
+    def numbers(self):
+        return {"a": Number(self.a, "s/m"), "m": Number(self.m, "s")}
+
+
+def test_any_model_that_states_numbers_is_fitted():
+    """References made with a = 0.15 give it back from a start at 0.05."""
+    true = Resistive(0.2, 0.15, 1e-4, 0.04)
+    wanted = tl.educe(planes()[1], true, dtype="float64").liner_impedance
+    found = calibrate(planes()[1], true.replace(a=0.05), [wanted], {"a": (0.01, 1.0)},
+                      order="probes first", draws=0)  # fmt: skip
+    assert float(found.values[0]) == pytest.approx(0.15, abs=1e-7)
+    assert found.liner.r0 == 0.2
+    assert isinstance(found.liner.a, float)
+    assert parameter_table(found).rows[0]["unit"] == "s/m"
+
+
 def prepared(edge="finite", order="velocity first"):
     chosen = Choices(dtype="float64", edge=edge)
     return level_weights(prepare([plane(3.0)], start(), None, chosen)[0], order)
@@ -82,17 +114,19 @@ def test_the_sum_over_levels_is_the_replay(order):
         weights = prepared(edge, order).anchored(start())
         for liner, most in ((start(), 1e-12), (true_liner(), limit)):
             wanted = impedance(plane(3.0), liner, order, edge=edge)
-            found = weights.impedance(law_at(liner, weights.lines))[0]
+            found = weights.impedance(*responses_of(liner, [weights]))[0]
             assert abs(complex(found - wanted)) < most * abs(complex(wanted))
 
 
-def test_many_laws_are_one_by_one():
-    """A law's impedance does not depend on its neighbours."""
-    weights = prepared().anchored(start())
-    laws = torch.stack([law_at(start().replace(vena_contracta=c), weights.lines)
-                        for c in (0.6, 0.8, 0.9)])  # fmt: skip
-    found = weights.impedances(laws)
-    assert torch.allclose(found, torch.stack([weights.impedance(law) for law in laws]), rtol=1e-13)
+def test_many_draws_are_one_by_one(monkeypatch):
+    """A draw's impedances do not depend on its neighbours, nor on the blocks they come in."""
+    planes = [prepared().anchored(start()), prepared("wrap", "probes first").anchored(start())]
+    free = FreeLiners(planes, [start(), start()], ("vena_contracta",))
+    values = torch.tensor([[0.6], [0.8], [0.9]], dtype=torch.float64)
+    wanted = torch.stack([free.impedance(value) for value in values])
+    for work in (1, 1 << 22):
+        monkeypatch.setattr("torchliner.calibration.misfit.WORK_NUMBERS", work)
+        assert torch.allclose(free.impedances(values), wanted, rtol=1e-13, atol=0)
 
 
 def misfit():
@@ -298,8 +332,9 @@ def test_mistakes_are_refused(changes, message):
 
 
 def test_tables_have_nothing_to_fit():
-    with pytest.raises(TypeError, match="only an SDoFLiner"):
-        calibrate(planes(), object(), [1.0, 1.0], BOUNDS)
+    table = tl.TabulatedLiner([500.0, 2000.0], [1 - 1j, 1 + 1j])
+    with pytest.raises(TypeError, match=r"TabulatedLiner, whose numbers\(\) names no parameter"):
+        calibrate(planes(), table, [1.0, 1.0], BOUNDS)
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -7,6 +7,7 @@ import torch
 from conftest import FREQUENCY, RATE, turbulence
 
 import torchliner as tl
+from torchliner.liners.model import as_liner
 from torchliner.names import EDGE_RULES
 from torchliner.records.slabs import bounds_of
 from torchliner.replay.direct import direct_sums, replay_direct
@@ -134,15 +135,15 @@ def test_probe_alone_equals_probe_in_a_plane(liner, kernels):
         assert float((together[4] - alone[0]).abs().max() / alone.abs().max()) < 1e-13
 
 
-@pytest.mark.parametrize("sizes", [(1, 1), (7, 50), (333, 1 << 20)])
+@pytest.mark.parametrize("sizes", [(1, 1), (7, 50), (120, 1 << 20)])
 def test_slab_and_block_sizes_do_not_matter(liner, kernels, sizes):
     """Partial sums add up."""
-    speed = turbulence((5, 333), seed=4).abs()
-    record = make_record(333, "hann", "finite")
+    speed = turbulence((3, 120), seed=4).abs()
+    record = make_record(120, "hann", "finite")
     wanted = run_spectral(liner, speed, record, kernels, False)
     rows, elements = sizes
     found = run_spectral(liner, speed, record, kernels, False,
-                         bounds=bounds_of(333, rows), elements=elements)  # fmt: skip
+                         bounds=bounds_of(120, rows), elements=elements)  # fmt: skip
     assert float((found.forward - wanted.forward).abs().max() / wanted.forward.abs().max()) < 1e-13
     assert float((found.backward - wanted.backward).abs().max()) < 1e-11
 
@@ -202,6 +203,6 @@ def test_table_response_is_close_to_the_formula(liner, kernels):
     speed = turbulence((3, 300), seed=8).abs()
     record = make_record(300, "hann", "wrap")
     formula = run_spectral(liner, speed, record, None, False).forward
-    table = run_spectral(Plain(), speed, record, None, False).forward
+    table = run_spectral(as_liner(Plain()), speed, record, None, False).forward
     difference = float((formula - table).abs().max() / record.window.weights.sum())
     assert 0 < difference < 2e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -13,7 +14,8 @@ from torch.autograd import forward_ad
 import torchliner as tl
 from torchliner.calibration.budget import covariance_of
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.liners.parameters import NUMBERS, air_state, value_of, with_values
+from torchliner.liners.air_state import air_state
+from torchliner.liners.model import LinerModel, Number
 from torchliner.units import parse_tolerance
 
 pytestmark = [
@@ -45,7 +47,7 @@ def moved(name, value):
     """The model with one number changed, without the module under test where that can be."""
     if name.startswith("offset_"):
         part = 1 if name == "offset_resistance" else 1j
-        return model(impedance_offset=0.03 - 0.02j + part * (value - value_of(model(), name)))
+        return model(impedance_offset=0.03 - 0.02j + part * (value - model().numbers()[name].value))
     if name in ("temperature", "pressure"):
         state = {"temperature": 300.0, "pressure": 9e4, name: value}
         return model(fluid=tl.Fluid.from_temperature(**state))
@@ -71,12 +73,12 @@ def wrapped():
     return tl.sensitivities(cells_plane(), model(), edge="wrap", velocity_max=16.0)
 
 
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("name", model().numbers())
 def test_every_parameter_against_differences(wrapped, name):
     """All from one replay; central differences of ``educe`` agree, probe by probe."""
-    step = 1e-5 * abs(value_of(model(), name))
+    step = 1e-5 * abs(model().numbers()[name].value)
     above, below = (
-        quantities(tl.educe(cells_plane(), moved(name, value_of(model(), name) + sign * step),
+        quantities(tl.educe(cells_plane(), moved(name, model().numbers()[name].value + sign * step),
                             edge="wrap", velocity_max=16.0))
         for sign in (1, -1)
     )  # fmt: skip
@@ -97,9 +99,9 @@ def test_ends_and_phases_against_whole_replays(name, phase):
     if phase == "given":
         options["reference_phase"] = 0.3
     found = tl.sensitivities(cells_plane(), model(), [1000.0, FREQUENCY], [name], **options)
-    value = torch.tensor(value_of(model(), name), dtype=torch.float64)
+    value = torch.tensor(model().numbers()[name].value, dtype=torch.float64)
     with forward_ad.dual_level():
-        dual = with_values(model(), {name: forward_ad.make_dual(value, torch.ones_like(value))})
+        dual = model().with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
         whole = quantities(tl.educe(cells_plane(), dual, [1000.0, FREQUENCY], **options))
         for key, value in whole.items():
             slope = forward_ad.unpack_dual(value).tangent
@@ -114,8 +116,9 @@ def test_frozen_velocity_gives_the_models_own_slope(edge):
     found = tl.sensitivities(frozen_plane(2.0), model(), FREQUENCY, names, edge=edge)
     limit = 3e-3 if edge == "silent" else LEVELS  # the start-up of 16 periods
     for i, name in enumerate(names[:2]):
-        step = 1e-6 * value_of(model(), name)
-        above, below = (moved(name, value_of(model(), name) + s * step).impedance(FREQUENCY, 2.0)
+        value = model().numbers()[name].value
+        step = 1e-6 * value
+        above, below = (moved(name, value + s * step).impedance(FREQUENCY, 2.0)
                         for s in (1, -1))  # fmt: skip
         assert largest(found.probes[i], (above - below) / (2 * step)) < limit
     assert float((found.liner[2:, 0] - torch.tensor([1, 1j])).abs().max()) < limit
@@ -173,6 +176,59 @@ def test_the_budget_against_monte_carlo():
     assert largest(budget.covariance["velocity first"][0], wanted) < 0.15
 
 
+@dataclass(frozen=True)
+class Resistive(LinerModel):
+    """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
+
+    r0: float
+    a: float
+    m: float
+    length: float
+
+    def impedance(self, frequency, speed=0.0):
+        omega = 2 * torch.pi * torch.as_tensor(frequency)
+        reactance = self.m * omega - 1 / torch.tan(omega * self.length / 343.2)
+        return torch.complex(self.r0 + self.a * torch.as_tensor(speed) + 0 * omega, reactance)
+
+    def numbers(self):
+        units = {"r0": "1", "a": "s/m", "m": "s", "length": "m"}
+        return {name: Number(getattr(self, name), unit) for name, unit in units.items()}
+
+
+RESISTIVE = Resistive(0.2, 0.15, 1e-4, 0.04)
+
+
+def test_any_model_that_states_numbers_is_differentiated():
+    """dZ/dp of a model of one's own is that of differences, and carries its tolerances."""
+    options = {"frequency": [1000.0, FREQUENCY], "velocity_max": 16.0, "dtype": "float64"}
+    found = tl.sensitivities(cells_plane(), RESISTIVE, **options)
+    assert found.parameters == ("r0", "a", "m", "length")
+    for i, (name, number) in enumerate(RESISTIVE.numbers().items()):
+        step = 1e-5 * number.value
+        above, below = (
+            quantities(tl.educe(cells_plane(), RESISTIVE.replace(**{name: number.value + s}),
+                                **options)) for s in (step, -step)
+        )  # fmt: skip
+        for key in above:
+            slope = (above[key] - below[key]) / (2 * step)
+            assert largest(getattr(found, key)[i], slope) < LEVELS
+    budget = found.propagate({"length": "0.1 mm", "a": "0.01"}, limits="standard")
+    assert budget.half_widths.tolist() == pytest.approx([0.01, 1e-4])
+    assert [part.unit for part in budget.sorted("probes first")] == ["s/m", "m"]
+
+
+def test_a_model_without_derivatives_is_refused():
+    """A number that went through float() would have sensitivity 0."""
+
+    class Broken(Resistive):
+        def impedance(self, frequency, speed=0.0):
+            speed = torch.as_tensor(speed)
+            return torch.complex(float(self.a) * speed + 0 * frequency, 0 * speed * frequency)
+
+    with pytest.raises(ValueError, match=r"Broken.impedance passes no derivative in a.*float\(\)"):
+        tl.sensitivities(cells_plane(), Broken(0.2, 0.15, 1e-4, 0.04), parameters=["a"])
+
+
 def test_correlated_tolerances_add_or_cancel(wrapped):
     """Correlation 1 adds changes, -1 subtracts them, and the order of names does not matter."""
     tolerances = {"porosity": "1 %", "vena_contracta": 0.01}
@@ -211,7 +267,8 @@ def test_covariance_by_hand():
 )
 def test_tolerances_are_read(text, name, wanted):
     """Units and per cent to SI half-widths."""
-    found = parse_tolerance(text, name, NUMBERS[name].quantity, value_of(model(), name))
+    number = model().numbers()[name]
+    found = parse_tolerance(text, name, number.quantity, number.value)
     assert found == pytest.approx(wanted, rel=1e-12)
 
 
@@ -255,8 +312,11 @@ def test_other_slips_are_refused(wrapped):
         tl.sensitivities(plane, model(), FREQUENCY, ["offset", "offset_reactance"])
     with pytest.raises(ValueError, match="engine 'spectral', not 'unfold'"):
         tl.sensitivities(plane, model(), FREQUENCY, engine="unfold")
-    with pytest.raises(TypeError, match="only an SDoFLiner has parameters"):
+    with pytest.raises(TypeError, match=r"without impedance\(frequency, speed\)"):
         tl.sensitivities(plane, object(), FREQUENCY)
+    table = tl.TabulatedLiner([500.0, 2000.0], [1 - 1j, 1 + 1j])
+    with pytest.raises(TypeError, match=r"TabulatedLiner, whose numbers\(\) names no parameter"):
+        tl.sensitivities(plane, table, FREQUENCY)
 
 
 def test_command_prints_sorts_and_draws(capsys, tmp_path):

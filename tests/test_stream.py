@@ -217,6 +217,7 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, monkeypatch, er
 def test_strides_do_not_matter(liner, engine):
     """Transposed, stepped and zero-stride tensors give what their copies give."""
     v = turbulence((6, 300), seed=8)
+    options = {"engine": engine, "allow_short": True, "levels": 40, "interval": None}
     for view in (
         v.T.contiguous().T,
         v[::2],
@@ -224,9 +225,8 @@ def test_strides_do_not_matter(liner, engine):
         v[:1].expand(4, 300),
         v[0].expand(2, 2, 300),
     ):
-        wanted = tl.educe(plane_of(view.clone(), sampling_rate=RATE), liner, engine=engine,
-                          allow_short=True)  # fmt: skip
-        found = tl.educe(plane_of(view), liner, engine=engine, allow_short=True)
+        wanted = tl.educe(plane_of(view.clone(), sampling_rate=RATE), liner, **options)
+        found = tl.educe(plane_of(view), liner, **options)
         assert float((found.reflection - wanted.reflection).abs().max()) < 1e-12
     still = torch.tensor(2.0, dtype=torch.float64).expand(2, 480)
     assert tl.educe(plane_of(still), liner, engine=engine).reflection.shape == (2, 1)

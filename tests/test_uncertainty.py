@@ -44,7 +44,9 @@ class Table:
 # Blocks
 
 
-@pytest.mark.parametrize("kind", ["formula", "table", "kernel", "compiled"])
+@pytest.mark.parametrize(
+    "kind", ["formula", "table", "kernel", pytest.param("compiled", marks=pytest.mark.slow)]
+)
 def test_block_means_are_means_of_the_response(noisy, liner, kind):
     """The pass over the data keeps the mean of R, and of R e^{-2 j w t}, of every block."""
     model = Table(liner) if kind == "table" else liner
@@ -227,9 +229,16 @@ def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     assert ((ends[1] - ends[0]) / (2 * step) - found).abs().max() < 1e-7
 
 
-@pytest.mark.parametrize("of", ["probe", "cell of 16"])
-@pytest.mark.parametrize("periods", [100, 16])
-def test_coverage(of, periods):
+@pytest.mark.parametrize(
+    ("periods", "of"),
+    [
+        (100, "probe"),
+        (16, "probe"),
+        (16, "cell of 16"),
+        pytest.param(100, "cell of 16", marks=pytest.mark.slow),
+    ],
+)
+def test_coverage(periods, of):
     """Intervals of 95 % hold the truth Z(E[R]) in 93 to 97 % of 1000 trials."""
     script = load_script("coverage")
     with warnings.catch_warnings():

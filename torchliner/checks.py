@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.names import did_you_mean
 
+SAME_FREQUENCY = 1e-6  # relative
 FEEDS = -1e-9  # resistance below which a wall feeds sound; nearer to 0 it is rounding
 
 
@@ -78,6 +79,31 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
     if array.dtype.kind not in "fiu":
         raise TypeError(f"a real number is needed, not {array.dtype}")
     return torch.as_tensor(array.astype(np.float64)).to(dtype)
+
+
+def stated_frequency(
+    frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None
+) -> Tensor:
+    """What is asked for, else what a record states, Hz, (F,).
+
+    Args:
+        frequency: asked for; None takes ``tone``.
+        tone: that of the record, if it states one.
+        name: of the record, for messages.
+        sampling_rate: Hz; half of it is the limit.
+    Raises:
+        ValueError: neither is known; as ``frequency_tensor``.
+    """
+    wanted = tone if frequency is None else frequency
+    if wanted is None:
+        raise ValueError(f"{name} states no frequency; give frequency=..., in Hz")
+    return frequency_tensor(wanted, sampling_rate).cpu()
+
+
+def index_of_frequency(known: Tensor, frequency: float) -> int | None:
+    """Where a frequency (Hz) stands among those of a record, (F,); None if it is not there."""
+    close = (known / frequency - 1).abs() < SAME_FREQUENCY
+    return int(close.nonzero()[0]) if bool(close.any()) else None
 
 
 def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tensor:

@@ -58,6 +58,11 @@ def impedance_from_admittance(admittance: Tensor) -> Tensor:
     return torch.where(rigid, torch.full_like(found, torch.inf), found)
 
 
+def mean_impedance(admittance: Tensor, axis: int = 0) -> Tensor:
+    """1 over the mean of 1/Z along an axis, as eq. (5.2) averages; inf, not nan, if that is 0."""
+    return impedance_from_admittance(admittance.mean(axis))
+
+
 def reflection_from_admittance(admittance: Tensor) -> Tensor:
     """R = (1 - y)/(1 + y), the inverse of ``admittance_from_reflection``."""
     require_complex("admittance", admittance)

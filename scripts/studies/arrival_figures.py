@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.report.curves import Curves
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 
 KILO = 1e-3
 RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
@@ -121,8 +129,7 @@ def draw_effects(
             axis.plot(KILO * table.at, values, marker + "-", color=colour, label=name)
         _rate_axis(axis, table)
         axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     return finish(figure, path)
 
 

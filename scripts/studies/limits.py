@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchliner.checks import require_choice, require_positive
-from torchliner.replay.kernels import Liner
+from torchliner.liners.model import Liner
 
 Complex = NDArray[np.complex128]
 RULES = ("averaged", "over probes", "given")

@@ -14,7 +14,15 @@ from torch import Tensor
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.report.curves import COMPLEX_PART
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 
 NEPER = 20 / np.log(10)  # dB
 LEVEL = 0.95  # of the shaded intervals
@@ -139,8 +147,7 @@ def draw_mismatch(
         axis.set_xlim(0.18, 1.5)
     for axis in axes[-1]:
         axis.set_xlabel("$f$ (kHz)")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, axes[0, 0], 2)
     return finish(figure, path)
 
 

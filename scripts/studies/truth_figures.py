@@ -14,7 +14,16 @@ from studies.truth_reasons import FASTEST, ReasonRow
 from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import ORDERS
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.truth_table import drive_label
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
@@ -52,8 +61,7 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     figure.suptitle("educed less true, all drives, phases, orders and heights, 1400 Hz", fontsize=9)
     return finish(figure, path)
 
@@ -107,8 +115,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
                           ("s", "from its rms")):  # fmt: skip
         axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
                         "0.3" if marker == "*" else "white", label=label)  # fmt: skip
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[0, 0], 3)
     figure.suptitle(
         r"1400 Hz; numbers on the curves: $|v|$ (m s$^{-1}$), hole velocity times porosity",
         fontsize=9,

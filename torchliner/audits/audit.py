@@ -20,13 +20,13 @@ from torch import Tensor
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.audits.variants import Variant, VariantMaker
 from torchliner.checks import tell
+from torchliner.liners.model import Liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.replay.drive import DriveSpeed, with_smaller_slabs
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
@@ -211,7 +211,7 @@ class _Work:
     def lengths(self) -> None:
         """Velocity averaged over shares of a cell before it is replayed: one reading in all."""
         ready, plane = self.ready, self.ready.plane
-        pitch = getattr(ready.liner, "cell_pitch", None)
+        pitch = ready.liner.cell_pitch
         if pitch is None:
             self.skipped["averaging length"] = "the liner states no cell_pitch"
             return

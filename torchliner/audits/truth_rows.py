@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner
 from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.liners.parameters import NUMBERS
+from torchliner.liners.model import Number
 from torchliner.names import ORDERS
 from torchliner.units import parse_tolerance
 
@@ -23,6 +23,7 @@ class Contribution:
 
     parameter: str
     value: float
+    unit: str
     half_width: float
     standard: float
     impedance: complex
@@ -33,8 +34,8 @@ class Budget:
     """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
 
     Args:
-        parameters: names, n of them.
-        values, half_widths, standard: SI, (n,).
+        numbers: parameters by name, n of them.
+        half_widths, standard: SI, (n,).
         limits: how a half-width was read.
         correlation: (n, n).
         contributions: signed change of the liner's Z for one standard uncertainty of each
@@ -43,8 +44,7 @@ class Budget:
         probes, cells, cells_velocity_first: standard uncertainty u(R) + j u(X), (..., F).
     """
 
-    parameters: tuple[str, ...]
-    values: Tensor
+    numbers: Mapping[str, Number]
     half_widths: Tensor
     standard: Tensor
     limits: str
@@ -55,6 +55,16 @@ class Budget:
     cells: Tensor
     cells_velocity_first: Tensor
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(self.numbers)
+
+    @property
+    def values(self) -> Tensor:
+        """At which the slopes hold, SI, float64, (n,)."""
+        return values_of(self.numbers)
+
     def combined(self, order: str) -> Tensor:
         """u(R) + j u(X) of the liner, (F,)."""
         return standard_of(self.covariance[order])
@@ -62,13 +72,18 @@ class Budget:
     def sorted(self, order: str, frequency_index: int = 0) -> list[Contribution]:
         """Contributions, the largest |dZ| first."""
         amounts = self.contributions[order][:, frequency_index]
-        return [
-            Contribution(
-                self.parameters[i], float(self.values[i]), float(self.half_widths[i]),
-                float(self.standard[i]), complex(amounts[i]),
+        rows = [
+            Contribution(name, number.value, number.unit, float(half), float(u), complex(change))
+            for (name, number), half, u, change in zip(
+                self.numbers.items(), self.half_widths, self.standard, amounts, strict=True
             )
-            for i in amounts.abs().argsort(descending=True).tolist()
-        ]  # fmt: skip
+        ]
+        return [rows[i] for i in amounts.abs().argsort(descending=True).tolist()]
+
+
+def values_of(numbers: Mapping[str, Number]) -> Tensor:
+    """SI, float64, (n,)."""
+    return torch.tensor([number.value for number in numbers.values()], dtype=torch.float64)
 
 
 def standard_of(covariance: Tensor) -> Tensor:
@@ -84,8 +99,7 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 
 def budget_of(
-    parameters: Sequence[str],
-    values: Tensor,
+    numbers: Mapping[str, Number],
     slopes: Mapping[str, Tensor],
     tolerances: Mapping[str, Any],
     limits: str,
@@ -94,7 +108,7 @@ def budget_of(
     """First-order budget of anything whose slopes in some parameters are known.
 
     Args:
-        parameters, values: names, SI, (n,).
+        numbers: parameters by name, n of them.
         slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
             ``probes``, ``cells``, ``cells_velocity_first``.
         tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
@@ -103,25 +117,25 @@ def budget_of(
     if not tolerances:
         raise ValueError("no tolerance is stated; name at least one, e.g. orifice_diameter")
     for name in tolerances:
-        require_choice("parameter of a tolerance", name, parameters)
-    kept = [i for i, name in enumerate(parameters) if name in tolerances]
-    names = tuple(parameters[i] for i in kept)
+        require_choice("parameter of a tolerance", name, numbers)
+    kept = [i for i, name in enumerate(numbers) if name in tolerances]
+    stated = {name: number for name, number in numbers.items() if name in tolerances}
     half_widths = torch.tensor(
         [
-            parse_tolerance(tolerances[name], name, NUMBERS[name].quantity, value)
-            for name, value in zip(names, values[kept].tolist(), strict=True)
+            parse_tolerance(tolerances[name], name, number.quantity, number.value)
+            for name, number in stated.items()
         ],
         dtype=torch.float64,
     )
     standard = factor * half_widths
-    matrix = _correlation_matrix(names, correlation or {})
+    matrix = _correlation_matrix(tuple(stated), correlation or {})
     changes = {
         name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1))
         for name, slope in slopes.items()
     }
     covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
     return Budget(
-        names, values[kept], half_widths, standard, limits, matrix,
+        stated, half_widths, standard, limits, matrix,
         {order: changes[order] for order in ORDERS},
         {order: covariance[order] for order in ORDERS},
         *(standard_of(covariance[name]) for name in ("probes", "cells", "cells_velocity_first")),

@@ -14,14 +14,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
-from torchliner.calibration.level_weights import law_at, level_weights
-from torchliner.calibration.misfit import Misfit
+from torchliner.calibration.level_weights import level_weights
+from torchliner.calibration.misfit import FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, Prediction
 from torchliner.calibration.targets import bounds_of, noise_of, prior_of, references_of
 from torchliner.checks import require_choice, tell
-from torchliner.liners.parameters import plain_liner, require_sdof, value_of, with_values
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.replay.phase_rule import phase_rule
@@ -51,14 +51,14 @@ class Calibration:
         on_bound: parameters that end on a bound.
         wanted, found: impedances of all planes and frequencies, (D,).
         anchor_error: change of Z from the last whole replay: error of the sum over levels.
-        order, choices, notes: as chosen; all doubts.
+        order, choices, notes: as chosen; all warnings.
     """
 
     parameters: tuple[str, ...]
     values: Tensor
     low: Tensor
     high: Tensor
-    liners: tuple[SDoFLiner, ...]
+    liners: tuple[LinerModel, ...]
     covariance: Tensor
     scaling: str
     degrees_of_freedom: int
@@ -86,12 +86,12 @@ class Calibration:
         return self.covariance / torch.outer(self.standard, self.standard)
 
     @property
-    def liner(self) -> SDoFLiner:
+    def liner(self) -> LinerModel:
         """The calibrated liner of the first plane."""
         return self.liners[0]
 
     def predict(
-        self, plane: VelocityPlane, liner: SDoFLiner | None = None, frequency: Any = None
+        self, plane: VelocityPlane, liner: Liner | None = None, frequency: Any = None
     ) -> Prediction:
         """Z of another plane with the spread of the posterior.
 
@@ -100,27 +100,19 @@ class Calibration:
             liner: its liner, whose other numbers are kept; default that of the fit.
             frequency: Hz; default the plane's tone.
         """
-        base = self.liner if liner is None else require_sdof(liner)
-        named = dict(zip(self.parameters, self.values.tolist(), strict=True))
-        best = plain_liner(base, named)
+        base = self.liner if liner is None else as_liner(liner)
+        named_numbers(base, self.parameters)
+        best = base.with_numbers(dict(zip(self.parameters, self.values.tolist(), strict=True)))
         ready = prepare([plane], best, frequency, self.choices)[0]
-        weights = level_weights(ready, self.order).anchored(best)
-        found = weights.impedance(law_at(best, weights.lines))
-        draws = None
-        if self.posterior is not None:
-            laws = [
-                law_at(
-                    with_values(base, dict(zip(self.parameters, row, strict=True))), weights.lines
-                )
-                for row in self.posterior.draws
-            ]
-            draws = weights.impedances(torch.stack(laws))
-        return Prediction(ready.frequency, found, draws, self.posterior)
+        free = FreeLiners([level_weights(ready, self.order)], [base], self.parameters)
+        free = free.anchored(self.values)
+        draws = None if self.posterior is None else free.impedances(self.posterior.draws)
+        return Prediction(ready.frequency, free.impedance(self.values), draws, self.posterior)
 
 
 def calibrate(
     planes: VelocityPlane | Sequence[VelocityPlane],
-    liners: SDoFLiner | Sequence[SDoFLiner],
+    liners: Liner | Sequence[Liner],
     references: Any,
     parameters: Mapping[str, tuple[float, float]],
     *,
@@ -136,10 +128,11 @@ def calibrate(
 
     Args:
         planes: one or several.
-        liners: one for all planes, or one each; the free parameters are shared by all of them.
+        liners: that state ``numbers``, one for all planes, or one each; the free parameters are
+            shared by all of them.
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every
             plane holds, such as "true".
-        parameters: bounds, SI, by name of ``liners.parameters.NUMBERS``; ``offset`` is both parts.
+        parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
         order: of averaging, ``velocity first`` or ``probes first``.
         noise: standard uncertainty of R and X of each reference: one number, a complex number
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
@@ -148,6 +141,7 @@ def calibrate(
         draws, seed: of the posterior; 0 draws for none.
         choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
     Raises:
+        TypeError: a liner without numbers.
         ValueError: fewer data (R and X of each plane and frequency) than parameters, bounds that
             no liner can have, references that are missing, a prior without noise.
         RuntimeError: the least squares do not converge.
@@ -165,7 +159,7 @@ def calibrate(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "
             f"{chosen.engine!r}, {chosen.phase!r}"
         )
-    names, low, high = bounds_of(parameters)
+    names, low, high = bounds_of(parameters, models[0])
     known = prior_of(prior, names, noise is not None)
     ready = [
         prepare([plane], liner, frequency, chosen)[0]
@@ -181,7 +175,9 @@ def calibrate(
         )
     weights = [level_weights(one, order) for one in ready]
     misfit = Misfit(weights, models, names, low, high, wanted, spread, known)
-    start = torch.tensor([value_of(models[0], name) for name in names], dtype=torch.float64)
+    for liner in models[1:]:
+        named_numbers(liner, names)
+    start = values_of(named_numbers(models[0], names))
     share = ((start - low) / (high - low)).clamp(*START)
     fit = fit_misfit(misfit, share, noise is not None)
     notes = [note for one in ready for note in one.notes]
@@ -190,7 +186,7 @@ def calibrate(
     return result
 
 
-def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[SDoFLiner]]:
+def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[LinerModel]]:
     """Planes, and the liner of each."""
     several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
     models = list(liners) if isinstance(liners, (list, tuple)) else [liners] * len(several)
@@ -198,7 +194,7 @@ def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[SDoFLine
         raise ValueError(
             f"{len(several)} planes and {len(models)} liners; give one liner, or one a plane"
         )
-    return several, [require_sdof(liner) for liner in models]
+    return several, [as_liner(liner) for liner in models]
 
 
 def _result(
@@ -206,18 +202,16 @@ def _result(
 ) -> Calibration:
     misfit = fit.misfit
     values = misfit.values(fit.share)
-    posterior, said = fit.posterior(draws, seed)
+    posterior, messages = fit.posterior(draws, seed)
     interval = torch.full((2, len(values)), torch.nan, dtype=torch.float64)
     if posterior is not None:
         interval = posterior.quantiles(posterior.draws, QUANTILES)
-    named = dict(zip(misfit.names, values.tolist(), strict=True))
-    made = {id(liner): plain_liner(liner, named) for liner in misfit.liners}
     return Calibration(
         parameters=misfit.names,
         values=values,
         low=misfit.low,
         high=misfit.high,
-        liners=tuple(made[id(liner)] for liner in misfit.liners),
+        liners=tuple(misfit.moved(values.tolist())),
         covariance=fit.covariance,
         scaling="stated noise" if fit.stated else "residual",
         degrees_of_freedom=fit.freedom,
@@ -232,5 +226,5 @@ def _result(
         anchor_error=fit.anchor_error,
         order=order,
         choices=chosen,
-        notes=(*notes, *said, *fit.doubts()),
+        notes=(*notes, *messages, *fit.warnings()),
     )

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from torchliner.calibration.misfit import Misfit
 from torchliner.calibration.posterior import FEWEST_EFFECTIVE, Posterior, sample_posterior
-from torchliner.liners.parameters import NUMBERS
 
 MOST_ANCHORS, SETTLED = 8, 1e-6  # replays at the fitted values; movement that is none, of the box
 ANCHORED = 1e-9  # change of Z by the last replay that is none
@@ -101,7 +100,7 @@ class Fit:
         )
 
     def posterior(self, draws: int, seed: int) -> tuple[Posterior | None, list[str]]:
-        """Draws in SI, and doubts about them; None without draws or where no noise is known."""
+        """Draws in SI, and warnings about them; None without draws or where no noise is known."""
         if draws < 1 or self.scale != self.scale:
             return None, []
         misfit, count, lowest = self.misfit, 2 * len(self.misfit.wanted), [self.chi_square]
@@ -130,19 +129,19 @@ class Fit:
             )
         return Posterior(misfit.values(found.draws), found.weights), notes
 
-    def doubts(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Bounds, directions unseen, noise that does not fit, by name and with a remedy."""
         notes = []
         for name in self.on_bound:
             i = self.misfit.names.index(name)
             side, bound = ("lower", self.misfit.low[i]), ("upper", self.misfit.high[i])
             label, at = side if self.share[i] < 0.5 else bound
-            unit = NUMBERS[name].unit
+            unit = self.misfit.liners[0].numbers()[name].unit
+            end = "" if unit == "1" else f" {unit}"
             notes.append(
-                f"{name} ends on its {label} bound, {float(at):.6g}{'' if unit == '1' else ' '}"
-                f"{'' if unit == '1' else unit}: the data ask for more than the bounds allow, and "
-                "its uncertainty means little; widen the bound if that is physical, else free "
-                "another parameter"
+                f"{name} ends on its {label} bound, {float(at):.6g}{end}: the data ask for more "
+                "than the bounds allow, and its uncertainty means little; widen the bound if that "
+                "is physical, else free another parameter"
             )
         for group in self.unseen:
             notes.append(

@@ -13,26 +13,30 @@ sum is exact there, and near it off by the change of E alone: some 1e-3 of the c
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, reflection_from_impedance
-from torchliner.liners.nonlinear import SpeedLaw
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.conversions import (
+    admittance_from_reflection,
+    mean_impedance,
+    reflection_from_impedance,
+)
+from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 from torchliner.replay.incident import Means
+from torchliner.replay.kernels import impedance_of
 from torchliner.tdibc.engines import tone_sums, with_liner
 from torchliner.tdibc.prepared import Prepared
 
 MOST_BYTES = 4 << 30  # of W
-WORK_NUMBERS = 1 << 22  # complex, held at once for many laws
 
 
 @dataclass(frozen=True, eq=False)
 class LevelWeights:
-    """Whole-liner impedance of one plane as a function of the law of its liner.
+    """Whole-liner impedance of one plane as a function of what its liner reflects.
 
     Args:
         ready: prepared plane.
@@ -50,37 +54,31 @@ class LevelWeights:
     weights: Tensor
     remainder: Tensor
 
-    def reflection(self, law: Tensor) -> Tensor:
-        """R of every column, (..., C, F), from the law's coefficients at the lines, (..., L, 6)."""
-        speeds = self.ready.grid.speeds
-        parts = SpeedLaw(*law.unsqueeze(-2).unbind(-1)).parts(speeds)
-        response = reflection_from_impedance(torch.complex(*parts))
+    def reflection(self, response: Tensor) -> Tensor:
+        """R of every column, (..., C, F), from the model's R at lines and levels, (..., L, V)."""
         sums = torch.einsum("lvc,...lv->...cl", self.weights, response)
         return sums @ self.frequency_of.T + self.remainder
 
-    def impedance(self, law: Tensor) -> Tensor:
-        """Z of the liner, (..., F)."""
-        return 1 / admittance_from_reflection(self.reflection(law)).mean(-2)
+    def impedance(self, response: Tensor) -> Tensor:
+        """Z of the liner, (..., F), from the model's R at lines and levels, (..., L, V)."""
+        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2)
 
-    def impedances(self, laws: Tensor) -> Tensor:
-        """Z for many laws, (M, L, 6) to (M, F), a block of them at a time."""
-        count, _, width = self.weights.shape
-        block = max(1, WORK_NUMBERS // (count * max(width, self.weights.shape[1])))
-        return torch.cat([self.impedance(part) for part in laws.split(block)])
-
-    def anchored(self, liner: SDoFLiner) -> LevelWeights:
+    def anchored(self, liner: LinerModel) -> LevelWeights:
         """The same with E of ``liner``, from a whole replay."""
         ready = with_liner(self.ready, liner)
         a = Means.of(tone_sums(ready, False, None), ready.window_sums).a.cpu()
         found = a[_columns(ready, self.order)]
         bare = dataclasses.replace(self, remainder=torch.zeros_like(found))
-        remainder = found - bare.reflection(law_at(liner, self.lines))
+        remainder = found - bare.reflection(responses_of(liner, [self])[0])
         return dataclasses.replace(self, ready=ready, remainder=remainder)
 
 
-def law_at(liner: SDoFLiner, lines: Tensor) -> Tensor:
-    """Coefficients of the liner's law at ``lines`` (Hz), (L, 6)."""
-    return torch.stack(list(vars(liner.speed_law(lines)).values()), dim=-1)
+def responses_of(liner: LinerModel, planes: Sequence[LevelWeights]) -> list[Tensor]:
+    """R of the model at the lines and levels of each plane, (L, V); the model is asked once."""
+    lines = torch.cat([plane.lines for plane in planes])[:, None]
+    speeds = [plane.ready.grid.speeds.expand(len(plane.lines), -1) for plane in planes]
+    found = reflection_from_impedance(impedance_of(liner, lines, torch.cat(speeds)))
+    return list(found.split([len(plane.lines) for plane in planes]))
 
 
 def _columns(ready: Prepared, order: str) -> Tensor:

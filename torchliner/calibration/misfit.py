@@ -1,37 +1,85 @@
-"""The misfit of several planes as a function of shared parameters of their liners."""
+"""Impedances of several planes, and their misfit, as functions of parameters of their liners."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.calibration.level_weights import LevelWeights, law_at
-from torchliner.liners.parameters import with_values
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.calibration.level_weights import LevelWeights, responses_of
+from torchliner.liners.model import LinerModel
+
+WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class FreeLiners:
+    """Planes whose liners share free parameters.
+
+    Args:
+        planes: level weights, one a plane.
+        liners: one a plane; the same object where they share one.
+        names: of the free parameters, n of them.
+    """
+
+    planes: Sequence[LevelWeights]
+    liners: Sequence[LinerModel]
+    names: tuple[str, ...]
+
+    def moved(self, values: Any) -> list[LinerModel]:
+        """The liners with these values, SI; the same object where they share one."""
+        named = dict(zip(self.names, values, strict=True))
+        made = {id(liner): liner.with_numbers(named) for liner in self.liners}
+        return [made[id(liner)] for liner in self.liners]
+
+    def responses(self, values: Any) -> list[Tensor]:
+        """R of each plane's liner at its lines and levels, (L, V)."""
+        moved = self.moved(values)
+        found: dict[int, Tensor] = {}
+        for each in {id(liner): liner for liner in moved}.values():
+            members = [i for i, liner in enumerate(moved) if liner is each]
+            rows = responses_of(each, [self.planes[i] for i in members])
+            found |= dict(zip(members, rows, strict=True))
+        return [found[i] for i in range(len(moved))]
+
+    def impedance(self, values: Tensor) -> Tensor:
+        """Z of all planes and frequencies, (D,), differentiable in ``values`` (n,)."""
+        rows = self.responses(values.unbind())
+        return torch.cat([p.impedance(row) for p, row in zip(self.planes, rows, strict=True)])
+
+    def impedances(self, values: Tensor) -> Tensor:
+        """The same for many, (M, n) to (M, D), a block of them at a time."""
+        shapes = [plane.weights.shape for plane in self.planes]
+        work = sum(lines * max(levels, columns) for lines, levels, columns in shapes)
+        blocks = []
+        for block in values.split(max(1, WORK_NUMBERS // work)):
+            rows = zip(*(self.responses(each) for each in block.unbind()), strict=True)
+            found = [p.impedance(torch.stack(r)) for p, r in zip(self.planes, rows, strict=True)]
+            blocks.append(torch.cat(found, dim=-1))
+        return torch.cat(blocks)
+
+    def anchored(self, values: Tensor) -> Self:
+        """The same, made exact at ``values`` by a whole replay of every plane."""
+        moved = self.moved(values.unbind())
+        planes = [p.anchored(liner) for p, liner in zip(self.planes, moved, strict=True)]
+        return replace(self, planes=planes)
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit(FreeLiners):
     """Residuals over their uncertainties.
 
     Args:
-        planes: level weights, with the liner of each.
-        liners: SDoF liners, one a plane; the same object where they share one.
-        names: of the free parameters, n of them.
         low, high: bounds, (n,).
         wanted: reference impedances of all planes and frequencies, (D,).
         noise: standard uncertainty of R (real part) and X (imaginary part), (D,).
         prior: mean and standard deviation by parameter.
     """
 
-    planes: Sequence[LevelWeights]
-    liners: Sequence[SDoFLiner]
-    names: tuple[str, ...]
     low: Tensor
     high: Tensor
     wanted: Tensor
@@ -41,40 +89,6 @@ class Misfit:
     def values(self, share: Tensor) -> Tensor:
         """SI, from the place in the box, 0 to 1, (..., n)."""
         return self.low + share * (self.high - self.low)
-
-    def moved(self, values: Any) -> list[SDoFLiner]:
-        """The liners with these values, the same object where they share one."""
-        named = dict(zip(self.names, values, strict=True))
-        made = {id(liner): with_values(liner, named) for liner in self.liners}
-        return [made[id(liner)] for liner in self.liners]
-
-    def laws(self, values: Any) -> list[Tensor]:
-        """Coefficients of every plane, (L, 6) each; liners that are shared are asked once."""
-        moved = self.moved(values)
-        found: list[Tensor] = [torch.zeros(0)] * len(moved)
-        for each in {id(liner): liner for liner in moved}.values():
-            members = [i for i, liner in enumerate(moved) if liner is each]
-            lines = [self.planes[i].lines for i in members]
-            rows = law_at(each, torch.cat(lines)).split([len(part) for part in lines])
-            for i, row in zip(members, rows, strict=True):
-                found[i] = row
-        return found
-
-    def impedance(self, values: Tensor) -> Tensor:
-        """Z of all planes and frequencies, (D,), differentiable in ``values`` (n,)."""
-        laws = self.laws(values.unbind())
-        return torch.cat([p.impedance(law) for p, law in zip(self.planes, laws, strict=True)])
-
-    def impedances(self, values: Tensor) -> Tensor:
-        """The same for many, (M, n) to (M, D)."""
-        rows = [self.laws(each) for each in values.unbind()]
-        return torch.cat(
-            [
-                plane.impedances(torch.stack([row[i] for row in rows]))
-                for i, plane in enumerate(self.planes)
-            ],
-            dim=-1,
-        )
 
     def residuals(self, values: Tensor, impedance: Tensor) -> Tensor:
         """(..., 2 D + priors) from values (..., n) and Z (..., D)."""
@@ -89,19 +103,10 @@ class Misfit:
     def slopes(self, share: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals (m,) and their derivatives in the place in the box, (m, n)."""
         rows, columns = torch.zeros(0), []
-        for i in range(len(share)):
+        for along in torch.eye(len(share), dtype=share.dtype):
             with forward_ad.dual_level():
-                along = torch.zeros_like(share)
-                along[i] = 1
                 values = self.values(forward_ad.make_dual(share, along))
                 found = forward_ad.unpack_dual(self.residuals(values, self.impedance(values)))
-                rows = found.primal
-                slope = found.tangent
+                rows, slope = found.primal, found.tangent
                 columns.append(torch.zeros_like(rows) if slope is None else slope)
         return rows, torch.stack(columns, dim=1)
-
-    def anchored(self, values: Tensor) -> Misfit:
-        """The same, made exact at ``values`` by a whole replay of every plane."""
-        moved = self.moved(values.unbind())
-        planes = [p.anchored(liner) for p, liner in zip(self.planes, moved, strict=True)]
-        return replace(self, planes=planes)

@@ -18,17 +18,10 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.calibration.budget import Budget, budget_of
+from torchliner.calibration.budget import Budget, budget_of, values_of
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.liners.parameters import (
-    NUMBERS,
-    expand_names,
-    require_sdof,
-    value_of,
-    with_values,
-)
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.drive import with_smaller_slabs
@@ -53,8 +46,7 @@ class Sensitivities:
     """dZ/dp of everything that ``educe`` gives, normalised by rho c per SI unit of p.
 
     Args:
-        parameters: names, n of them.
-        values: at which the derivatives hold, SI, float64, (n,).
+        numbers: parameters by name, n of them, at which the derivatives hold.
         probes: complex, (n, ..., F) on the probe axes of the plane; nan where excluded.
         cells, cells_velocity_first: (n, C, F), in both orders of averaging.
         liner, liner_velocity_first: whole liner, (n, F), in both orders.
@@ -63,8 +55,7 @@ class Sensitivities:
         found: the map itself.
     """
 
-    parameters: tuple[str, ...]
-    values: Tensor
+    numbers: Mapping[str, Number]
     probes: Tensor
     cells: Tensor
     cells_velocity_first: Tensor
@@ -74,9 +65,19 @@ class Sensitivities:
     found: ImpedanceMap
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(self.numbers)
+
+    @property
+    def values(self) -> Tensor:
+        """SI, float64, (n,)."""
+        return values_of(self.numbers)
+
+    @property
     def units(self) -> tuple[str, ...]:
         """SI unit of each parameter, "1" if it has none."""
-        return tuple(NUMBERS[name].unit for name in self.parameters)
+        return tuple(number.unit for number in self.numbers.values())
 
     def of_liner(self, order: str) -> Tensor:
         """Whole liner, (n, F), in one of ``ORDERS``."""
@@ -126,12 +127,12 @@ class Sensitivities:
             **{order: self.of_liner(order) for order in ORDERS},
             **{name: getattr(self, name) for name in ("probes", "cells", "cells_velocity_first")},
         }
-        return budget_of(self.parameters, self.values, slopes, tolerances, limits, correlation)
+        return budget_of(self.numbers, slopes, tolerances, limits, correlation)
 
 
 def sensitivities(
     plane: VelocityPlane,
-    liner: SDoFLiner,
+    liner: Liner,
     frequency: Any = None,
     parameters: Sequence[str] | None = None,
     *,
@@ -143,16 +144,16 @@ def sensitivities(
 
     Args:
         plane: wall-normal velocity, (..., T) m/s.
-        liner: SDoF liner.
+        liner: one that states ``numbers``, as SDoF liners do.
         frequency: Hz, one or several; default the plane's tone.
-        parameters: names of ``liners.parameters.NUMBERS``; default all. ``temperature`` and
+        parameters: names of ``liner.numbers()``; default all. ``temperature`` and
             ``pressure`` change c, rho and eta of the liner's gas as those of dry air; the plane's
             own gas, which scales inferred waves alone, stays.
         reference_phase: rad, for ``phase="given"``.
         progress: called with numbers of samples done, 2 T in all.
         choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
-        TypeError: a liner without parameters.
+        TypeError: a liner without numbers.
         ValueError: an engine that is not ``spectral``, an unknown parameter, or data that cannot
             give an answer (see ``educe``).
     Warns:
@@ -161,9 +162,9 @@ def sensitivities(
     """
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
-    liner = require_sdof(liner)
-    names = expand_names(NUMBERS if parameters is None else parameters)
-    if not names:
+    model = as_liner(liner)
+    numbers = named_numbers(model, parameters)
+    if not numbers:
         raise ValueError("no parameter is named; leave parameters out for all of them")
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     if chosen.engine != "spectral":
@@ -171,15 +172,15 @@ def sensitivities(
             f"sensitivities are read off engine 'spectral', not {chosen.engine!r}; leave engine "
             "and incident out"
         )
-    ready = prepare([plane], liner, frequency, chosen, progress)[0]
+    ready = prepare([plane], model, frequency, chosen, progress)[0]
     backward = phase_rule(chosen.phase).needs_backward
     lines = plan_lines(
-        liner, ready.frequency.tolist(), ready.record, ready.grid, ready.kernels,
+        model, ready.frequency.tolist(), ready.record, ready.grid, ready.kernels,
         of_kernel=chosen.uses_kernel_response, backward=backward,
     )  # fmt: skip
     errors = []
-    for name in names:
-        more, error = _tangent_lines(ready, name, backward)
+    for name, number in numbers.items():
+        more, error = _tangent_lines(ready, name, number.value, backward)
         lines += more
         errors.append(error)
     sums, notes = with_smaller_slabs(
@@ -189,7 +190,7 @@ def sensitivities(
         ),
     )
     ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
-    result = _assemble(ready, names, sums, torch.tensor(errors), reference_phase)
+    result = _assemble(ready, numbers, sums, torch.tensor(errors), reference_phase)
     tell(result.found.notes)
     return result
 
@@ -199,14 +200,16 @@ def _tangent(dual: Tensor) -> Tensor:
     return torch.zeros_like(dual) if found is None else found
 
 
-def _tangent_lines(ready: Prepared, name: str, backward: bool) -> tuple[list[Line], float]:
+def _tangent_lines(
+    ready: Prepared, name: str, at_value: float, backward: bool
+) -> tuple[list[Line], float]:
     """Lines of dR/dp, and the largest relative error of its interpolation between levels."""
-    record, grid, liner = ready.record, ready.grid, require_sdof(ready.liner)
+    record, grid, liner = ready.record, ready.grid, ready.liner
     middle = ((grid.speeds[1:] + grid.speeds[:-1]) / 2)[:, None]
     lines, errors, reach = [], [], None
     with forward_ad.dual_level():
-        value = torch.tensor(value_of(liner, name), dtype=torch.float64)
-        moved = with_values(liner, {name: forward_ad.make_dual(value, torch.ones_like(value))})
+        value = torch.tensor(at_value, dtype=torch.float64)
+        moved = liner.with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
         kernels = with_liner(ready, moved).kernels
         if kernels is not None:
             # Taps, response and edge tables are linear in R: its tangent in, theirs out.
@@ -215,7 +218,13 @@ def _tangent_lines(ready: Prepared, name: str, backward: bool) -> tuple[list[Lin
         for frequency in ready.frequency.tolist():
             at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
             table = _tangent(reflection_at_levels(moved, at, grid))
-            exact = _tangent(reflection_from_impedance(impedance_of(moved, at, middle)))
+            between_levels = reflection_from_impedance(impedance_of(moved, at, middle))
+            if forward_ad.unpack_dual(between_levels).tangent is None:
+                raise ValueError(
+                    f"{type(liner).__name__}.impedance passes no derivative in {name}; compute it "
+                    "with torch from the number as with_numbers stores it, without float()"
+                )
+            exact = _tangent(between_levels)
             between = interpolate(table, *grid.locate(middle[:, 0]))
             errors.append(float((between - exact).abs().max() / exact.abs().max().clamp(1e-300)))
             edges = None
@@ -232,7 +241,7 @@ def _tangent_lines(ready: Prepared, name: str, backward: bool) -> tuple[list[Lin
 
 def _assemble(
     ready: Prepared,
-    names: tuple[str, ...],
+    numbers: Mapping[str, Number],
     sums: LineSums,
     level_error: Tensor,
     reference_phase: Any,
@@ -250,7 +259,7 @@ def _assemble(
 
     rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
     forward, backward = both(0)
-    for i in range(1, len(names) + 1):
+    for i in range(1, len(numbers) + 1):
         with forward_ad.dual_level():
             slope, slope_backward = both(i)
             moved = LineSums(
@@ -263,8 +272,6 @@ def _assemble(
             rows["cells_velocity_first"].append(_tangent(found.cell_impedance_velocity_first))
             rows["liner"].append(_tangent(found.liner_impedance))
             rows["liner_velocity_first"].append(_tangent(found.liner_impedance_velocity_first))
-    liner = require_sdof(ready.liner)
-    values = torch.tensor([value_of(liner, name) for name in names], dtype=torch.float64)
     nominal = Replayed(ready, LineSums(forward, backward)).map(phase, reference_phase)
     stacked = {name: torch.stack(parts) for name, parts in rows.items()}
-    return Sensitivities(names, values, **stacked, level_error=level_error, found=nominal)
+    return Sensitivities(numbers, **stacked, level_error=level_error, found=nominal)

@@ -10,25 +10,26 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.liners.parameters import GROUPS, NUMBERS, expand_names
+from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.records import VelocityPlane
 
 
 def bounds_of(
-    parameters: Mapping[str, tuple[float, float]],
+    parameters: Mapping[str, tuple[float, float]], liner: LinerModel
 ) -> tuple[tuple[str, ...], Tensor, Tensor]:
     """Names and bounds, SI.
 
     Raises:
         ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
     """
-    names = expand_names(parameters)
-    if not names:
+    numbers = named_numbers(liner, parameters)
+    if not numbers:
         raise ValueError("no parameter is free; name at least one with its bounds")
-    given = {each: pair for name, pair in parameters.items() for each in GROUPS.get(name, (name,))}
-    for name in names:
-        low, high = given[name]
-        number = NUMBERS[name]
+    bounds = {
+        each: pair for name, pair in parameters.items() for each in liner.groups.get(name, (name,))
+    }
+    for name, number in numbers.items():
+        low, high = bounds[name]
         unit = "" if number.unit == "1" else f" {number.unit}"
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise ValueError(
@@ -40,8 +41,8 @@ def bounds_of(
                 f"bounds of {name} are {low:g} to {high:g}{unit}; it is above {number.low:g} and "
                 f"at most {number.high:g}{unit}"
             )
-    pairs = torch.tensor([given[name] for name in names], dtype=torch.float64)
-    return names, pairs[:, 0], pairs[:, 1]
+    pairs = torch.tensor([bounds[name] for name in numbers], dtype=torch.float64)
+    return tuple(numbers), pairs[:, 0], pairs[:, 1]
 
 
 def references_of(
@@ -88,15 +89,15 @@ def noise_of(noise: Any, counts: Sequence[int]) -> Tensor:
     """u(R) + j u(X) of every reference, (D,); 1 + 1j where it is unknown."""
     if noise is None:
         return torch.full((sum(counts),), 1 + 1j, dtype=torch.complex128)
-    given = [noise] if isinstance(noise, (int, float, complex)) else list(noise)
-    if len(given) == 1:
-        given = given * len(counts)
-    if len(given) != len(counts):
+    stated = [noise] if isinstance(noise, (int, float, complex)) else list(noise)
+    if len(stated) == 1:
+        stated = stated * len(counts)
+    if len(stated) != len(counts):
         raise ValueError(
-            f"noise has {len(given)} values for {len(counts)} planes; one, or one each"
+            f"noise has {len(stated)} values for {len(counts)} planes; one, or one each"
         )
     rows = []
-    for value, count in zip(given, counts, strict=True):
+    for value, count in zip(stated, counts, strict=True):
         each = complex(value) if isinstance(value, complex) else complex(value, value)
         if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
             raise ValueError(

@@ -127,12 +127,12 @@ def _references(texts: list[str]) -> Any:
 
 
 def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
-    from torchliner.liners.parameters import NUMBERS, expand_names, require_sdof, value_of
+    from torchliner.liners.model import named_numbers
 
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, rest = text.partition("=")
-        for each in expand_names([name.strip()]):
+        for each, number in named_numbers(liner, [name.strip()]).items():
             if equals:
                 try:
                     low, high = (float(part) for part in rest.split(":"))
@@ -141,9 +141,9 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
                         f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units"
                     ) from None
             else:
-                value = value_of(require_sdof(liner), each)
-                reach = AROUND if each.startswith("offset_") else AROUND * value
-                low, high = value - reach, min(value + reach, NUMBERS[each].high)
+                # A share of what is above 0, else of 1.
+                reach = AROUND * number.value if number.low >= 0 else AROUND
+                low, high = number.value - reach, min(number.value + reach, number.high)
             if each in found:
                 raise ValueError(f"--free names {each} twice")
             found[each] = (low, high)

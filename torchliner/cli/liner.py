@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
             for f in frequency
             for v in options.speed
         ]
-        found.append({"liner": _facts(liner), "table": table})
+        found.append({"liner": liner.facts(), "table": table})
     if options.json:
         print_json(found if len(found) > 1 else found[0])
     else:
@@ -64,18 +64,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _inside(liner: Any, frequency: float) -> bool:
-    known = getattr(liner, "frequency_range", None)
+    known = liner.frequency_range
     return known is None or known[0] <= frequency <= known[1]
-
-
-def _facts(liner: Any) -> dict[str, Any]:
-    facts = dict(liner.describe())
-    if hasattr(liner, "resonance"):
-        try:
-            facts["resonance_hz"] = liner.resonance()
-        except ValueError:
-            facts["resonance_hz"] = None
-    return facts
 
 
 def _print(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,6 +14,7 @@ from torchliner.checks import DataWarning, plain_number
 from torchliner.flow_profiles import TanhProfile
 from torchliner.heights.imprint import Imprint, cell_imprint
 from torchliner.heights.jets import jet_velocity, penetration_height
+from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.survey import moments
 
@@ -65,14 +65,14 @@ class HeightFacts:
 
 
 def facts_of_plane(
-    plane: VelocityPlane, seen: ImpedanceMap, liner: Any, pitch: float | None, flow: JetFlow
+    plane: VelocityPlane, seen: ImpedanceMap, liner: LinerModel, pitch: float | None, flow: JetFlow
 ) -> tuple[HeightFacts, list[str]]:
     """The facts of a plane, and what could not be found out and why.
 
     Args:
         plane: with coordinates and a height.
         seen: its map, at one frequency.
-        liner: with ``surface_porosity`` and ``orifice_diameter``, if it has holes.
+        liner: whose ``surface_porosity`` and ``hole_diameter`` are used, if it has holes.
         pitch: L_c, m, or None.
         flow: for the jets.
     """
@@ -127,11 +127,10 @@ def _over_z(values: Tensor) -> NDArray[np.float64]:
 
 
 def _jet(
-    plane: VelocityPlane, impedance: complex, liner: Any, flow: JetFlow
+    plane: VelocityPlane, impedance: complex, liner: LinerModel, flow: JetFlow
 ) -> tuple[float | None, float | None, list[str]]:
     """U_j, H_j and why one of them is not known."""
-    porosity = getattr(liner, "surface_porosity", None)
-    diameter = getattr(liner, "orifice_diameter", None)
+    porosity, diameter = liner.surface_porosity, liner.hole_diameter
     if plane.liner == "hard wall":
         return None, None, ["no jet height: there are no holes in a hard wall"]
     lacking = [

@@ -10,14 +10,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_positive, tell
-from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
+from torchliner.checks import require_positive, stated_frequency, tell
+from torchliner.conversions import (
+    admittance_from_reflection,
+    impedance_from_admittance,
+    mean_impedance,
+)
 from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.heights.imprint import Decay, fit_decay
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.replay.kernels import Liner
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
@@ -129,9 +133,9 @@ def study_heights(
         DataWarning: what is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
     """
-    ordered = planes_by_height(planes)
+    ordered, model = planes_by_height(planes), as_liner(liner)
     wanted = _one_frequency(ordered, frequency)
-    pitch = getattr(liner, "cell_pitch", None) if cell_pitch is None else cell_pitch
+    pitch = model.cell_pitch if cell_pitch is None else cell_pitch
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
     grids = [grid_of(plane) for plane in ordered]
@@ -144,7 +148,7 @@ def study_heights(
     def educe(some: Sequence[VelocityPlane]) -> list[ImpedanceMap]:
         return [
             replay(ready).map(chosen.phase, reference_phase)
-            for ready in prepare(some, liner, wanted, chosen)
+            for ready in prepare(some, model, wanted, chosen)
         ]
 
     maps = educe(ordered)
@@ -154,7 +158,7 @@ def study_heights(
         if progress is not None:
             progress(1)
     known = [
-        facts_of_plane(plane, seen, liner, pitch, flow or JetFlow())
+        facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
         for plane, seen in zip(ordered, maps, strict=True)
     ]
     said = [note for seen in maps for note in seen.notes] + [n for _, some in known for n in some]
@@ -175,10 +179,7 @@ def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> 
             raise ValueError(
                 f"the planes state different frequencies, {sorted(map(str, stated))}; give one"
             )
-        frequency = stated.pop()
-    if frequency is None:
-        raise ValueError(f"{planes[0].name} states no frequency; give frequency=..., in Hz")
-    values = frequency_tensor(frequency)
+    values = stated_frequency(frequency, planes[0].frequency, planes[0].name)
     if len(values) != 1:
         raise ValueError(f"heights are compared at one frequency; {len(values)} are given")
     return float(values[0])
@@ -257,7 +258,7 @@ def _average(admittance: Tensor) -> tuple[complex, complex]:
     spread = complex(math.nan, math.nan)
     if len(known) > 1:
         spread = complex(float(impedance.real.std()), float(impedance.imag.std()))
-    return complex(impedance_from_admittance(known.mean(0, keepdim=True))[0]), spread
+    return complex(mean_impedance(known)), spread
 
 
 def _decays(facts: Sequence[HeightFacts], pitch: float | None) -> tuple[Decay | None, Decay | None]:

@@ -24,7 +24,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_choice, tell
+from torchliner.checks import require_choice, stated_frequency, tell
+from torchliner.conversions import impedance_from_admittance, mean_impedance
 from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
 from torchliner.names import LOSSES
 from torchliner.records import PointImpedances, PressureRecord
@@ -117,11 +118,7 @@ def frequencies_of(
         ValueError: none is stated; one is at or above Nyquist; the record after ``start`` (s) is
             empty or has fewer than four periods of one.
     """
-    if frequency is None and record.frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(
-        record.frequency if frequency is None else frequency, record.sampling_rate
-    ).cpu()
+    wanted = stated_frequency(frequency, record.frequency, record.name, record.sampling_rate)
     if not 0 <= start < record.duration:
         raise ValueError(
             f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, "
@@ -209,10 +206,10 @@ def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> d
 
     return {
         "point_impedance": points,
-        "cell_impedance": 1 / (member @ admittance),
+        "cell_impedance": impedance_from_admittance(member @ admittance),
         "cell_impedance_pressure_first": first(mean_through, mean_face),
         # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
-        "liner_impedance": 1 / (member @ admittance).mean(0),
+        "liner_impedance": mean_impedance(member @ admittance),
         "liner_impedance_pressure_first": first(mean_through.mean(1), mean_face.mean(1)),
     }
 

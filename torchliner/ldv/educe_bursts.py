@@ -18,8 +18,8 @@ from torchliner.ldv.line_warnings import warnings_of
 from torchliner.ldv.station import educe_station
 from torchliner.ldv.station_key import liner_fingerprint, station_key
 from torchliner.ldv.station_reference import checked_phases
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 
@@ -70,11 +70,7 @@ def educe_bursts(
         the interpolation, flagged stations do not count in averages, intervals.
     """
     stations = _checked_stations(stations)
-    if not hasattr(liner, "impedance"):
-        raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
-            "by load_liner"
-        )
+    model = as_liner(liner)
     station_choices, replay_choices = _split(choices)
     if reference_phase is not None and not phase_rule(replay_choices.phase).takes_phase:
         raise ValueError(
@@ -87,13 +83,13 @@ def educe_bursts(
     if kept is not None:  # the fingerprint of a table takes some work
         wanted = frequency.tolist() if hasattr(frequency, "tolist") else frequency
         shared = [
-            liner_fingerprint(liner), wanted, station_choices.describe(), replay_choices.describe(),
+            liner_fingerprint(model), wanted, station_choices.describe(), replay_choices.describe(),
         ]  # fmt: skip
     lines = []
     for i in _order(stations):
         channel = _channel(references[i], stations[i])
         work = partial(
-            _read_and_educe, stations[i], liner, frequency, station_choices, replay_choices,
+            _read_and_educe, stations[i], model, frequency, station_choices, replay_choices,
             channel, phases[i],
         )  # fmt: skip
         if kept is None:

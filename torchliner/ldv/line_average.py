@@ -20,6 +20,7 @@ from torchliner.conversions import (
     admittance_from_reflection,
     impedance_from_admittance,
     impedance_from_reflection,
+    mean_impedance,
 )
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
@@ -75,8 +76,8 @@ def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAvera
     impedance = line.impedance[line.used]
     several = len(impedance) > 1  # one station has no spread
     return LineAverage(
-        impedance=impedance_from_admittance(mean.mean(0)),
-        monte_carlo=impedance_from_admittance(drawn.mean(0)),
+        impedance=mean_impedance(mean),
+        monte_carlo=mean_impedance(drawn),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
         spatial_spread=_deviation(impedance) if several else torch.full_like(drawn[0], torch.nan),
         interval=_line_interval(line, admittance, counts, choices),

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor
+from torchliner.checks import stated_frequency
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.station_reference import (
@@ -19,8 +19,8 @@ from torchliner.ldv.station_reference import (
     sound_phases,
 )
 from torchliner.ldv.station_segments import Segments, cut_into_segments
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments
@@ -38,7 +38,7 @@ WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole rec
 
 def educe_station(
     record: BurstRecord,
-    liner: Liner,
+    liner: LinerModel,
     frequency: Any,
     station_choices: StationChoices,
     choices: Choices,
@@ -126,11 +126,7 @@ def _one(value: Any) -> Tensor:
 
 
 def _frequencies(record: BurstRecord, frequency: Any) -> Tensor:
-    if frequency is None:
-        frequency = record.frequency
-    if frequency is None:
-        raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
-    wanted = frequency_tensor(frequency)
+    wanted = stated_frequency(frequency, record.frequency, record.name)
     if len(wanted.unique()) < len(wanted):
         raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
     return wanted

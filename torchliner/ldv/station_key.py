@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from torchliner.io.burst_sources import StationSource
+from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ReferenceChannel
 from torchliner.version import __version__
 
@@ -28,18 +29,18 @@ def station_key(
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def liner_fingerprint(liner: Any) -> str:
+def liner_fingerprint(liner: LinerModel) -> str:
     """Hash of a liner's description and impedances: the name of a table says too little."""
-    low, high = getattr(liner, "frequency_range", None) or (300.0, 3500.0)
-    top = min(20.0, getattr(liner, "speed_max", None) or 20.0)
+    low, high = liner.frequency_range or (300.0, 3500.0)
+    top = min(20.0, liner.speed_max or 20.0)
     speeds = torch.linspace(0, top, 41, dtype=torch.float64)
     with torch.no_grad():
         values = [
             torch.as_tensor(liner.impedance(float(f), speeds)).to(torch.complex128)
             for f in torch.linspace(float(low), float(high), 9)
         ]
-    about = liner.describe() if hasattr(liner, "describe") else type(liner).__name__
-    return _hash([torch.view_as_real(torch.stack(values)), json.dumps(about, default=str)])
+    about = json.dumps(liner.describe(), default=str)
+    return _hash([torch.view_as_real(torch.stack(values)), about])
 
 
 def _hash(values: list[Any]) -> str:

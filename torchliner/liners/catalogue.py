@@ -9,19 +9,35 @@ from typing import Literal
 from pydantic import Field
 
 from torchliner import toml_files
+from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import did_you_mean
 from torchliner.toml_files import FluidTable, Strict, parse_toml, read_text, validated
 
 
-class SDoFFile(Strict):
-    """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
+class LinerFile(Strict):
+    """Keys that every liner file may have; a model adds ``model``, its own keys and ``build``."""
 
-    model: Literal["sdof"]
     name: str | None = None
     description: str = ""
     source: str = ""
+    cell_pitch: float | None = Field(None, gt=0)
+
+    def build(self, path: Path, name: str) -> LinerModel:
+        """The liner.
+
+        Args:
+            path: of the file, beside which others are found.
+            name: for labels, where the file states none.
+        """
+        raise NotImplementedError
+
+
+class SDoFFile(LinerFile):
+    """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
+
+    model: Literal["sdof"]
     facesheet_thickness: float = Field(gt=0, lt=1)
     orifice_diameter: float = Field(gt=0, lt=0.1)
     porosity: float = Field(gt=0, le=1)
@@ -33,36 +49,29 @@ class SDoFFile(Strict):
     velocity_reading: Literal["as_measured", "conserved"] = "as_measured"
     velocity_gain: float = Field(1.0, gt=0)
     impedance_offset: tuple[float, float] = (0.0, 0.0)
-    cell_pitch: float | None = Field(None, gt=0)
     flow_facing_porosity: float | None = Field(None, gt=0, le=1)
     fluid: FluidTable = FluidTable()
 
     def build(self, path: Path, name: str) -> SDoFLiner:
-        """The liner."""
+        """See ``LinerFile``."""
         values = self.model_dump(exclude={"model", "name", "description", "source", "fluid"})
         values["impedance_offset"] = complex(*self.impedance_offset)
         return SDoFLiner(**values, fluid=self.fluid.build(), name=self.name or name)
 
 
-class TableFile(Strict):
+class TableFile(LinerFile):
     """Keys of a file with ``model = "table"``: a CSV beside it."""
 
     model: Literal["table"]
-    name: str | None = None
-    description: str = ""
-    source: str = ""
     file: str
-    cell_pitch: float | None = Field(None, gt=0)
 
     def build(self, path: Path, name: str) -> TabulatedLiner:
-        """The liner."""
+        """See ``LinerFile``."""
         table = path.parent / self.file
         return TabulatedLiner.read_csv(table, name=self.name or name, cell_pitch=self.cell_pitch)
 
 
-MODELS: dict[str, type[SDoFFile] | type[TableFile]] = {"sdof": SDoFFile, "table": TableFile}
-
-
+MODELS: dict[str, type[LinerFile]] = {"sdof": SDoFFile, "table": TableFile}
 PACKAGE = "torchliner.liners"
 
 
@@ -80,7 +89,7 @@ def preset_text(name: str) -> str:
     return toml_files.preset_text(PACKAGE, name, "liner", ".toml or .csv")
 
 
-def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
+def load_liner(name: str | Path) -> LinerModel:
     """A liner by preset name, or from a TOML or CSV file.
 
     Args:
@@ -98,25 +107,26 @@ def load_liner(name: str | Path) -> SDoFLiner | TabulatedLiner:
     return _build(preset_text(text), Path(f"{text}.toml"), text)
 
 
-def liner_text(liner: SDoFLiner, source: str, description: str = "") -> str:
+def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
     """TOML text that ``load_liner`` reads back as ``liner``.
 
     Args:
-        liner: SDoF liner of plain numbers.
+        liner: model of plain numbers, with a name.
         source: where the numbers come from.
         description: one line.
     """
     facts = liner.describe()
-    fluid = facts.pop("fluid")
+    fluid = facts.pop("fluid", {})
     facts = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description,
              "source": source, **facts}  # fmt: skip
     # A JSON string, number or list of these is a TOML one.
     lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
-    lines += ["", "[fluid]", *(f"{key} = {json.dumps(value)}" for key, value in fluid.items())]
+    if fluid:
+        lines += ["", "[fluid]", *(f"{key} = {json.dumps(value)}" for key, value in fluid.items())]
     return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
 
 
-def _build(text: str, path: Path, name: str) -> SDoFLiner | TabulatedLiner:
+def _build(text: str, path: Path, name: str) -> LinerModel:
     content = parse_toml(text, path)
     kind = content.get("model")
     if not isinstance(kind, str) or kind not in MODELS:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,16 +19,31 @@ from torchliner.checks import (
     require_positive,
 )
 from torchliner.fluid import Fluid
+from torchliner.liners.air_state import air_state, fluid_at
 from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.facesheet import facesheet_impedance
+from torchliner.liners.model import LinerModel, Number
 from torchliner.liners.nonlinear import SpeedLaw, speed_law_coefficients
 from torchliner.names import VELOCITY_READINGS
 
 Parameter = float | Tensor
+LENGTH, SHARE = ("m", math.inf), ("1", 1.0)
+NUMBERS = {  # arguments above 0: unit and highest value
+    "facesheet_thickness": LENGTH,
+    "orifice_diameter": LENGTH,
+    "porosity": SHARE,
+    "cavity_depth": LENGTH,
+    "cavity_hydraulic_radius": LENGTH,
+    "cavity_porosity": SHARE,
+    "open_area_fraction": SHARE,
+    "vena_contracta": SHARE,
+    "velocity_gain": ("1", math.inf),
+}
+OFFSET = ("offset_resistance", "offset_reactance")
 
 
 @dataclass(frozen=True)
-class SDoFLiner:
+class SDoFLiner(LinerModel):
     r"""Perforated plate over a closed cavity: eqs (2.2)-(2.4) of the paper.
 
     :math:`Z = [Z_0(\omega) + G_{NL}(\omega, |v_c|)]/\alpha + \text{offset}`, normalised by rho c.
@@ -60,6 +76,9 @@ class SDoFLiner:
         ``liners/bessel.py`` and ``fluid.py``.
     """
 
+    model = "sdof"
+    groups = dict.fromkeys(("offset", "impedance_offset"), OFFSET)
+
     facesheet_thickness: Parameter
     orifice_diameter: Parameter
     porosity: Parameter
@@ -77,19 +96,14 @@ class SDoFLiner:
     velocity_gain: Parameter = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("facesheet_thickness", "orifice_diameter", "cavity_depth"):
-            require_positive(f"liner {name} (m)", getattr(self, name))
-        require_positive("liner cavity_hydraulic_radius (m)", self.cavity_hydraulic_radius)
-        require_positive("liner velocity_gain", self.velocity_gain)
-        fractions = ["porosity", "cavity_porosity", "open_area_fraction", "vena_contracta"]
-        if self.flow_facing_porosity is not None:
-            fractions.append("flow_facing_porosity")
-        for name in fractions:
-            require_positive(f"liner {name}", getattr(self, name))
-            share = plain_number(getattr(self, name))
-            if share > 1:
+        stated = {} if self.flow_facing_porosity is None else {"flow_facing_porosity": SHARE}
+        for name, (unit, high) in {**NUMBERS, **stated}.items():
+            value = getattr(self, name)
+            require_positive(f"liner {name} (m)" if unit == "m" else f"liner {name}", value)
+            if plain_number(value) > high:
                 raise ValueError(
-                    f"liner {name} is {share:g}; it is a fraction, at most 1 (5.5 % is 0.055)"
+                    f"liner {name} is {plain_number(value):g}; it is a fraction, at most 1 (5.5 % "
+                    "is 0.055)"
                 )
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
         if self.cell_pitch is not None:
@@ -107,6 +121,11 @@ class SDoFLiner:
         if self.flow_facing_porosity is not None:
             return self.flow_facing_porosity
         return plain_number(self.porosity) * plain_number(self.open_area_fraction)
+
+    @property
+    def hole_diameter(self) -> float:
+        """d, m."""
+        return plain_number(self.orifice_diameter)
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """Z(|v|) at fixed frequencies as coefficients, each of the shape of ``frequency`` (Hz)."""
@@ -165,19 +184,41 @@ class SDoFLiner:
 
         return float(brentq(at, float(grid[i]), float(grid[i + 1]), xtol=1e-9))
 
-    def replace(self, **changes: Any) -> SDoFLiner:
-        """A copy with some arguments changed."""
-        return dataclasses.replace(self, **changes)
+    def facts(self) -> dict[str, Any]:
+        """All arguments, and the resonance, None where there is none."""
+        try:
+            return {**self.describe(), "resonance_hz": self.resonance()}
+        except ValueError:
+            return {**self.describe(), "resonance_hz": None}
 
-    def describe(self) -> dict[str, Any]:
-        """All arguments as plain values, for provenance."""
-        plain: dict[str, Any] = {"model": "sdof"}
-        for key, value in vars(self).items():
-            if isinstance(value, Tensor):
-                value = value.detach().item()
-            if isinstance(value, Fluid):
-                value = dataclasses.asdict(value)
-            if isinstance(value, complex):
-                value = [value.real, value.imag]
-            plain[key] = value
-        return plain
+    def numbers(self) -> dict[str, Number]:
+        """Lengths, shares, gain, both parts of the offset, and the state of the gas."""
+        offset = self.impedance_offset
+        offset = complex(offset.detach() if isinstance(offset, Tensor) else offset)
+        temperature, pressure = air_state(self.fluid)
+        arguments = {
+            name: Number(plain_number(getattr(self, name)), unit, high=high)
+            for name, (unit, high) in NUMBERS.items()
+        }
+        return {
+            **arguments,
+            "offset_resistance": Number(offset.real, low=-math.inf),
+            "offset_reactance": Number(offset.imag, low=-math.inf),
+            "temperature": Number(temperature, "K", 150.0, 1500.0),
+            "pressure": Number(pressure, "Pa"),
+        }
+
+    def with_numbers(self, values: Mapping[str, Any]) -> SDoFLiner:
+        """See ``LinerModel``; temperature and pressure move the gas as dry air."""
+        changes = {name: value for name, value in values.items() if name in NUMBERS}
+        if any(name in values for name in OFFSET):
+            numbers = self.numbers()
+            parts = [values.get(name, numbers[name].value) for name in OFFSET]
+            tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
+            offset = torch.complex(*tensors)
+            tensor = any(isinstance(part, Tensor) for part in parts)
+            changes["impedance_offset"] = offset if tensor else complex(offset)
+        state = {name: values[name] for name in ("temperature", "pressure") if name in values}
+        if state:
+            changes["fluid"] = fluid_at(self.fluid, **state)
+        return self.replace(**changes)

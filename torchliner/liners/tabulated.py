@@ -13,10 +13,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor
+from torchliner.liners.model import LinerModel
 
 
 @dataclass(frozen=True, eq=False)
-class TabulatedLiner:
+class TabulatedLiner(LinerModel):
     """Impedance by linear interpolation in a table; nothing is extrapolated.
 
     Args:

@@ -12,8 +12,8 @@ from torch import Tensor
 from torchliner.conversions import (
     absorption_from_reflection,
     admittance_from_reflection,
-    impedance_from_admittance,
     impedance_from_reflection,
+    mean_impedance,
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
@@ -126,7 +126,7 @@ class ImpedanceMap(Drawn):
     def liner_impedance(self) -> Tensor:
         """1 / mean of the admittance over all probes, 0 at those that count as wall, (F,)."""
         flat = self.averaged_admittance.reshape(-1, len(self.frequency))
-        return impedance_from_admittance(flat[torch.isfinite(flat.real).all(1)].mean(0))
+        return mean_impedance(flat[torch.isfinite(flat.real).all(1)])
 
     @property
     def liner_spread(self) -> Tensor:
@@ -143,7 +143,7 @@ class ImpedanceMap(Drawn):
     @property
     def liner_impedance_velocity_first(self) -> Tensor:
         """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
-        return 1 / admittance_from_reflection(self.cell_reflection_velocity_first).mean(0)
+        return mean_impedance(admittance_from_reflection(self.cell_reflection_velocity_first))
 
     @property
     def cell_impedance(self) -> Tensor:

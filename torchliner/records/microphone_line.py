@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import (
     frequency_tensor,
+    index_of_frequency,
     plain_number,
     real_tensor,
     require_choice,
@@ -258,13 +259,13 @@ class MicrophoneLine(Written):
         """
         index = []
         for wanted in frequency_tensor(frequency).tolist():
-            close = (self.frequency / wanted - 1).abs() < 1e-6
-            if not bool(close.any()):
+            place = index_of_frequency(self.frequency, wanted)
+            if place is None:
                 raise ValueError(
                     f"{self.name} has no {wanted:g} Hz; it holds {len(self.frequency)} from "
                     f"{float(self.frequency.min()):g} to {float(self.frequency.max()):g} Hz"
                 )
-            index.append(int(close.nonzero()[0]))
+            index.append(place)
         return replace(
             self,
             frequency=self.frequency[index],

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from torchliner.checks import require_complex
+from torchliner.checks import index_of_frequency, require_complex
 from torchliner.records.outlets import Written
 
 
@@ -74,5 +74,4 @@ class PointImpedances(Written):
 
     def at(self, frequency: float) -> int | None:
         """Index of a frequency (Hz), None if it is not among these."""
-        close = (self.frequency / frequency - 1).abs() < 1e-6
-        return int(close.nonzero()[0]) if bool(close.any()) else None
+        return index_of_frequency(self.frequency, frequency)

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.liners.model import LinerModel
 from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.records.slabs import SLAB_ROWS
-from torchliner.replay.kernels import KernelTable, Liner, reflection_at_levels
+from torchliner.replay.kernels import KernelTable, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.signals.blocks import Blocks
 
@@ -84,7 +85,7 @@ class BlockLine:
 
 
 def plan_block_lines(
-    liner: Liner,
+    liner: LinerModel,
     frequency: Sequence[float],
     sampling_rate: float,
     blocks: Blocks,
@@ -110,9 +111,7 @@ def plan_block_lines(
         law, response = None, None
         if response_of is not None:
             response = response_of.response(at)[:, 0]
-        elif hasattr(liner, "speed_law"):
-            law = liner.speed_law(at)
-        else:
+        elif (law := liner.speed_law(at)) is None:
             response = reflection_at_levels(liner, at, grid)[:, 0]
         lines.append(BlockLine(value, sampling_rate, blocks, law, response, backward))
     return lines

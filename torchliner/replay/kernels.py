@@ -11,13 +11,13 @@ already costs gains of tens to hundreds outside the band, so it would amplify an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner
 from torchliner.names import KERNELS
 from torchliner.replay.levels import VelocityGrid
 
@@ -25,14 +25,6 @@ BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero
 AFTER = 10e-3  # s of taps after zero
 REGULARISATION = 1e-7  # Tikhonov, relative to the largest singular value of the design matrix
-
-
-class Liner(Protocol):
-    """Whatever gives a normalised impedance over frequency (Hz) and |v| (m/s)."""
-
-    def impedance(self, frequency: Any, speed: Any, /) -> Any:
-        """Z, complex, of the broadcast shape."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner, LinerModel
 from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.replay.edges import EdgeTable, Reach, Record
-from torchliner.replay.kernels import KernelTable, Liner, impedance_of, reflection_at_levels
+from torchliner.replay.kernels import KernelTable, impedance_of, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid, interpolate
 
 
@@ -63,7 +64,7 @@ class Line:
 
 
 def plan_lines(
-    liner: Liner,
+    liner: LinerModel,
     frequency: Sequence[float],
     record: Record,
     grid: VelocityGrid,
@@ -91,9 +92,7 @@ def plan_lines(
         if of_kernel:
             assert kernels is not None
             response = kernels.response(at)
-        elif hasattr(liner, "speed_law"):
-            law = liner.speed_law(at)
-        else:
+        elif (law := liner.speed_law(at)) is None:
             response = reflection_at_levels(liner, at, grid)
         if record.needs_table(value):
             assert kernels is not None

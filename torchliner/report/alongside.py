@@ -1,4 +1,4 @@
-"""What other methods found beside a map: their numbers, and black symbols in its figures."""
+"""Results of other methods beside a map: their numbers, and black symbols in its figures."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from torchliner.conversions import impedance_from_admittance
 from torchliner.in_situ_method.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
 from torchliner.report.curves import COMPLEX_PART, Curves, part_of
@@ -20,7 +21,7 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
     x, average = over_z(
         None if place is None else place[known], 1 / found.point_impedance[known, frequency_index]
     )
-    impedance = 1 / average
+    impedance = impedance_from_admittance(average)
     values = {part: part_of(impedance, part) for part in COMPLEX_PART}
     return Curves(x, values, found.name)
 
@@ -28,7 +29,7 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
 def alongside_at(
     results: Sequence[ImpedanceMap], frequency_index: int
 ) -> list[tuple[PointImpedances, int]]:
-    """What other methods found at the maps' frequency: each method once, with its index there."""
+    """Results of other methods at the maps' frequency: each method once, with its index there."""
     seen: dict[str, tuple[PointImpedances, int]] = {}
     for result in results:
         for other in result.alongside:

@@ -9,8 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND, Liner
+from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
@@ -20,6 +22,17 @@ def height_label(height: float | None) -> str:
     return "" if height is None else f"y = {1e3 * height:.3g} mm"
 
 
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % statistical interval' or nothing."""
+    found = result.uncertainty
+    return "" if found is None else f"{100 * found.settings['level']:g} % statistical interval"
+
+
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """Resistance and reactance along x, and the bounds of their statistical intervals if known.
 
@@ -27,7 +40,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """
     admittance = result.admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
-    values = _parts(1 / average)
+    values = _parts(impedance_from_admittance(average))
     found = _interval_along_x(result, len(x))
     for name in ("low", "high") if found is not None else ():
         values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
@@ -50,7 +63,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = getattr(liner, "frequency_range", BAND)
+    low, high = as_liner(liner).frequency_range or BAND
     frequency = np.linspace(low, high, 641)
     values = _parts(liner.impedance(frequency, speed))
     return Curves(frequency, values, label, "frequency (Hz)")
@@ -127,30 +140,15 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
+        found = result.uncertainty
+        both = () if found is None else (found.liner, found.liner_velocity_first)
         for i, frequency in enumerate(result.frequency.tolist()):
             # The median over probes: a mean of complex waves would cancel along a grazing one.
-            levels = result.inferred_incident_level[..., i].detach().cpu().reshape(-1)
-            level = float(levels.nanmedian())
-            rows.append(
-                HeightRow(
-                    result.height,
-                    frequency,
-                    complex(result.liner_impedance[i]),
-                    complex(result.liner_impedance_velocity_first[i]),
-                    complex(result.liner_spread[i]),
-                    float(result.coherence[..., i].nanmedian()),
-                    level,
-                    *_bounds(result, i),
-                )
-            )
+            level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
+            bounds = [(complex(each.low[i]), complex(each.high[i])) for each in both]
+            rows.append(HeightRow(
+                result.height, frequency, complex(result.liner_impedance[i]),
+                complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
+                float(result.coherence[..., i].nanmedian()), float(level), *bounds,
+            ))  # fmt: skip
     return rows
-
-
-def _bounds(result: ImpedanceMap, i: int) -> tuple[Bounds | None, Bounds | None]:
-    """Intervals of the whole liner, in both orders of averaging."""
-    found = result.uncertainty
-    if found is None:
-        return None, None
-    both = (found.liner, found.liner_velocity_first)
-    first, second = ((complex(each.low[i]), complex(each.high[i])) for each in both)
-    return first, second

@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.calibration.budget import Budget
 from torchliner.calibration.sensitivities import Sensitivities
-from torchliner.liners.parameters import NUMBERS
+from torchliner.names import ORDERS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
 
@@ -71,10 +71,7 @@ def budget_table(budget: Budget, frequency: Sequence[float], order: str) -> Tabl
     """One row per frequency and parameter, largest first, and one of the sum."""
     rows: list[dict[str, Any]] = []
     for i, each in enumerate(frequency):
-        rows += [
-            vars(part) | {"unit": NUMBERS[part.parameter].unit, "frequency": each}
-            for part in budget.sorted(order, i)
-        ]
+        rows += [vars(part) | {"frequency": each} for part in budget.sorted(order, i)]
         nothing = dict.fromkeys(("value", "unit", "half_width", "standard"))
         rows.append({"frequency": each, "parameter": COMBINED, **nothing,
                      "impedance": complex(budget.combined(order)[i])})  # fmt: skip
@@ -102,11 +99,8 @@ def budget_correlation(budget: Budget, order: str, frequency_index: int) -> floa
 
 def nominal_impedance(found: Sensitivities, order: str) -> list[complex]:
     """Of the whole liner at each frequency, at the parameters as stated."""
-    result = found.found
-    value = result.liner_impedance
-    if order == "velocity first":
-        value = result.liner_impedance_velocity_first
-    return [complex(z) for z in value]
+    both = (found.found.liner_impedance, found.found.liner_impedance_velocity_first)
+    return dict(zip(ORDERS, both, strict=True))[order].tolist()
 
 
 @styled
@@ -136,7 +130,8 @@ def draw_contributions(
             rf"$|\Delta {sign}|$ for one $u(p)$, $10^{{-3}}\rho c$" if total is not None
             else rf"$|\Delta {sign}|$ for 1 % of $p$, $10^{{-3}}\rho c$"
         )  # fmt: skip
-        axis.set_yticks(places, [SIGNS[row["parameter"]] for row in kept] if sign == "R" else [])
+        names = [SIGNS.get(row["parameter"], row["parameter"]) for row in kept]
+        axis.set_yticks(places, names if sign == "R" else [])
         axis.tick_params(axis="y", length=0)
     handles = [axes[0, 0].barh([0], [0], color=colour) for colour in COLOURS[:2]]
     labels = ["grows with $p$", "falls with $p$"]

@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Interval, Uncertainty
 from torchliner.replay.kernels import impedance_of
@@ -22,8 +21,7 @@ def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
 
     plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
     facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
-    describe = getattr(ready.liner, "describe", None)
-    facts["liner"] = describe() if describe else {"model": type(ready.liner).__name__}
+    facts["liner"] = ready.liner.describe()
     facts |= {
         "velocity_max": ready.grid.maximum,
         "coherence_segments": ready.seen.segments,
@@ -36,7 +34,7 @@ def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
-    if facts["response"] == "kernel" or not hasattr(ready.liner, "speed_law"):
+    if facts["response"] == "kernel" or ready.liner.speed_law(ready.frequency) is None:
         with torch.no_grad():
             facts["level_error"] = max(
                 interpolation_error(ready.liner, f, ready.grid) for f in ready.frequency.tolist()
@@ -46,13 +44,11 @@ def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
 
 def goodrich_of(ready: Prepared) -> Tensor | None:
     """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
-    plane, porosity = ready.plane, getattr(ready.liner, "surface_porosity", None)
-    diameter = getattr(ready.liner, "orifice_diameter", None)
+    plane, porosity = ready.plane, ready.liner.surface_porosity
+    diameter = ready.liner.hole_diameter
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
-    added = goodrich_resistance(
-        plane.mach, porosity, plane.displacement_thickness, plain_number(diameter)
-    )
+    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter)
     with torch.no_grad():
         return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
 

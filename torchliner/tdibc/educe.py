@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.checks import tell
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.replay.drive import with_smaller_slabs
-from torchliner.replay.kernels import Liner
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
@@ -67,11 +67,7 @@ def educe(
             )
     if not planes:
         raise ValueError("no plane is given")
-    if not hasattr(liner, "impedance"):
-        raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
-            "by load_liner"
-        )
+    liner = as_liner(liner)
     chosen = Choices(**choices)
     _check_signal_output(chosen, reference_phase, reflected, len(planes))
     found = []

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+from torchliner.liners.model import LinerModel
 from torchliner.replay.block_lines import BlockLine, plan_block_lines
 from torchliner.replay.direct import direct_sums
 from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import Liner, build_kernels
+from torchliner.replay.kernels import build_kernels
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import ToneSink
 from torchliner.replay.spectral import spectral_sums
@@ -69,7 +70,7 @@ def unfold_into(
     )  # fmt: skip
 
 
-def with_liner(ready: Prepared, liner: Liner) -> Prepared:
+def with_liner(ready: Prepared, liner: LinerModel) -> Prepared:
     """The same survey, drive and levels with another liner; its kernels are built anew."""
     kernels = ready.kernels
     if kernels is not None:

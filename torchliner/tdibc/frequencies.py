@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor
+from torchliner.checks import stated_frequency
 from torchliner.records import VelocityPlane
 from torchliner.replay.edges import Record
 from torchliner.replay.waves import Tones
@@ -22,11 +22,7 @@ def frequencies_of(plane: VelocityPlane, frequency: Any, record: Record, chosen:
     """As asked, else the lines of the incident signal, else the tone of the plane; Hz, (F,)."""
     if frequency is None and chosen.incident is not None:
         frequency = signal_lines(plane, record, chosen)
-    if frequency is None:
-        frequency = plane.frequency
-    if frequency is None:
-        raise ValueError(f"{plane.name} states no frequency; give frequency=..., in Hz")
-    return frequency_tensor(frequency, plane.sampling_rate).cpu()
+    return stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
 
 
 def signal_lines(plane: VelocityPlane, record: Record, chosen: Choices) -> Tensor | None:

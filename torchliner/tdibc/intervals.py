@@ -191,7 +191,7 @@ def _rows(ready: Prepared) -> Tensor:
     if len(centres) > 1:
         row = torch.searchsorted(centres, cells.z)
         return torch.where(cells.labels >= 0, row[cells.labels.clamp(min=0)], -1)
-    if len(plane.probe_shape) == 2 and getattr(ready.liner, "cell_pitch", None) is None:
+    if len(plane.probe_shape) == 2 and ready.liner.cell_pitch is None:
         return torch.arange(plane.probes) // plane.probe_shape[1]
     return torch.zeros(plane.probes, dtype=torch.int64)
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchliner.replay.kernels import BAND, KernelTable, Liner
+from torchliner.liners.model import LinerModel
+from torchliner.replay.kernels import BAND, KernelTable
 from torchliner.replay.levels import VelocityGrid
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepared import Examined
@@ -42,7 +43,7 @@ def review_signal(kernels: KernelTable, chosen: Choices, sent: Tensor | None) ->
     )
 
 
-def velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) -> VelocityGrid:
+def velocity_grid(examined: Sequence[Examined], liner: LinerModel, chosen: Choices) -> VelocityGrid:
     """Levels over the range of all planes; the top is rounded up so that the tables, and with
     them the last digits of a probe, rarely depend on which other probes are in the data."""
     top, fastest, plane = -1.0, 0, examined[0].plane
@@ -54,7 +55,7 @@ def velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) -
         if float(peak[here]) > top:
             top, fastest, plane = float(peak[here]), here, one.plane
     limit = chosen.velocity_max
-    table_limit = getattr(liner, "speed_max", None)
+    table_limit = liner.speed_max
     if limit is None:
         limit = 2.0 ** (math.ceil(2 * math.log2(max(top, 1e-3))) / 2) * (1 + 1e-9)
         if table_limit is not None:
@@ -70,7 +71,9 @@ def velocity_grid(examined: Sequence[Examined], liner: Liner, chosen: Choices) -
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def kernel_band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> tuple[float, float]:
+def kernel_band(
+    liner: LinerModel, examined: Sequence[Examined], chosen: Choices
+) -> tuple[float, float]:
     """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
     if chosen.band is not None:
         low, high = chosen.band
@@ -79,7 +82,7 @@ def kernel_band(liner: Liner, examined: Sequence[Examined], chosen: Choices) -> 
         low, high = min(BAND[0], float(asked.min())), max(BAND[1], float(asked.max()))
         if chosen.incident is not None and chosen.incident.band is not None:
             low, high = min(low, chosen.incident.band[0]), max(high, chosen.incident.band[1])
-    known = getattr(liner, "frequency_range", None)
+    known = liner.frequency_range
     if known is not None:
         low, high = max(low, known[0]), min(high, known[1])
     return low, high

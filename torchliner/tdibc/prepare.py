@@ -7,11 +7,12 @@ from typing import Any
 
 from torch import Tensor
 
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, Liner, build_kernels
+from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.signals.blocks import Blocks, plan_blocks
 from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.windows import make_window
@@ -35,9 +36,10 @@ def prepare(
     Raises:
         ValueError: see ``velocity.educe``.
     """
-    examined = [_examine(plane, liner, frequency, chosen, progress) for plane in planes]
-    grid = velocity_grid(examined, liner, chosen)
-    band = kernel_band(liner, examined, chosen)
+    model = as_liner(liner)
+    examined = [_examine(plane, model, frequency, chosen, progress) for plane in planes]
+    grid = velocity_grid(examined, model, chosen)
+    band = kernel_band(model, examined, chosen)
     made: dict[float, KernelTable] = {}
     ready = []
     for one in examined:
@@ -45,17 +47,21 @@ def prepare(
         if needs_kernels(one.record, one.frequency, chosen):
             rate = one.record.sampling_rate
             if rate not in made:
-                made[rate] = build_kernels(liner, grid, rate, kind=chosen.kernel, band=band)
+                made[rate] = build_kernels(model, grid, rate, kind=chosen.kernel, band=band)
             kernels = made[rate]
             kernels.require_band(one.frequency)
             notes += review_signal(kernels, chosen, one.sent)
         known = {**vars(one), "notes": notes}
-        ready.append(Prepared(**known, liner=liner, chosen=chosen, grid=grid, kernels=kernels))
+        ready.append(Prepared(**known, liner=model, chosen=chosen, grid=grid, kernels=kernels))
     return ready
 
 
 def _examine(
-    plane: VelocityPlane, liner: Liner, frequency: Any, chosen: Choices, progress: Progress | None
+    plane: VelocityPlane,
+    liner: LinerModel,
+    frequency: Any,
+    chosen: Choices,
+    progress: Progress | None,
 ) -> Examined:
     record = _record(plane, chosen)
     sent = None
@@ -63,7 +69,7 @@ def _examine(
         sent = chosen.incident.sampled(plane.samples, plane.sampling_rate)
     wanted = frequencies_of(plane, frequency, record, chosen)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
-    cells = sort_into_cells(plane, getattr(liner, "cell_pitch", None))
+    cells = sort_into_cells(plane, liner.cell_pitch)
     blocks, said = _blocks(plane, wanted, record, chosen)
     notes += said
     velocity, seen, used, said = first_pass(plane, cells, wanted, record, blocks, chosen, progress)

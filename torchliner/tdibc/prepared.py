@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, Liner
+from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.survey import Survey
 from torchliner.signals.blocks import Blocks
@@ -62,7 +63,7 @@ class Prepared(Examined):
         kernels: None where no impulse response is needed.
     """
 
-    liner: Liner
+    liner: LinerModel
     chosen: Choices
     grid: VelocityGrid
     kernels: KernelTable | None

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import AFTER, BEFORE, Liner
+from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
@@ -93,9 +94,9 @@ def _whole_cut(record: Record, frequency: float) -> str:
     return "no shorter record holds whole periods at this sampling rate; use edge='finite'"
 
 
-def review_liner(plane: VelocityPlane, liner: Liner) -> list[str]:
+def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
     """Whether liner and data speak of the same gas."""
-    gas = getattr(liner, "fluid", None)
+    gas = liner.fluid
     if gas is None:
         return []
     pairs = (
