@@ -140,9 +140,11 @@ TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound"
           "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
 
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
-    "uniform": flow_profiles.UniformProfile, "parabolic": flow_profiles.ParabolicProfile, "tanh": flow_profiles.TanhProfile,
+    "uniform": flow_profiles.UniformProfile,
+    "parabolic": flow_profiles.ParabolicProfile,
+    "tanh": flow_profiles.TanhProfile,
     "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
-}  # fmt: skip
+}
 
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),

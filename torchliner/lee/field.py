@@ -29,7 +29,7 @@ class DuctField:
         case: the duct.
         frequency: Hz, (F,).
         source: its side.
-        waves: X of ``lee_ports``, Pa, (..., F, D).
+        waves: X of ``ports.py``, Pa, (..., F, D).
         swept: the duct's answers to unit waves.
         dtype: of what is read from the field; the sums are done in complex128.
     """

@@ -1,8 +1,8 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
 No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
-and evanescent waves of a short liner are part of the model. ``field_search`` says what is
-minimised.
+and evanescent waves of a short liner are part of the model. ``impedance_search.py``
+says what is minimised.
 
 An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
 amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
@@ -34,7 +34,7 @@ from torchliner.signals.microphone_errors import (
     draw_pressures,
     require_draws,
 )
-from torchliner.wall_field.fit_warnings import doubts, largest_misfit
+from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import (
@@ -84,7 +84,7 @@ def fit_field(
             end whose reflection is stated for a source on the other side.
     Warns:
         DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
-            that is not told from a rigid one, a negative resistance, an end that reflects more than
+            that cannot be distinguished from a rigid one, a negative resistance, an end that reflects more than
             it gets; the same text is in ``notes``. A misfit tells of a wrong duct only as far as
             there are more microphones than unknowns.
     """
@@ -121,7 +121,7 @@ def fit_field(
                "source": line.name, "microphones": line.microphones,
                "unknowns": solver.mesh.unknowns}  # fmt: skip
     result = replace(result, choices=choices,
-                     notes=doubts(result, found, line, wall, freedom))  # fmt: skip
+                     notes=warnings_of(result, found, line, wall, freedom))  # fmt: skip
     tell(result.notes)
     if draws:
         random = generator or torch.Generator().manual_seed(0)
