@@ -21,9 +21,7 @@ from torch import Tensor
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import PressureRecord
 
-NODE = (
-    0.01  # |sinh(gamma H)| below which the velocity at the mouth cannot be distinguished from zero
-)
+NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 
 
