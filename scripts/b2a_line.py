@@ -27,11 +27,12 @@ from scipy.special import j1
 
 import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
+from studies.station_line_figures import draw_averages, draw_line_velocity
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.line_file import line_rows
 from torchliner.report.figure import RC
-from torchliner.report.line_figures import draw_averages, draw_line_velocity, draw_lines
+from torchliner.report.line_figures import draw_lines
 from torchliner.report.table import write_rows
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m

@@ -34,10 +34,10 @@ from torchliner.audits.truth_rows import (
     errors_by_rule,
     truth_table,
 )
-from torchliner.io.hdf5 import written_whole
+from torchliner.io.whole_file import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex, write_rows
-from torchliner.report.truth_table import drive_label, plain_truth, truth_row_of
+from torchliner.report.truth_table import drive_label, plain_truth
 
 PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
 CASES = ("n115", "n130", "g01_145", "g03_145", "o115", "o145")
@@ -73,6 +73,17 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
     rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
     dean = complex(tl.in_situ(pressures_of(case)).liner_impedance_pressure_first[0])
     return [dataclasses.replace(row, in_situ=dean) for row in rows]
+
+
+def truth_row_of(row: dict[str, str]) -> TruthRow:
+    """The row of such a CSV again."""
+
+    def pair(key: str) -> complex:
+        return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+
+    names = ("educed", "true", "in_situ", "low", "high")
+    return TruthRow(row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"],
+                    row["order"], *map(pair, names))  # fmt: skip
 
 
 def read_rows(path: Path) -> list[TruthRow]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 
@@ -23,6 +24,7 @@ page = load_script("truth_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")
 TABLES = page.blocks_of(PAGE)
 ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")
+reasons_of = functools.cache(page.reasons_of)
 
 # --- what a model can return
 
@@ -254,7 +256,7 @@ def test_committed_rows_are_current(case, index):
 @pytest.mark.parametrize("case", ["n130", "g03_145", "o145"])
 def test_reasons_are_current(case):
     """Rows of the reasons, limits and motion tables, computed now, to the printed digits."""
-    reason = page.reasons_of(case)
+    reason = reasons_of(case)
     made = {
         "reasons": page.reason_table([reason]),
         "limits": page.limit_table([reason]),
@@ -289,7 +291,7 @@ def test_pictures_have_axes_and_units(tmp_path):
     assert r"\Delta R" in figure.axes[0].get_xlabel()
     assert r"\Delta X" in figure.axes[1].get_xlabel()
     assert r"\rho c" in figure.axes[1].get_xlabel()
-    reason = page.reasons_of("n130")
+    reason = reasons_of("n130")
     panel = ReachPanel("slit", page.liner_of("n130"), 1400.0, [reason])
     figure = draw_reach([panel, panel], tmp_path / "r.png")
     assert "resistance" in figure.axes[0].get_xlabel()

@@ -44,6 +44,7 @@ GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FLAGGED = ("exclude", "use", "refuse")
+SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text
 
 # Ducts and pressures.
 SOURCES = ("upstream", "downstream")
@@ -70,6 +71,26 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
         ("duct", "far_end", "variation", "start"),
     ),
 }  # fmt: skip
+
+# Files. A new format is a file with the function and a row here.
+PLANE_LAYOUTS = {  # of `convert`: functions of a path and of options by their names, to a plane
+    "array": "torchliner.io.arrays:read_array_plane",
+    "resolved": "torchliner.io.resolved:read_resolved",
+    "channel": "torchliner.io.resolved:read_channel",
+}
+ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to an array
+    ".npy": "torchliner.io.arrays:read_npy",
+    ".mat": "torchliner.io.arrays:read_matlab",
+    ".h5": "torchliner.io.arrays:read_hdf5",
+    ".hdf5": "torchliner.io.arrays:read_hdf5",
+    ".nc": "torchliner.io.arrays:read_hdf5",
+}
+BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
+    "HDF5": "torchliner.io.burst_file:FORMAT",
+    "DXEX": "torchliner.io.dantec:FORMAT",
+    "CSV": "torchliner.io.burst_csv:FORMAT",
+    "columns": "torchliner.io.burst_text:FORMAT",
+}
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:

@@ -151,7 +151,7 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
 
 
 def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
-    from torchliner.io.hdf5 import written_whole
+    from torchliner.io.whole_file import written_whole
     from torchliner.liners.catalogue import liner_text
 
     fitted = ", ".join(

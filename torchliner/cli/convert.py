@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from torchliner.names import PLANE_LAYOUTS, resolve
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
@@ -15,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options."""
     parser.add_argument("source", type=Path, help=".npy, .mat, .h5, or a simulation file")
     parser.add_argument("-o", "--output", type=Path, required=True, help="plane file to write")
-    parser.add_argument("--layout", choices=["array", "resolved", "channel"], default="array",
+    parser.add_argument("--layout", choices=PLANE_LAYOUTS, default="array",
                         help="array: one variable, all stated here; resolved, channel: the "
                         "project's simulation files")  # fmt: skip
     parser.add_argument("--case", help="resolved: group")
@@ -57,16 +60,11 @@ ABOUT = (
 def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
     from torchliner.io.plane_file import write_plane
-    from torchliner.io.resolved import read_channel, read_resolved
 
-    if options.layout == "resolved":
-        if options.case is None:
-            raise ValueError("--layout resolved needs --case")
-        plane = read_resolved(options.source, options.case, options.line, options.stride)
-    elif options.layout == "channel":
-        plane = read_channel(options.source, options.line)
-    else:
-        plane = _from_array(options)
+    read = resolve(PLANE_LAYOUTS[options.layout])
+    wanted = {name: getattr(options, name) for name in signature(read).parameters
+              if name in options}  # fmt: skip
+    plane: VelocityPlane = read(options.source, **wanted)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
         plane = plane.scaled(options.scale_length, options.scale_velocity)
     said = {key: getattr(options, key) for key in ABOUT if getattr(options, key) is not None}
@@ -76,30 +74,3 @@ def run(options: argparse.Namespace) -> int:
     print(f"{options.output}: {shape} probes, {plane.samples} samples at "
           f"{plane.sampling_rate:g} Hz")  # fmt: skip
     return 0
-
-
-def _from_array(options: argparse.Namespace) -> VelocityPlane:
-    from torchliner.io.arrays import plane_from_array, read_array
-
-    for name in ("axes", "velocity_units", "sampling_rate"):
-        if getattr(options, name) is None:
-            raise ValueError(
-                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
-            )
-    coordinates = {}
-    for name in ("x", "z", "y"):
-        where = getattr(options, name)
-        if where is not None:
-            file, _, variable = where.partition(":")
-            coordinates[name] = read_array(file, variable or None)
-    return plane_from_array(
-        read_array(options.source, options.variable),
-        options.axes.split(","),
-        options.velocity_units,
-        options.sampling_rate,
-        towards_liner=options.towards_liner,
-        row=options.row,
-        length_units=options.length_units,
-        name=str(options.source),
-        **coordinates,
-    )

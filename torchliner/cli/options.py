@@ -129,7 +129,7 @@ def write_copy(text: str, path: Path) -> None:
     Raises:
         ValueError: the file exists: it may hold edits; it does not end in .toml.
     """
-    from torchliner.io.hdf5 import written_whole
+    from torchliner.io.whole_file import written_whole
 
     require_ending(path, [".toml"], "--copy")
     if path.exists():

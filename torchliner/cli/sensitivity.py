@@ -92,17 +92,17 @@ def run(options: argparse.Namespace) -> int:
         budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
         table = budget_table(budget, frequency, order)
         text = format_budget(budget, found, order, table)
-        said = f"tolerances are {options.limits}"
+        meaning = f"tolerances are {options.limits}"
     else:
         table = sensitivity_table(found, order)
-        text, said = table.as_text(), "p in the unit shown"
+        text, meaning = table.as_text(), "p in the unit shown"
     rows = table.as_rows()
     if options.output is not None:
         table.write_csv(options.output)
     if options.figure is not None:
         first = [row for row in rows if row["frequency"] == frequency[0]]
         title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
-        title += f"; {said}" if tolerances else ""
+        title += f"; {meaning}" if tolerances else ""
         draw_contributions(first, title, options.figure)
     if options.json:
         together = [budget_correlation(budget, order, i) for i in range(len(frequency))] if (
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
                     "notes": list(found.found.notes)})  # fmt: skip
         return 0
     print(text)
-    print(f"Z by rho c, averaging: {order}; {said}; first order, interpolation error of a "
+    print(f"Z by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
           f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
     return 0
 

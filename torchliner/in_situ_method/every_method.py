@@ -100,24 +100,21 @@ def stated_impedance(record: PressureRecord, name: str, frequency: float) -> com
 
 
 def _dean_rows(record: PressureRecord, points: PointImpedances) -> list[InSituRow]:
+    """The cells, where there are several, then the surface; each in both orders."""
     rows = []
-    cells = len(points.cell_x)
     for f, frequency in enumerate(points.frequency.tolist()):
-        true = stated_impedance(record, "true", frequency)
-        for c in range(cells if cells > 1 else 0):
-            x = 1e3 * float(points.cell_x[c])
-            place = f"cell {c + 1}" + (f", x = {x:.1f} mm" if x == x else "")
+        true, own = (stated_impedance(record, name, frequency) for name in ("true", "Dean"))
+        coherence = points.coherence[:, f]
+        for c, x in enumerate(1e3 * points.cell_x if len(points.cell_x) > 1 else ()):
+            place = f"cell {c + 1}" + (f", x = {float(x):.1f} mm" if x == x else "")
             for end, order in ORDERS:
                 value = complex(getattr(points, f"cell_impedance{end}")[c, f])
-                coherence = float(points.coherence[c, f])
-                method = f"in situ, {order}"
-                rows.append(InSituRow(method, place, frequency, value, None, true, coherence))
+                rows.append(InSituRow(f"in situ, {order}", place, frequency, value, None, true,
+                                      float(coherence[c])))  # fmt: skip
         for end, order in ORDERS:
             value = complex(getattr(points, f"liner_impedance{end}")[f])
-            own = stated_impedance(record, "Dean", frequency)
-            coherence = float(points.coherence[:, f].mean())
-            method = f"in situ, {order}"
-            rows.append(InSituRow(method, "surface", frequency, value, own, true, coherence))
+            rows.append(InSituRow(f"in situ, {order}", "surface", frequency, value, own, true,
+                                  float(coherence.mean())))  # fmt: skip
     return rows
 
 

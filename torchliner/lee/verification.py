@@ -1,4 +1,4 @@
-"""What the duct solvers are held to, measured where they are installed."""
+"""Verification of the duct solvers: measured errors and their limits."""
 
 from __future__ import annotations
 

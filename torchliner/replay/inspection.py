@@ -1,4 +1,4 @@
-"""What a plane holds and whether it can be used: the facts behind ``torchliner info``."""
+"""Contents and usability of a plane: the facts behind ``torchliner info``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thick
 
 @dataclass(frozen=True)
 class Inspection:
-    """Facts by name, failed checks in words, and what the file does not state."""
+    """Facts by name, failed checks in words, and the names of missing facts."""
 
     facts: dict[str, Any]
     failures: list[str]

@@ -1,4 +1,4 @@
-"""What other methods found beside a map: their numbers, and black symbols in its figures."""
+"""Results of other methods beside a map: their numbers, and black symbols in its figures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
 def alongside_at(
     results: Sequence[ImpedanceMap], frequency_index: int
 ) -> list[tuple[PointImpedances, int]]:
-    """What other methods found at the maps' frequency: each method once, with its index there."""
+    """Results of other methods at the maps' frequency: each method once, with its index there."""
     seen: dict[str, tuple[PointImpedances, int]] = {}
     for result in results:
         for other in result.alongside:

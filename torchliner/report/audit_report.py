@@ -7,20 +7,12 @@ from typing import Any
 
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.report.curves import part_of
-from torchliner.report.figure import (
-    COLOURS,
-    PARTS,
-    Figure,
-    finish,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
 from torchliner.report.table import (
     Column,
     Table,
+    format_bounds,
     format_complex,
-    format_range,
     real_and_imaginary,
 )
 
@@ -35,8 +27,8 @@ SHOWN = (
 WRITTEN = (
     Column("factor"),
     Column("variant"),
-    *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None, ".9g"),
-    *real_and_imaginary("change of R", "change of X", "change", None, ".9g"),
+    *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None),
+    *real_and_imaginary("change of R", "change of X", "change", None),
     Column("note"),
 )
 
@@ -44,10 +36,7 @@ WRITTEN = (
 def plain_audit(found: Audit) -> dict[str, Any]:
     """For JSON."""
     return {
-        "title": found.title,
-        "frequency": found.frequency,
-        "order": found.order,
-        "base": found.base,
+        **{key: getattr(found, key) for key in ("title", "frequency", "order", "base")},
         "interval": None if found.low is None else [found.low, found.high],
         "level": found.level,
         "rows": [vars(row) for row in found.rows],
@@ -59,7 +48,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
 
 
 def write_audit(found: Audit, path: str | Path) -> None:
-    """One row a variant; the base and its interval are rows too, and what does not apply."""
+    """One row per variant; the base and its interval are rows too, and what does not apply."""
     rows = [AuditRow("base", found.order, found.base, 0j)]
     for name, bound in (("low", found.low), ("high", found.high)):
         if bound is not None:
@@ -67,7 +56,7 @@ def write_audit(found: Audit, path: str | Path) -> None:
     nothing = {"variant": "does not apply", "impedance": None, "change": None}
     written = [vars(row) | {"note": ""} for row in (*rows, *found.rows)]
     written += [{"factor": key, "note": why, **nothing} for key, why in found.skipped.items()]
-    Table(written, WRITTEN).write_csv(path)
+    Table(written, WRITTEN, ".9g").write_csv(path)
 
 
 def format_audit(found: Audit) -> str:
@@ -76,8 +65,7 @@ def format_audit(found: Audit) -> str:
     if found.low is not None and found.high is not None and found.level is not None:
         base += (
             f"; {100 * found.level:g} % statistical interval "
-            f"R {format_range(found.low.real, found.high.real)}, "
-            f"X {format_range(found.low.imag, found.high.imag)}"
+            f"{format_bounds((found.low, found.high))}"
         )
     skipped = [f"  {factor}: {reason}" for factor, reason in found.skipped.items()]
     return "\n".join([
@@ -114,5 +102,6 @@ def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
         axis.set_yticks(range(len(factors)), factors if part == "resistance" else [])
         axis.tick_params(axis="y", length=0)
         axis.minorticks_off()
-    legend_below(figure, axes[0, 0])
-    return finish(figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}")
+    return finish(
+        figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,10 @@ import numpy as np
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
 from torchliner.report.figure import (
+    COLOURS,
     PARTS,
     Figure,
-    colour_of,
     finish,
-    legend_below,
     styled,
     subplots,
 )
@@ -24,7 +23,7 @@ from torchliner.report.table import (
     Table,
     format_complex,
     format_pair,
-    real_and_imaginary,
+    plain_columns,
 )
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
@@ -37,15 +36,9 @@ def _format_misses(misses: complex | None) -> str:
 
 
 PREDICTIONS = (
-    Column("label", heading="plane"),
-    Column("frequency", heading="f Hz", text=".1f"),
-    Column("height"),
-    *real_and_imaginary("before_resistance", "before_reactance", "before"),
-    *real_and_imaginary("after_resistance", "after_reactance", "after"),
-    *real_and_imaginary("standard_resistance", "standard_reactance", "standard"),
-    Column("correlation"),
-    *real_and_imaginary("true_resistance", "true_reactance", "true", ""),
-    *real_and_imaginary("misses_resistance", "misses_reactance", "misses", ""),
+    *plain_columns("label frequency height before* after* standard* correlation true* misses*", ""),
+    Column("", "label", "plane"),
+    Column("", "frequency", "f Hz", ".1f"),
     Column("", "before", "as it was", format_complex),
     Column("", "after", "calibrated", format_complex),
     Column("", "standard", "u(R), u(X)", lambda value: format_pair(value, 4)),
@@ -55,37 +48,26 @@ PREDICTIONS = (
 
 
 def parameter_table(found: Calibration) -> Table:
-    """One row a parameter: value, spread, bounds, interval; SI."""
+    """One row per parameter: value, spread, bounds, interval; SI."""
     numbers = found.liner.numbers()
-    rows = [
-        {
-            "parameter": name, "value": float(found.values[i]), "unit": numbers[name].unit,
-            "standard": float(found.standard[i]), "lower_95": float(found.interval[0, i]),
-            "upper_95": float(found.interval[1, i]), "low": float(found.low[i]),
-            "high": float(found.high[i]), "on_bound": name in found.on_bound,
-        }
-        for i, name in enumerate(found.parameters)
-    ]  # fmt: skip
     return Table(
-        rows,
+        range(len(found.parameters)),
         (
-            Column("parameter", heading="parameter"),
-            Column("value", heading="value", text=".5g"),
-            Column("unit", heading="unit"),
-            Column("standard", heading="u", text=".2g"),
-            Column("lower_95"),
-            Column("upper_95"),
-            Column("", _between("lower_95", "upper_95", ".5g"), "95 % of the posterior"),
-            Column("low"),
-            Column("high"),
-            Column("", _between("low", "high", ".4g"), "bounds"),
-            Column("on_bound"),
+            Column("parameter", lambda i: found.parameters[i], "parameter"),
+            Column("value", lambda i: float(found.values[i]), "value", ".5g"),
+            Column("unit", lambda i: numbers[found.parameters[i]].unit, "unit"),
+            Column("standard", lambda i: float(found.standard[i]), "u", ".2g"),
+            Column("lower_95", lambda i: float(found.interval[0, i])),
+            Column("upper_95", lambda i: float(found.interval[1, i])),
+            Column("", lambda i: found.interval[:, i].tolist(), "95 % of the posterior",
+                   lambda ends: f"{ends[0]:.5g} to {ends[1]:.5g}"),
+            Column("low", lambda i: float(found.low[i])),
+            Column("high", lambda i: float(found.high[i])),
+            Column("", lambda i: (found.low[i], found.high[i]), "bounds",
+                   lambda ends: f"{ends[0]:.4g} to {ends[1]:.4g}"),
+            Column("on_bound", lambda i: found.parameters[i] in found.on_bound),
         ),
-    )
-
-
-def _between(low: str, high: str, digits: str) -> Callable[[dict[str, Any]], str]:
-    return lambda row: f"{row[low]:{digits}} to {row[high]:{digits}}"
+    )  # fmt: skip
 
 
 def prediction_table(rows: Sequence[PredictionRow]) -> Table:
@@ -150,22 +132,21 @@ def draw_predictions(
     names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
     for axis, (heading, rows) in zip(axes[0], panels.items(), strict=True):
         for row in rows:
-            _draw_prediction(axis, row, colour_of(names.index(row.label)))
+            _draw_prediction(axis, row, COLOURS[names.index(row.label)])
         axis.axhline(0, color="0.8", linewidth=0.6, zorder=0)
         axis.margins(0.08)
         axis.set_title(heading)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for i, name in enumerate(names):
-        axes[0, 0].plot([], [], "-", color=colour_of(i), label=name)
+        axes[0, 0].plot([], [], "-", color=COLOURS[i], label=name)
     for marker, label, face in (
         ("*", "true", "k"),
         ("o", "model as it was", "white"),
         ("s", "calibrated, 95 % ellipse", "k"),
     ):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor=face, label=label)
-    legend_below(figure, axes[0, 0], 3)
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=3)
 
 
 def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:

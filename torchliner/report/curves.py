@@ -44,4 +44,4 @@ class Curves:
             dict(zip(names, row, strict=True))
             for row in zip(self.at, *self.values.values(), strict=True)
         ]
-        Table(rows, [Column(name, csv=".9g") for name in names]).write_csv(path)
+        Table(rows, [Column(name) for name in names], ".9g").write_csv(path)

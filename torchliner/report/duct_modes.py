@@ -10,22 +10,14 @@ import numpy as np
 from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.report.figure import (
-    Figure,
-    colour_of,
-    finish,
-    label_axes,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, ONE_ROW, Figure, finish, label_axes, styled, subplots
 from torchliner.report.table import Column, Table, real_and_imaginary
 
 NEPER = 20 * math.log10(math.e)  # dB
 
 
 def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
-    """A row a frequency, direction and mode; decay in dB over the liner's length too."""
+    """One row per frequency, direction and mode; decay in dB over the liner's length too."""
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = [
         (frequency, direction, n, complex(solved.wavenumber[f, n]))
@@ -49,7 +41,7 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
 
 
 def format_modes(setup: DuctSetup, table: Table) -> str:
-    """What was solved, then a row a mode."""
+    """What was solved, then one row per mode."""
     patches = len(setup.case.liner)
     which = f"above the first of {patches} lined patches; " if patches > 1 else ""
     return (f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
@@ -68,9 +60,8 @@ def draw_modes(
         pressure, _, _ = solved.at(heights)
         for n in range(count):
             shape = pressure[frequency_index, n].abs().numpy()
-            axis.plot(shape / shape.max(), 1e3 * heights, color=colour_of(n),
+            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n],
                       label=f"mode {n}")  # fmt: skip
         label_axes(axis, "$|p|$ over its maximum", "$y$ (mm), liner at 0")
         axis.set_title(f"({'ab'[DIRECTIONS.index(direction)]}) {direction}", loc="left")
-    legend_below(figure, axes[0, 0])
-    return finish(figure, path)
+    return finish(figure, path, legend=ONE_ROW)

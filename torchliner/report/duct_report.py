@@ -13,16 +13,7 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
 from torchliner.lee.field import DuctField
 from torchliner.lee.solved_line import microphones_of
-from torchliner.report.figure import (
-    Figure,
-    colour_of,
-    finish,
-    label_axes,
-    legend_below,
-    marker_of,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
 from torchliner.report.table import Column, Table
 
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
@@ -60,7 +51,7 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
 
 
 def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
-    """What was solved, then a row a microphone; ``found`` is that of ``plain_duct``."""
+    """What was solved, then one row per microphone; ``found`` is that of ``plain_duct``."""
     case, profile = setup.case, setup.case.profile
     lines = [
         f"{setup.name}: H {1e3 * case.height:g} mm, bulk Mach {profile.bulk_mach:g}, displacement "
@@ -99,17 +90,16 @@ def draw_walls(
             if axis is axes[0, 1]:
                 jumps = np.abs(np.diff(curve)) > 180
                 curve = np.where(np.append(jumps, False), np.nan, curve)
-            colour = colour_of(i)
+            colour = COLOURS[i]
             axis.plot(1e3 * places, curve, color=colour, label=label)
-            axis.plot(1e3 * at, points, marker_of(i), color=colour, markersize=3)
+            axis.plot(1e3 * at, points, MARKERS[i], color=colour, markersize=3)
     for axis, label in zip(axes[0], ("SPL (dB re 20 µPa)", "phase (degrees)"), strict=True):
         for start, end in solved[0][0].case.liner:
             axis.axvspan(1e3 * start, 1e3 * end, color="0.9", zorder=0)
         label_axes(axis, "$x$ (mm)", label)
-    legend_below(figure, axes[0, 0], 2)
     frequency = float(solved[0][0].frequency[frequency_index])
     title = title or f"{solved[0][0].wall} wall, {frequency:g} Hz; grey: liner"
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=2)
 
 
 @styled

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from torchliner.report.curves import Curves
+
 PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
@@ -55,14 +57,14 @@ def label_axes(axis: Any, across: str, up: str) -> None:
     axis.set_ylabel(up)
 
 
-def colour_of(number: int) -> str:
-    """Of the curve of this number, from 0; they recur."""
-    return COLOURS[number % len(COLOURS)]
-
-
-def marker_of(number: int) -> str:
-    """Likewise."""
-    return MARKERS[number % len(MARKERS)]
+def draw_curve(
+    axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any
+) -> None:
+    """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
+    x = scale * curves.at
+    if f"{name} low" in curves.values:
+        draw_band(axis, x, curves.values[f"{name} low"], curves.values[f"{name} high"], colour)
+    axis.plot(x, curves.values[name], color=colour, **{"label": curves.label} | style)
 
 
 def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:
@@ -70,16 +72,27 @@ def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float 
     axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
 
 
-def legend_below(figure: Figure, axis: Any, columns: int = 99) -> None:
-    """What one panel has names for, below all panels."""
+def legend_below(figure: Figure, axis: Any, columns: int) -> None:
+    """The names in one panel, in so many columns at most, below all panels."""
     handles, labels = axis.get_legend_handles_labels()
     if labels:
         columns = min(columns, len(labels))
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
-def finish(figure: Figure, path: str | Path | None, title: str | None = None) -> Figure:
-    """Head it and save it, if there is a title and a path."""
+def finish(
+    figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
+) -> Figure:
+    """Legend, heading and file, where asked for.
+
+    Args:
+        figure: with everything drawn.
+        path: picture to write.
+        title: above all panels.
+        legend: columns, at most, of the names in the first panel, below all panels.
+    """
+    if legend:
+        legend_below(figure, figure.axes[0], legend)
     if title is not None:
         figure.suptitle(title, fontsize=9)
     if path is not None:
@@ -87,8 +100,9 @@ def finish(figure: Figure, path: str | Path | None, title: str | None = None) ->
     return figure
 
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P")
+ONE_ROW = 99  # of a legend
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
+MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
 WIDTH = 6.6  # in, text width of a journal page
 
 RC: Any = {

@@ -10,21 +10,27 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
-from torchliner.report.curves import COMPLEX_PART, Curves
+from torchliner.report.curves import Curves, part_of
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
+    ONE_ROW,
     PARTS,
     WIDTH,
     Figure,
+    draw_curve,
     finish,
+    impedance_panels,
+    label_axes,
     styled,
     subplots,
 )
 from torchliner.report.numbers import (
     against_height,
+    case_title,
     height_label,
     impedance_along_x,
+    interval_words,
     velocity_along_x,
 )
 
@@ -58,10 +64,8 @@ def _draw_plane(result: ImpedanceMap, path: str | Path | None, frequency_index: 
             drawn, ax=axis, extend="both", label=label, location="bottom", aspect=30, pad=0.03
         )
         axis.set_aspect("equal")
-        axis.set_xlabel(f"$x$ ({unit})")
-        axis.set_ylabel(f"$z$ ({unit})")
-    figure.suptitle(_caption(result, frequency_index), fontsize=9)
-    return finish(figure, path)
+        label_axes(axis, f"$x$ ({unit})", f"$z$ ({unit})")
+    return finish(figure, path, _caption(result, frequency_index))
 
 
 @styled
@@ -69,58 +73,45 @@ def draw_along_x(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Any:
     """R and X along x at several heights, with cell averages and references (figures 10, 17)."""
-    figure, axes = subplots(1, 2, 3.0)
     ordered = sorted(results, key=lambda r: r.height or 0.0)
-    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+    figure, panels = impedance_panels(3.0, "$x$ (mm)" if ordered[0].x is not None else "probe")
+    for axis, part in panels:
         for i, result in enumerate(ordered):
             profile = impedance_along_x(result, frequency_index)
-            colour = COLOURS[i % len(COLOURS)]
-            x = 1e3 * profile.at if result.x is not None else profile.at
-            if f"{part} low" in profile.values:
-                bounds = (profile.values[f"{part} {side}"] for side in ("low", "high"))
-                axis.fill_between(x, *bounds, color=colour, alpha=0.2, linewidth=0)
-            axis.plot(x, profile.values[part], color=colour, label=profile.label or "educed")
-            _draw_cells(axis, result, part, frequency_index, MARKERS[i % len(MARKERS)], colour)
+            scale = 1.0 if result.x is None else 1e3
+            label = profile.label or "educed"
+            draw_curve(axis, profile, part, COLOURS[i], scale, label=label)
+            _draw_cells(axis, result, part, frequency_index, MARKERS[i], COLOURS[i])
         _draw_references(axis, ordered, part, frequency_index)
         draw_alongside(axis, ordered, part, frequency_index)
-        axis.set_xlabel("$x$ (mm)" if ordered[0].x is not None else "probe")
-        axis.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     cells = "cells: filled, admittance over probes; open, velocity first"
-    figure.suptitle(
-        f"{_family(ordered, frequency_index)}; {cells}{_band_words(ordered)}", fontsize=9
-    )
-    return finish(figure, path)
+    title = f"{_family(ordered, frequency_index)}; {cells}{_band_words(ordered)}"
+    return finish(figure, path, title, legend=4)
 
 
 def _draw_cells(
     axis: Any, result: ImpedanceMap, part: str, frequency_index: int, marker: str, colour: str
 ) -> None:
     """Both orders of averaging, filled and open, at the cells' centres."""
-    found = result.uncertainty
+    found, x = result.uncertainty, 1e3 * result.cell_x.numpy()
     first, second = (None, None) if found is None else (found.cells, found.cells_velocity_first)
     for values, face, interval in (
         (result.cell_impedance, colour, first),
         (result.cell_impedance_velocity_first, "white", second),
     ):
-        numbers = getattr(values[:, frequency_index], COMPLEX_PART[part]).detach().cpu().numpy()
         if interval is not None:
-            ends = [getattr(end[:, frequency_index], COMPLEX_PART[part]).cpu().numpy()
-                    for end in (interval.low, interval.high)]  # fmt: skip
-            axis.vlines(1e3 * result.cell_x.numpy(), *ends, color=colour, linewidth=1.2, zorder=2)
+            ends = (part_of(end[:, frequency_index], part) for end in (interval.low, interval.high))
+            axis.vlines(x, *ends, color=colour, linewidth=1.2, zorder=2)
         axis.plot(
-            1e3 * result.cell_x.numpy(), numbers, marker, markerfacecolor=face,
+            x, part_of(values[:, frequency_index], part), marker, markerfacecolor=face,
             markeredgecolor="k" if face == colour else colour, markeredgewidth=0.6, zorder=3,
         )  # fmt: skip
 
 
 def _band_words(results: Sequence[ImpedanceMap]) -> str:
     """What the bands and bars mean; the spread over x is what the curve itself shows."""
-    found = results[0].uncertainty
-    if found is None:
-        return ""
-    return f"\nbands, bars: {100 * found.settings['level']:g} % statistical interval"
+    words = interval_words(results[0])
+    return f"\nbands, bars: {words}" if words else ""
 
 
 def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
@@ -140,7 +131,7 @@ def _draw_references(
     # One value per case; "true" first, so that it has the solid line.
     for i, name in enumerate(sorted(seen, key=lambda n: n != "true")):
         axis.axhline(
-            getattr(seen[name], COMPLEX_PART[part]), color="k", linewidth=0.9,
+            part_of(seen[name], part), color="k", linewidth=0.9,
             linestyle=REFERENCE_STYLES[i % len(REFERENCE_STYLES)], label=name,
         )  # fmt: skip
 
@@ -176,8 +167,7 @@ def draw_against_height(
             label=name, linestyle="none",
         )  # fmt: skip
     axis.margins(0.15)
-    axis.set_xlabel(PARTS[0][1])
-    axis.set_ylabel(PARTS[1][1])
+    label_axes(axis, PARTS[0][1], PARTS[1][1])
     axis.legend(loc="best")
     axis.set_title(f"{_family(results, frequency_index)}; numbers: height $y$ (mm)")
     return finish(figure, path)
@@ -212,47 +202,31 @@ def _label_heights(
 def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = None) -> Any:
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
     profiles = [velocity_along_x(plane) for plane in sorted(planes, key=lambda p: p.height or 0.0)]
-    names = ["v0 (m/s)", "v' rms (m/s)", "u' rms (m/s)"]
-    labels = ["$v_0$ (m s$^{-1}$)", "$v'_{rms}$ (m s$^{-1}$)", "$u'_{rms}$ (m s$^{-1}$)"]
-    kept = [i for i, n in enumerate(names) if any(n in p.values for p in profiles)]
+    labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": "$v'_{rms}$ (m s$^{-1}$)",
+              "u' rms (m/s)": "$u'_{rms}$ (m s$^{-1}$)"}  # fmt: skip
+    kept = [name for name in labels if any(name in profile.values for profile in profiles)]
     figure, axes = subplots(1, len(kept), 2.7)
-    for axis, i in zip(axes[0], kept, strict=True):
-        for j, profile in enumerate(profiles):
-            if names[i] in profile.values:
-                axis.plot(
-                    1e3 * profile.at, profile.values[names[i]], color=COLOURS[j % len(COLOURS)],
-                    label=profile.label,
-                )  # fmt: skip
-        axis.set_xlabel("$x$ (mm)")
-        axis.set_ylabel(labels[i])
-        if i != 0:
+    for axis, name in zip(axes[0], kept, strict=True):
+        for profile, colour in zip(profiles, COLOURS, strict=False):
+            if name in profile.values:
+                draw_curve(axis, profile, name, colour, 1e3)
+        label_axes(axis, "$x$ (mm)", labels[name])
+        if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    if any(names):
-        figure.legend(handles, names, loc="outside lower center", ncols=len(names))
-    figure.suptitle(planes[0].title.split(", y =")[0], fontsize=9)
-    return finish(figure, path)
+    return finish(figure, path, case_title(planes[0]), legend=ONE_ROW)
 
 
 @styled
 def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None = None) -> Figure:
-    """Resistance and reactance over frequency, one curve a speed (figure 3)."""
-    figure, axes = subplots(1, 2, 2.9)
-    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+    """Resistance and reactance over frequency, one curve per speed (figure 3)."""
+    figure, panels = impedance_panels(2.9, "frequency $f$ (Hz)")
+    for axis, part in panels:
         for i, profile in enumerate(profiles):
-            axis.plot(
-                profile.at, profile.values[part], color=COLOURS[i % len(COLOURS)],
-                linestyle=REFERENCE_STYLES[i % 4], label=profile.label,
-            )  # fmt: skip
+            draw_curve(axis, profile, part, COLOURS[i], linestyle=REFERENCE_STYLES[i % 4])
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-        axis.set_xlabel("frequency $f$ (Hz)")
-        axis.set_ylabel(label)
         axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
-    axes[0, 1].set_ylim(-6, 6)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    figure.suptitle(title, fontsize=9)
-    return finish(figure, path)
+    panels[1][0].set_ylim(-6, 6)
+    return finish(figure, path, title, legend=ONE_ROW)
 
 
 def _millimetres(values: Any, count: int) -> Any:
@@ -261,7 +235,7 @@ def _millimetres(values: Any, count: int) -> Any:
 
 def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
     """What several results share: the title up to the height, the frequency, the null test."""
-    title = results[0].title.split(", y =")[0] or "educed impedance"
+    title = case_title(results[0]) or "educed impedance"
     hard = any(result.choices.get("surface") == "hard wall" for result in results)
     frequency = float(results[0].frequency[frequency_index])
     return f"{title}{' (null test)' if hard else ''}, {frequency:g} Hz"

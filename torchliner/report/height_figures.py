@@ -1,16 +1,12 @@
-"""Height studies as curves and drawings: Z over height, imprint over height, rms along x."""
+"""Height studies as curves and drawings: Z over height, imprint over height."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from torchliner.heights.study import HeightStudy
-from torchliner.records import VelocityPlane
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 from torchliner.report.figure import (
     COLOURS,
@@ -19,11 +15,9 @@ from torchliner.report.figure import (
     finish,
     impedance_panels,
     label_axes,
-    legend_below,
     styled,
     subplots,
 )
-from torchliner.report.numbers import velocity_along_x
 
 ORDERS = ("probes_first", "velocity_first")
 _V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
@@ -43,7 +37,7 @@ def length_label(length: float, pitch: float | None) -> str:
 
 
 def impedance_over_height(study: HeightStudy) -> Curves:
-    """R and X over height, a column an averaging length, order and part."""
+    """R and X over height, one column per averaging length, order and part."""
     values: dict[str, Array] = {}
     for length in study.lengths:
         rows = study.at_length(length)
@@ -57,23 +51,18 @@ def impedance_over_height(study: HeightStudy) -> Curves:
 
 def imprint_over_height(study: HeightStudy) -> Curves:
     """Imprints, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
-    values: dict[str, Array] = {}
     known = [facts.imprint for facts in study.facts]
-
-    def column(name: str, numbers: Sequence[float | None]) -> None:
-        if any(number is not None for number in numbers):
-            values[name] = np.array([math.nan if n is None else n for n in numbers])
-
-    column("v' rms", [i.relative if i else None for i in known])
-    column("v' rms, first harmonic", [i.first / 2**0.5 / i.mean if i else None for i in known])
-    column(
-        "v' rms, between harmonics",
-        [i.between / i.mean if i is not None and i.between is not None else None for i in known],
-    )
     steady = [facts.mean_imprint for facts in study.facts]
-    column("v0", [s.rms / i.mean if s and i else None for s, i in zip(steady, known, strict=True)])
     stream = [facts.streamwise_imprint for facts in study.facts]
-    column("u' rms", [u.relative if u else None for u in stream])
+    columns = {
+        "v' rms": [i and i.relative for i in known],
+        "v' rms, first harmonic": [i and i.first / 2**0.5 / i.mean for i in known],
+        "v' rms, between harmonics": [i and i.between and i.between / i.mean for i in known],
+        "v0": [s and i and s.rms / i.mean for s, i in zip(steady, known, strict=True)],
+        "u' rms": [u and u.relative for u in stream],
+    }
+    values = {name: np.array(numbers, dtype=np.float64) for name, numbers in columns.items()
+              if any(number is not None for number in numbers)}  # fmt: skip
     heights = np.array([facts.height for facts in study.facts])
     if study.decay is not None:
         values["v' rms, fitted decay"] = study.decay.at(heights)
@@ -106,10 +95,9 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
         if "true" in study.reference:
             true = part_of(study.reference["true"], part)
             axis.axhline(true, color="0.4", linewidth=0.9, linestyle="--", label="true")
-    legend_below(figure, panels[0][0], 3)
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz; bars: standard deviation over windows"
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=3)
 
 
 @styled
@@ -141,45 +129,3 @@ def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
     label_axes(axis, "$y$ (mm)", "cell-periodic part (rms) over mean")
     figure.legend(*axis.get_legend_handles_labels(), loc="outside right center")
     return finish(figure, path, f"{study.title}, {study.frequency:g} Hz")
-
-
-@styled
-def draw_rms_along_x(
-    cases: Sequence[tuple[str, Sequence[VelocityPlane], float | None]],
-    path: str | Path | None = None,
-) -> Figure:
-    """v'_rms and u'_rms along x at all heights, a column a case; cells marked (figure 16).
-
-    Args:
-        cases: title, planes and cell pitch (m; None where there are no cells).
-        path: picture to write, or None. Colours go by the heights of the first case.
-    """
-    figure, axes = subplots(2, len(cases), 4.4)
-    heights = np.array(sorted(plane.height or 0.0 for plane in cases[0][1]))
-    for column, (title, planes, pitch) in enumerate(cases):
-        for plane in sorted(planes, key=lambda plane: plane.height or 0.0):
-            profile = velocity_along_x(plane)
-            colour = COLOURS[int(np.abs(heights - (plane.height or 0.0)).argmin())]
-            for axis, part in zip(axes[:, column], "vu", strict=True):
-                values = profile.values.get(f"{part}' rms (m/s)")
-                if values is not None:
-                    axis.plot(1e3 * profile.at, values, color=colour, label=profile.label)
-        _finish_column(axes[:, column], planes[0], pitch)
-        axes[0, column].set_title(f"({'abc'[column]}) {title}", loc="left")
-    for axis, part in zip(axes[:, 0], (_V, _U), strict=True):
-        axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
-    legend_below(figure, axes[0, 0], len(heights))
-    return finish(figure, path)
-
-
-def _finish_column(axes: Any, plane: VelocityPlane, pitch: float | None) -> None:
-    last = float(plane.x[-1])
-    for axis in axes:
-        for k in range(0 if pitch is None else int(last / (pitch or 1.0) + 1.5)):
-            axis.axvline(
-                1e3 * k * (pitch or 0.0), color="0.7", linewidth=0.6, linestyle="--", zorder=0
-            )
-        tops = [float(np.max(line.get_ydata())) for line in axis.get_lines()]
-        axis.set_ylim(0, 1.1 * max(tops, default=1.0))
-        axis.set_xlim(0, 1e3 * last)
-    axes[1].set_xlabel("$x$ (mm)")

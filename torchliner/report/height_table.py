@@ -9,7 +9,6 @@ from torchliner.heights.study import HeightStudy
 from torchliner.report.height_figures import imprint_over_height, length_label
 from torchliner.report.table import (
     Column,
-    Of,
     Table,
     format_complex,
     format_pair,
@@ -22,7 +21,8 @@ FACTS = (
     Column("", "coherence", "coherence", ".2f"),
     Column("", "velocity_rms", "v_rms m/s", ".3f"),
     Column("", lambda one: one.imprint and one.imprint.relative, "imprint v_rms", ".4f"),
-    Column("", lambda one: _between(one.imprint), "between", ".4f"),
+    Column("", lambda one: (i := one.imprint) and i.between and i.between / i.mean, "between",
+           ".4f"),
     Column("", lambda one: one.streamwise_imprint and one.streamwise_imprint.relative,
            "imprint u_rms", ".4f"),
     Column("", "jet_velocity", "U_j m/s", ".1f"),
@@ -30,43 +30,34 @@ FACTS = (
 )  # fmt: skip
 
 
-def _between(imprint: Any) -> float | None:
-    known = imprint is not None and imprint.between is not None
-    return imprint.between / imprint.mean if known else None
-
-
 def height_table(study: HeightStudy) -> Table:
-    """A row a height and averaging length, with the facts of the height in CSV and JSON."""
+    """One row per height and averaging length, with the facts of the height in CSV and JSON."""
     facts = {one.height: vars(one) for one in study.facts}
     pitch = study.pitch
-
-    def written(name: str, of: Of, heading: str = "", text: Any = "", scale: float = 1.0) -> Column:
-        return Column(name, of, heading, text, scale, ".9g")
-
     columns = [
-        written("height (m)", "height", "y mm", ".2f", 1e3),
-        written("averaging length (m)", "length", "length", lambda v: length_label(v, pitch)),
-        written("length in cells", lambda row: None if pitch is None else row["length"] / pitch),
-        written("probes", "probes", "probes", "d"),
-        written("windows", "windows", "windows", "d"),
+        Column("height (m)", "height", "y mm", ".2f", 1e3),
+        Column("averaging length (m)", "length", "length", lambda each: length_label(each, pitch)),
+        Column("length in cells", lambda row: None if pitch is None else row["length"] / pitch),
+        Column("probes", heading="probes", text="d"),
+        Column("windows", heading="windows", text="d"),
     ]
     for order, heading in ORDERS.items():
-        label = order.replace("_", " ")
+        label, spread = order.replace("_", " "), f"{order}_spread"
         columns += [
-            *real_and_imaginary(f"resistance, {label}", f"reactance, {label}", order, csv=".9g"),
-            *real_and_imaginary(f"spread of R, {label}", f"spread of X, {label}",
-                                f"{order}_spread", csv=".9g"),
+            *real_and_imaginary(f"resistance, {label}", f"reactance, {label}", order),
+            *real_and_imaginary(f"spread of R, {label}", f"spread of X, {label}", spread),
             Column("", order, heading, format_complex),
-            Column("", f"{order}_spread", "spread", format_pair),
-        ]  # fmt: skip
+            Column("", spread, "spread", format_pair),
+        ]
     columns += [
-        written("coherence", "coherence"),
-        written("v' rms (m/s)", "velocity_rms"),
-        written("imprint on v'", lambda row: row["imprint"] and row["imprint"].relative),
-        written("jet velocity (m/s)", "jet_velocity"),
-        written("jet height (m)", "jet_height"),
+        Column("coherence"),
+        Column("v' rms (m/s)", "velocity_rms"),
+        Column("imprint on v'", lambda row: row["imprint"] and row["imprint"].relative),
+        Column("jet velocity (m/s)", "jet_velocity"),
+        Column("jet height (m)", "jet_height"),
     ]
-    return Table([facts[row.height] | vars(row) for row in study.rows], columns)
+    rows = [facts[row.height] | vars(row) for row in study.rows]
+    return Table(rows, columns, csv=".9g")
 
 
 def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:

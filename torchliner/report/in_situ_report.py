@@ -10,16 +10,15 @@ from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stat
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.curves import part_of
-from torchliner.report.figure import COLOURS, finish, impedance_panels, legend_below, styled
-from torchliner.report.table import Column, Table, format_complex, real_and_imaginary
+from torchliner.report.figure import COLOURS, ONE_ROW, draw_curve, finish, impedance_panels, styled
+from torchliner.report.table import Column, Table, format_complex, plain_columns, real_and_imaginary
 
 COLUMNS = (
     Column("method", heading="method"),
     Column("place", heading="place"),
     Column("frequency", heading="f Hz", text=".1f"),
     *real_and_imaginary("resistance", "reactance", "impedance"),
-    *real_and_imaginary("own_resistance", "own_reactance", "own"),
-    *real_and_imaginary("true_resistance", "true_reactance", "true"),
+    *plain_columns("own* true*"),
     Column("", "impedance", "Z", format_complex),
     Column("", "own", "file own", format_complex),
     Column("distance_to_own", lambda row: row.distance(row.own), "|dZ|", ".3f"),
@@ -36,7 +35,7 @@ def in_situ_table(rows: Sequence[InSituRow]) -> Table:
 
 
 def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
-    """What was measured, then a row a method and place."""
+    """What was measured, then one row per method and place."""
     head = record.title or record.name
     if record.facesheet is not None:
         head += (
@@ -47,8 +46,8 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
         head += f"; true Z = {format_complex(record.reference['true'])}"
     return (
         f"{head}\n{in_situ_table(report.rows).as_text()}\n"
-        "Z is p/(rho c v), exp(+jwt). Pressure first: what the reflected plane wave knows; "
-        "admittance over points: the paper's order"
+        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave "
+        "sees; admittance over points: the paper's order"
     )
 
 
@@ -66,12 +65,10 @@ def draw_in_situ(
     frequency = float(points.frequency[frequency_index])
     true = stated_impedance(record, "true", frequency)
     for axis, part in panels:
-        x = 1e3 * profile.at if known else profile.at
-        axis.plot(x, profile.values[part], color=COLOURS[0], label="points")
+        draw_curve(axis, profile, part, COLOURS[0], 1e3 if known else 1.0, label="points")
         if known:
             draw_cells(axis, points, part, frequency_index, "cells, ")
         if true is not None:
             axis.axhline(part_of(true, part), color="k", linewidth=0.9, label="true")
-    legend_below(figure, panels[0][0])
     title = f"{record.title or record.name}, in situ (Dean), {frequency:g} Hz"
-    return finish(figure, path, title)
+    return finish(figure, path, title, legend=ONE_ROW)

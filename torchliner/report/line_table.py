@@ -12,9 +12,9 @@ from torchliner.records import ImpedanceLine
 from torchliner.report.table import (
     Column,
     Table,
+    format_bounds,
     format_complex,
     format_pair,
-    format_range,
     format_references,
 )
 
@@ -22,7 +22,7 @@ At = tuple[int, int]  # station, frequency
 
 
 def format_line(line: ImpedanceLine) -> str:
-    """A row a station and frequency, the averages, references, flags, the choices."""
+    """One row per station and frequency, the averages, references, flags, the choices."""
     goodrich = [] if line.goodrich is None else line.goodrich.tolist()
     names = ("method", "correction", "segment", "overlap", "phase", "drive", "kernel")
     choices = ", ".join(f"{key} {line.choices[key]}" for key in names)
@@ -45,10 +45,6 @@ def _station_table(line: ImpedanceLine) -> Table:
     def number(values: Tensor) -> Callable[[At], float]:
         return lambda at: float(values[at])
 
-    def bounds(part: str) -> Callable[[At], str]:
-        ends = (line.interval.low, line.interval.high) if line.interval is not None else ()
-        return lambda at: format_range(*(float(getattr(end[at], part)) for end in ends))
-
     columns = [
         Column("", lambda at: line.names[at[0]], "station"),
         Column("", station(line.x), "x mm", ".2f", 1e3),
@@ -56,9 +52,12 @@ def _station_table(line: ImpedanceLine) -> Table:
         Column("", lambda at: float(line.frequency[at[1]]), "f Hz", ".1f"),
         Column("", lambda at: complex(line.impedance[at]), "Z (5.1)", format_complex),
     ]
-    if line.interval is not None:
-        columns += [Column("", bounds("real"), f"{_level(line)} of R"),
-                    Column("", bounds("imag"), f"{_level(line)} of X")]  # fmt: skip
+    if (interval := line.interval) is not None:
+
+        def bounds(at: At) -> tuple[complex, complex]:
+            return complex(interval.low[at]), complex(interval.high[at])
+
+        columns.append(Column("", bounds, f"{_level(line)} interval", format_bounds))
     columns += [
         Column("", lambda at: complex(line.segment_spread[at]), "segments R, X", format_pair),
         Column("", station(line.mean_velocity), "v0", ".3f"),
@@ -86,8 +85,7 @@ def _averages(line: ImpedanceLine) -> list[str]:
         text = f"{frequency:7.1f} Hz: {format_complex(complex(found.impedance[f]))}"
         if found.interval is not None:
             low, high = complex(found.interval.low[f]), complex(found.interval.high[f])
-            text += (f"; {_level(line)} interval R {format_range(low.real, high.real, 4)}, "
-                     f"X {format_range(low.imag, high.imag, 4)}")  # fmt: skip
+            text += f"; {_level(line)} interval {format_bounds((low, high), 4)}"
         along, drawn = complex(found.spatial_spread[f]), complex(found.monte_carlo_spread[f])
         lines.append(
             f"{text}; spread along the line of R, X {format_pair(along)}; Monte Carlo "

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces
-from torchliner.report.numbers import HeightRow, against_height
+from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,
     Table,
+    format_bounds,
     format_complex,
     format_pair,
-    format_range,
     format_references,
 )
 
 NULL_TEST = (
-    "NULL TEST, there is a hard wall below these data and no liner; the values only show what this "
-    "model makes of such a velocity"
+    "NULL TEST, the wall below these data is hard and has no liner; the values only show how this "
+    "model responds to such a velocity"
 )
 WHERE = (
     Column("", "height", "y mm", ".2f", 1e3),
@@ -34,32 +34,20 @@ AVERAGES = (
 )
 
 
-def _bounds(interval: str, part: str) -> Callable[[HeightRow], str]:
-    def written(row: HeightRow) -> str:
-        known = getattr(row, interval)
-        return "-" if known is None else format_range(*(getattr(end, part) for end in known))
-
-    return written
-
-
 INTERVALS = (
-    Column("", _bounds("interval", "real"), "R, over probes"),
-    Column("", _bounds("interval", "imag"), "X, over probes"),
-    Column("", _bounds("interval_velocity_first", "real"), "R, velocity first"),
-    Column("", _bounds("interval_velocity_first", "imag"), "X, velocity first"),
+    Column("", "interval", "admittance over probes", format_bounds),
+    Column("", "interval_velocity_first", "velocity first", format_bounds),
 )
 
 
 def format_maps(results: Sequence[ImpedanceMap]) -> str:
-    """A row a height and frequency; intervals; what other methods say; the choices."""
+    """One row per height and frequency; intervals; results of other methods; the choices."""
     rows = against_height(results)
     lines = [Table(rows, (*WHERE, *AVERAGES)).as_text()]
-    found = results[0].uncertainty
-    if found is not None:
-        lines.append(
-            f"\n{100 * found.settings['level']:g} % statistical interval (the spread above is that "
-            f"over probes, no uncertainty)\n{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n"
-        )
+    words = interval_words(results[0])
+    if words:
+        lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
+                     f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
     return "\n".join([*lines, *_beside(results), _choices(results[0])])
 
 
@@ -70,7 +58,7 @@ def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
         beside = alongside_surfaces(results, i)
         seen |= dict.fromkeys(format_references(beside, f"{f:g} Hz, "))
     for result in results:
-        case = result.title.split(", y =")[0]
+        case = case_title(result)
         seen |= dict.fromkeys(format_references(result.reference, f"{case}, "))
         if result.choices.get("surface") == "hard wall":
             seen[f"{case}: {NULL_TEST}"] = None

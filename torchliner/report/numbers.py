@@ -22,6 +22,17 @@ def height_label(height: float | None) -> str:
     return "" if height is None else f"y = {1e3 * height:.3g} mm"
 
 
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % statistical interval' or nothing."""
+    found = result.uncertainty
+    return "" if found is None else f"{100 * found.settings['level']:g} % statistical interval"
+
+
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     """Resistance and reactance along x, and the bounds of their statistical intervals if known.
 
@@ -129,30 +140,15 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
+        found = result.uncertainty
+        both = () if found is None else (found.liner, found.liner_velocity_first)
         for i, frequency in enumerate(result.frequency.tolist()):
             # The median over probes: a mean of complex waves would cancel along a grazing one.
-            levels = result.inferred_incident_level[..., i].detach().cpu().reshape(-1)
-            level = float(levels.nanmedian())
-            rows.append(
-                HeightRow(
-                    result.height,
-                    frequency,
-                    complex(result.liner_impedance[i]),
-                    complex(result.liner_impedance_velocity_first[i]),
-                    complex(result.liner_spread[i]),
-                    float(result.coherence[..., i].nanmedian()),
-                    level,
-                    *_bounds(result, i),
-                )
-            )
+            level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
+            bounds = [(complex(each.low[i]), complex(each.high[i])) for each in both]
+            rows.append(HeightRow(
+                result.height, frequency, complex(result.liner_impedance[i]),
+                complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
+                float(result.coherence[..., i].nanmedian()), float(level), *bounds,
+            ))  # fmt: skip
     return rows
-
-
-def _bounds(result: ImpedanceMap, i: int) -> tuple[Bounds | None, Bounds | None]:
-    """Intervals of the whole liner, in both orders of averaging."""
-    found = result.uncertainty
-    if found is None:
-        return None, None
-    both = (found.liner, found.liner_velocity_first)
-    first, second = ((complex(each.low[i]), complex(each.high[i])) for each in both)
-    return first, second

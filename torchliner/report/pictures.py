@@ -32,10 +32,10 @@ def _draw_group(
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     frequencies = results[0].frequency.tolist()
+    stems = [_stem(plane) for plane in planes]
     for i, frequency in enumerate(frequencies):
         end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
-        for result, plane in zip(results, planes, strict=True):
-            stem = _stem(plane)
+        for result, stem in zip(results, stems, strict=True):
             if result.mean_velocity.ndim == 2:
                 figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
             impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
@@ -44,10 +44,8 @@ def _draw_group(
             figures.draw_against_height(results, folder / f"height{end}.png", i)
     if len(frequencies) > 1:
         draw_spectrum(results, folder / "spectrum.png")
-        for result, plane in zip(results, planes, strict=True):
-            stem = _stem(plane)
+        for result, stem in zip(results, stems, strict=True):
             impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
-    for plane in planes:
-        stem = _stem(plane)
+    for plane, stem in zip(planes, stems, strict=True):
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
     figures.draw_velocity(planes, folder / "velocity.png")

@@ -10,6 +10,7 @@ import numpy as np
 
 from torchliner.calibration.budget import Budget
 from torchliner.calibration.sensitivities import Sensitivities
+from torchliner.names import ORDERS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
 
@@ -98,11 +99,8 @@ def budget_correlation(budget: Budget, order: str, frequency_index: int) -> floa
 
 def nominal_impedance(found: Sensitivities, order: str) -> list[complex]:
     """Of the whole liner at each frequency, at the parameters as stated."""
-    result = found.found
-    value = result.liner_impedance
-    if order == "velocity first":
-        value = result.liner_impedance_velocity_first
-    return [complex(z) for z in value]
+    both = (found.found.liner_impedance, found.found.liner_impedance_velocity_first)
+    return dict(zip(ORDERS, both, strict=True))[order].tolist()
 
 
 @styled

@@ -1,4 +1,4 @@
-"""What stations of bursts hold and whether they can be used: table, JSON, CSV and figure."""
+"""Contents and usability of stations of bursts: table, JSON, CSV and figure."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ WEIGHTINGS = (
     ("weighted_", COLOURS[1], "s", "by transit time"),
 )
 SHORT = {"wall_normal": "v", "streamwise": "u"}
+STATISTICS = ("duration", "rate", "longest_gap", "irregularity")
 HEAD = (
     Column("station", "name", "station"),
     *(Column(f"{key} (m)", f"kept.{key}", f"{key} mm", ".3f", 1e3) for key in "xyz"),
@@ -44,7 +45,7 @@ FLAGS = (
 
 
 def station_table(stations: Sequence[Station]) -> Table:
-    """A row a station; CSV has the same columns for all, the text those that were measured."""
+    """One row per station; CSV has the same columns for all, the text those that were measured."""
     parts = []
     for name, short in SHORT.items():
         shown = any(station.component(name) for station in stations)
@@ -72,15 +73,10 @@ def plain_station(station: Station) -> dict[str, Any]:
     kept, moments = station.kept, station.moments
     return {
         "name": station.name,
-        **{key: getattr(kept, key) for key in "xyz"},
-        "received": kept.received,
-        "bursts": kept.bursts,
+        **{key: getattr(kept, key) for key in (*"xyz", "received", "bursts")},
         "dropped": dict(kept.dropped),
         "zero_shares": station.zero_shares,
-        "duration": moments.duration,
-        "rate": moments.rate,
-        "longest_gap": moments.longest_gap,
-        "irregularity": moments.irregularity,
+        **{key: getattr(moments, key) for key in STATISTICS},
         "transit_time_weighted": moments.weighted,
         "components": {
             name: {**vars(found), "velocity_bias": found.velocity_bias}
@@ -92,7 +88,7 @@ def plain_station(station: Station) -> dict[str, Any]:
 
 
 def format_stations(stations: Sequence[Station]) -> str:
-    """A row a station, then what was dropped and why, notes and flags."""
+    """One row per station, then what was dropped and why, notes and flags."""
     lines = [station_table(stations).as_text()]
     if any(not station.moments.weighted for station in stations):
         lines.append("No transit times at some stations: there weighted is not weighted")
@@ -170,7 +166,10 @@ def _draw_intervals(axis: Any, stations: Sequence[Station]) -> None:
         drawn = (station.kept.bursts * law * width >= FEWEST_IN_BIN) & (density > 0)
         axis.plot(curves.at, np.where(drawn, density, np.nan), color="0.65", linewidth=0.7,
                   linestyle=":" if station.flags else "-")  # fmt: skip
-    for style, label in (("-", "intervals, a line a station"), (":", "those of flagged stations")):
+    for style, label in (
+        ("-", "intervals, a line a station"),
+        (":", "those of flagged stations"),
+    ):
         axis.plot([], [], color="0.65", linewidth=0.7, linestyle=style, label=label)
     span = np.linspace(0, HISTOGRAM_REACH, 50)
     axis.plot(span, np.exp(-span), color="k", linestyle="--", label="exponential law")

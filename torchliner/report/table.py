@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.hdf5 import written_whole
+from torchliner.io.whole_file import written_whole
 
 Of = str | Callable[[Any], Any]
 GAP = "  "  # between the columns of a text table
@@ -40,7 +40,6 @@ class Column:
         text: format of a number in the text, such as ".3f", or a function that writes any value;
             without one the value stands as it is, to the left. Unknown numbers are "-".
         scale: factor of numbers in the text, such as 1e3 for mm.
-        csv: format of a number in CSV; without one all its digits.
     """
 
     name: str
@@ -48,7 +47,6 @@ class Column:
     heading: str = ""
     text: str | Callable[[Any], str] = ""
     scale: float = 1.0
-    csv: str = ""
 
     def value(self, row: Any) -> Any:
         """Of one row."""
@@ -63,21 +61,29 @@ class Column:
             return "-"
         return format(value if self.scale == 1.0 else self.scale * value, self.text)
 
-    def csv_value(self, row: Any) -> Any:
-        """In CSV; None is an empty field."""
-        value = self.value(row)
-        return format(value, self.csv) if self.csv and value is not None else value
-
 
 def real_and_imaginary(
-    real: str, imaginary: str, of: Of, missing: Any = math.nan, csv: str = ""
+    real: str, imaginary: str, of: Of, missing: Any = math.nan
 ) -> tuple[Column, Column]:
     """Two columns of CSV and JSON for one complex value; ``missing`` stands for None."""
 
     def part(name: str) -> Callable[[Any], Any]:
         return lambda row: missing if (value := value_of(row, of)) is None else getattr(value, name)
 
-    return Column(real, part("real"), csv=csv), Column(imaginary, part("imag"), csv=csv)
+    return Column(real, part("real")), Column(imaginary, part("imag"))
+
+
+def plain_columns(names: str, missing: Any = math.nan) -> list[Column]:
+    """Columns of CSV and JSON alone, by the names of values; a star marks complex ones.
+
+    "frequency true*" gives frequency, true_resistance and true_reactance.
+    """
+    found: list[Column] = []
+    for name in names.split():
+        stem = name.rstrip("*")
+        two = real_and_imaginary(f"{stem}_resistance", f"{stem}_reactance", stem, missing)
+        found += two if name.endswith("*") else [Column(name)]
+    return found
 
 
 @dataclass(frozen=True)
@@ -87,10 +93,12 @@ class Table:
     Args:
         rows: at least one for ``write_csv``.
         columns: in their order.
+        csv: format of numbers in CSV; without one all their digits.
     """
 
     rows: Sequence[Any]
     columns: Sequence[Column]
+    csv: str = ""
 
     def as_text(self) -> str:
         """Columns with a heading, as wide as they need; numbers to the right."""
@@ -113,9 +121,13 @@ class Table:
         return [{column.name: column.value(row) for column in named} for row in self.rows]
 
     def write_csv(self, path: str | Path) -> None:
-        """The columns with a name."""
-        named = [column for column in self.columns if column.name]
-        write_rows([{c.name: c.csv_value(row) for c in named} for row in self.rows], path)
+        """The columns with a name; None is an empty field."""
+        rows = self.as_rows()
+        for row in rows if self.csv else ():
+            row |= {
+                key: format(v, self.csv) for key, v in row.items() if isinstance(v, int | float)
+            }
+        write_rows(rows, path)
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path) -> None:
@@ -146,11 +158,15 @@ def format_range(low: float, high: float, digits: int = 3) -> str:
     return f"{low:.{digits}f} to {high:.{digits}f}"
 
 
+def format_bounds(ends: tuple[complex, complex] | None, digits: int = 3) -> str:
+    """'R 0.150 to 0.170, X -0.061 to -0.052'; '-' for None."""
+    if ends is None:
+        return "-"
+    low, high = ends
+    return (f"R {format_range(low.real, high.real, digits)}, "
+            f"X {format_range(low.imag, high.imag, digits)}")  # fmt: skip
+
+
 def format_references(references: Mapping[str, complex], lead: str = "") -> list[str]:
     """'true: 0.168-0.066j', a line each."""
     return [f"{lead}{name}: {format_complex(value)}" for name, value in references.items()]
-
-
-def join_parts(parts: Iterable[str]) -> str:
-    """Parts of a page, a line apart; empty ones are left out."""
-    return "\n".join(part for part in parts if part)

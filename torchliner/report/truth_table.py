@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from torchliner.audits.truth_rows import DEFAULT, PHASES, RuleErrors, TruthRow, errors_by_rule
@@ -13,17 +13,13 @@ from torchliner.report.table import (
     format_complex,
     format_pair,
     format_range,
-    real_and_imaginary,
+    plain_columns,
 )
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
-COMPLEX = ("educed", "true", "in_situ", "low", "high")
-COLUMNS = (
-    *map(Column, ("case", "height", "drive", "mean", "phase", "order")),
-    *(column for name in COMPLEX
-      for column in real_and_imaginary(f"{name}_resistance", f"{name}_reactance", name)),
-    Column("error"),
-)  # fmt: skip
+COLUMNS = plain_columns(
+    "case height drive mean phase order educed* true* in_situ* low* high* error"
+)
 
 
 def drive_label(drive: str, mean: str) -> str:
@@ -36,20 +32,10 @@ def plain_truth(rows: Sequence[TruthRow]) -> Table:
     return Table(rows, COLUMNS)
 
 
-def truth_row_of(row: Mapping[str, str]) -> TruthRow:
-    """The row of such a CSV again."""
-    values: dict[str, Any] = {key: row[key] for key in ("case", "drive", "mean", "phase", "order")}
-    values |= {
-        name: complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
-        for name in COMPLEX
-    }
-    return TruthRow(height=float(row["height"]), **values)
-
-
 def _by_phase(
     cells: Iterable[tuple[TruthRow | RuleErrors, complex]], written: Callable[[Any], str]
 ) -> str:
-    """A line a height (if the cells have one), drive and order; a column a phase rule."""
+    """One line per height (if the cells have one), drive and order; one column per phase rule."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for cell, value in cells:
         key = (getattr(cell, "height", None), drive_label(cell.drive, cell.mean), cell.order)
@@ -70,7 +56,7 @@ def format_rules(rows: Sequence[TruthRow]) -> str:
 
 
 def format_truth(rows: Sequence[TruthRow]) -> str:
-    """A text table a case: Z by height, drive, order and phase rule."""
+    """One text table per case: Z by height, drive, order and phase rule."""
     tables = []
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case]

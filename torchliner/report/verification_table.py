@@ -1,4 +1,4 @@
-"""What the duct solvers are held to, as text and CSV."""
+"""Verification of the duct solvers as text and CSV."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torchliner.report.table import Column, Table
 
 
 def order_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """A row a flow, degree and mesh."""
+    """One row per flow, degree and mesh."""
     return Table(
         rows,
         (
@@ -26,7 +26,7 @@ def order_table(rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def format_verification(table: Table, checks: Sequence[dict[str, Any]]) -> str:
-    """``order_table``, then a line a check."""
+    """``order_table``, then one line per check."""
     lines = [table.as_text(), ""]
     for check in checks:
         word = "holds" if check["passed"] else "FAILS"

@@ -9,8 +9,18 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import MicrophoneLine
-from torchliner.report.curves import COMPLEX_PART
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.curves import part_of
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    draw_band,
+    finish,
+    impedance_panels,
+    label_axes,
+    styled,
+)
 from torchliner.report.wall_table import LEVEL, Educed
 
 
@@ -22,29 +32,23 @@ def draw_wall(
 ) -> Figure:
     """One frequency: Z with its draws, and the levels with the range of the draws (figure 14).
     Several: R and X over frequency with 95 % of the draws."""
-    figure, axes = subplots(1, 2, 3.2)
+    figure, panels = impedance_panels(3.2, "$f$ (kHz)")
     single = all(len(one.frequency) == 1 for one in found)
+    (left, _), (right, _) = panels
     for i, (line, one) in enumerate(zip(lines, found, strict=True)):
         label = f"{line.title or Path(line.name).stem}, source {one.source_side}"
-        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        colour, marker = COLOURS[i], MARKERS[i]
         if single:
-            draw_cloud(axes[0, 0], one, colour, marker, label)
-            draw_levels(axes[0, 1], line, one, colour, marker)
+            draw_cloud(left, one, colour, marker, label)
+            draw_levels(right, line, one, colour, marker)
         else:
-            for axis, (part, _) in zip(axes[0], PARTS, strict=True):
-                _draw_spectrum(axis, one, COMPLEX_PART[part], colour, marker, label)
+            for axis, part in panels:
+                _draw_spectrum(axis, one, part, colour, marker, label)
     if single:
-        labels = ((PARTS[0][1], PARTS[1][1]), ("$x$ (mm)", "SPL (dB)"))
-    else:
-        labels = tuple(("$f$ (kHz)", label) for _, label in PARTS)  # type: ignore[assignment]
-    for axis, (across, up) in zip(axes[0], labels, strict=True):
-        axis.set_xlabel(across)
-        axis.set_ylabel(up)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(2, len(names)))
+        label_axes(left, PARTS[0][1], PARTS[1][1])
+        label_axes(right, "$x$ (mm)", "SPL (dB)")
     hertz = f", {float(found[0].frequency[0]):g} Hz" if single else ""
-    figure.suptitle(f"{found[0].method}{hertz}", fontsize=9)
-    return finish(figure, path)
+    return finish(figure, path, f"{found[0].method}{hertz}", legend=2)
 
 
 def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> None:
@@ -62,8 +66,8 @@ def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marke
     x, level = one.level_along()
     if one.draws is not None:
         drawn = one.draws.level_along()[1][..., 0].numpy()
-        axis.fill_between(1e3 * x.numpy(), np.nanmin(drawn, 0), np.nanmax(drawn, 0),
-                          color=colour, alpha=0.25, linewidth=0)  # fmt: skip
+        low, high = np.nanmin(drawn, 0), np.nanmax(drawn, 0)
+        draw_band(axis, 1e3 * x.numpy(), low, high, colour, 0.25)
     axis.plot(1e3 * x.numpy(), level[:, 0].numpy(), color=colour)
     axis.plot(1e3 * line.x.numpy(), line.level[:, 0].numpy(), marker, color=colour,
               markerfacecolor="none")  # fmt: skip
@@ -72,7 +76,7 @@ def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marke
 def _draw_spectrum(axis: Any, one: Educed, part: str, colour: str, marker: str, label: str) -> None:
     at = one.frequency.numpy() / 1e3
     if one.draws is not None:
-        low, high = (getattr(end, part).numpy() for end in one.interval(LEVEL))
-        axis.fill_between(at, low, high, color=colour, alpha=0.25, linewidth=0)
-    axis.plot(at, getattr(one.impedance, part).numpy(), marker + "-", color=colour, label=label,
+        low, high = (part_of(end, part) for end in one.interval(LEVEL))
+        draw_band(axis, at, low, high, colour, 0.25)
+    axis.plot(at, part_of(one.impedance, part), marker + "-", color=colour, label=label,
               markersize=3)  # fmt: skip
