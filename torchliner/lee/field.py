@@ -14,9 +14,8 @@ from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.lee.swept import SweptDuct, point_rows
-from torchliner.names import SOURCES
+from torchliner.names import SOURCES, WALLS
 
-WALLS = ("opposite", "lined")
 POINTS_AT_ONCE = 512
 
 
