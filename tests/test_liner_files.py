@@ -1,22 +1,13 @@
 """Liners from files: presets, the user's own TOML, and tables of measured impedance."""
 
-import json
-from dataclasses import dataclass, field
-from typing import Literal
-
 import pytest
 import torch
-from conftest import plane_of, relative_error, turbulence
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import Field
 
 import torchliner as tl
-from torchliner.checks import real_tensor
-from torchliner.cli.main import main
-from torchliner.liners.catalogue import MODELS, LinerFile, liner_text, preset_text
-from torchliner.liners.model import LinerModel, Number, as_liner, named_numbers
-from torchliner.toml_files import FluidTable
+from torchliner.liners.catalogue import preset_text
+from torchliner.liners.model import LinerModel, as_liner, named_numbers
 
 PRESETS = ("lbm_orifice", "lbm_slit", "onera", "polito")
 GRID_F, GRID_V = (500.0, 800.0, 1400.0, 3000.0), (0.0, 0.5, 4.0)
@@ -247,122 +238,6 @@ HEAD = "frequency,speed,resistance,reactance"
 def test_bad_csv_is_refused(tmp_path, lines, message):
     with pytest.raises(ValueError, match=message):
         tl.load_liner(write(tmp_path / "t.csv", *lines))
-
-
-# A liner of one's own: the file of a new model, as CONTRIBUTING shows it, and its row in MODELS
-
-
-@dataclass(frozen=True)
-class MicroPerforated(LinerModel):
-    """Micro-perforated plate over an air gap, without losses in the gap; linear.
-
-    Args:
-        thickness: t, m.
-        diameter: d of the holes, m.
-        porosity: sigma, 0 to 1.
-        depth: D of the gap, m.
-    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, with the mass of Maa (1975): 9 + k^2/2.
-    """
-
-    model = "mpp"
-
-    thickness: float
-    diameter: float
-    porosity: float
-    depth: float
-    cell_pitch: float | None = None
-    fluid: tl.Fluid = field(default_factory=tl.Fluid)
-    name: str = "mpp"
-
-    def impedance(self, frequency, speed=0.0):
-        """Z, complex128; Hz, and |v| in m/s, which it does not depend on."""
-        frequency, speed = real_tensor(frequency), real_tensor(speed)
-        omega, gas = 2 * torch.pi * frequency, self.fluid
-        k = self.diameter * (omega / (4 * gas.kinematic_viscosity)) ** 0.5
-        share = self.porosity * gas.sound_speed
-        friction = 32 * gas.kinematic_viscosity * self.thickness / (share * self.diameter**2)
-        ends = self.diameter / self.thickness
-        resistance = friction * ((1 + k**2 / 32) ** 0.5 + 2**0.5 / 32 * k * ends)
-        mass = omega * self.thickness / share * (1 + (9 + k**2 / 2) ** -0.5 + 0.85 * ends)
-        gap = 1 / torch.tan(omega * self.depth / gas.sound_speed)
-        return torch.complex(resistance, mass - gap) + 0 * speed
-
-    def numbers(self):
-        """The lengths and the porosity."""
-        lengths = {n: Number(getattr(self, n), "m") for n in ("thickness", "diameter", "depth")}
-        return {**lengths, "porosity": Number(self.porosity, high=1.0)}
-
-
-class MicroPerforatedFile(LinerFile):
-    """Keys of a file with ``model = "mpp"``."""
-
-    model: Literal["mpp"]
-    thickness: float = Field(gt=0)
-    diameter: float = Field(gt=0)
-    porosity: float = Field(gt=0, le=1)
-    depth: float = Field(gt=0)
-    fluid: FluidTable = FluidTable()
-
-    def build(self, path, name):
-        """See ``LinerFile``."""
-        values = self.model_dump(exclude={"model", "name", "description", "source", "fluid"})
-        return MicroPerforated(**values, fluid=self.fluid.build(), name=self.name or name)
-
-
-PLATE = """
-model = "mpp"
-thickness = 0.5e-3
-diameter = 0.3e-3
-porosity = 0.01
-depth = 40e-3
-cell_pitch = 5e-3
-"""
-
-
-@pytest.fixture
-def plate(tmp_path, monkeypatch):
-    """The file of a plate, after the one row that a new model takes."""
-    monkeypatch.setitem(MODELS, "mpp", MicroPerforatedFile)
-    path = tmp_path / "plate.toml"
-    path.write_text(PLATE)
-    return path
-
-
-def test_a_new_model_is_one_file_and_one_row(plate):
-    """Read, refused, written, educed and differentiated like the models of the package."""
-    liner = tl.load_liner(plate)
-    assert liner.name == "plate"
-    plate.write_text(PLATE.replace("porosity = 0.01", "porosty = 0.01"))
-    with pytest.raises(ValueError, match=r"porosty.*did you mean 'porosity'"):
-        tl.load_liner(plate)
-    plate.write_text(liner_text(liner, "Maa (1998)"))
-    assert tl.load_liner(plate).describe() == liner.describe()
-    # A tone over whole periods and a model that knows no |v|: the educed Z is the model's own.
-    x = (torch.arange(8, dtype=torch.float64) + 0.5) * 10e-3 / 8
-    plane = plane_of(turbulence((8, 420)), x=x)
-    found = tl.educe(plane, liner, edge="wrap", dtype="float64", interval=None)
-    wanted = liner.impedance(plane.frequency)
-    assert relative_error(found.cell_impedance[:, 0], wanted.expand(2)) < 1e-12
-    assert found.choices["liner"]["model"] == "mpp"
-    slopes = tl.sensitivities(plane, liner, edge="wrap")
-    assert slopes.parameters == ("thickness", "diameter", "depth", "porosity")
-    assert slopes.units == ("m", "m", "m", "1")
-
-
-def test_the_new_model_is_printed(plate, capsys):
-    """Without another line of code."""
-    assert main(["liner", str(plate), "--frequency", "1000", "--speed", "0", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["liner"]["model"] == "mpp"
-    wanted = complex(tl.load_liner(plate).impedance(1000.0))
-    assert found["table"][0]["impedance"]["resistance"] == pytest.approx(wanted.real)
-
-
-def test_the_plate_at_rest(plate):
-    """At low frequency its resistance is that of Poiseuille flow through the holes."""
-    liner = tl.load_liner(plate)
-    poiseuille = 32 * liner.fluid.kinematic_viscosity * 0.5e-3 / (0.01 * 343.2 * 0.3e-3**2)
-    assert complex(liner.impedance(1e-4)).real == pytest.approx(poiseuille, rel=1e-3)
 
 
 def test_any_object_with_an_impedance_is_a_liner(liner):

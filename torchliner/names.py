@@ -38,6 +38,10 @@ ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
+LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and how it is built
+    "sdof": "torchliner.liners.catalogue:SDoFFile",
+    "table": "torchliner.liners.catalogue:TableFile",
+}
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 

@@ -12,7 +12,7 @@ from torchliner import toml_files
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.names import VELOCITY_READINGS, did_you_mean
+from torchliner.names import LINER_MODELS, VELOCITY_READINGS, did_you_mean, resolve
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
 
 
@@ -71,7 +71,6 @@ class TableFile(LinerFile):
         return TabulatedLiner.read_csv(table, name=self.name or name, cell_pitch=self.cell_pitch)
 
 
-MODELS: dict[str, type[LinerFile]] = {"sdof": SDoFFile, "table": TableFile}
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml or .csv")
 
 
@@ -125,12 +124,12 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
 
 def _build(content: dict[str, Any], path: Path) -> LinerModel:
     kind = content.get("model")
-    if not isinstance(kind, str) or kind not in MODELS:
+    if not isinstance(kind, str) or kind not in LINER_MODELS:
         raise ValueError(
-            f"{path}: model is {kind!r}{did_you_mean(str(kind), list(MODELS))}; "
-            f"it is one of {', '.join(MODELS)}"
+            f"{path}: model is {kind!r}{did_you_mean(str(kind), list(LINER_MODELS))}; "
+            f"it is one of {', '.join(LINER_MODELS)}"
         )
-    file = validated(MODELS[kind], content, path, {"fluid": FluidTable})
+    file = validated(resolve(LINER_MODELS[kind]), content, path, {"fluid": FluidTable})
     try:
         return file.build(path, path.stem)
     except ValueError as error:

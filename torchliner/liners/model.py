@@ -56,7 +56,7 @@ class LinerModel:
     """
 
     model: ClassVar[str] = ""
-    """Name of the model in liner files, a key of ``catalogue.MODELS``."""
+    """Name of the model in liner files, a key of ``names.LINER_MODELS``."""
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Names that stand for several of ``numbers``."""
     cell_pitch: float | None = None
