@@ -13,6 +13,7 @@ from torchliner.checks import require_choice, require_positive
 from torchliner.names import (
     COMPILE,
     DRIVES,
+    DTYPES,
     EDGE_RULES,
     ENGINES,
     KERNELS,
@@ -33,7 +34,7 @@ NAMED = {
     "resample": RESAMPLED,
 }  # fmt: skip
 CALLED = {"phase": "phase rule", "edge": "edge rule"}
-DTYPES = {"float32": torch.float32, "float64": torch.float64}
+PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
 @dataclass(frozen=True)
@@ -256,8 +257,8 @@ class Choices:
         """The precision asked for, checked; ``direct`` is always float64."""
         wanted = self.dtype
         if isinstance(wanted, str):
-            wanted = DTYPES[require_choice("dtype", wanted, DTYPES)]
-        if wanted is not None and wanted not in DTYPES.values():
+            wanted = PRECISIONS[require_choice("dtype", wanted, DTYPES)]
+        if wanted is not None and wanted not in PRECISIONS.values():
             raise ValueError(f"dtype is {wanted}; float32 or float64")
         if self.engine == "direct":
             return torch.float64
