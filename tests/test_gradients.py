@@ -103,6 +103,7 @@ def test_unfold_refuses_to_lose_a_gradient():
         reflection(make("vena_contracta", value), "finite", "unfold")
 
 
+@pytest.mark.slow
 def test_the_fit_of_the_vena_contracta(capsys):
     """The script recovers the coefficient it is given, and prints what n130 says."""
     script = load_script("fit_vena_contracta")

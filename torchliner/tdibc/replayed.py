@@ -142,9 +142,9 @@ def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
         text = (
             f"wall filter: {count} of {total} probes ({100 * count / total:.3g} %) of "
             f"{prepared.plane.name} have a squared coherence below {limit:g} with {f:g} Hz and "
-            "count as wall, admittance 0, in the averages over probes; those with velocity first are "
-            f"as without the filter. Without any tone {100 * chance:.2g} % of probes would pass it, "
-            f"with {segments} segments"
+            "count as wall, admittance 0, in the averages over probes; those with velocity first "
+            f"are as without the filter. Without any tone {100 * chance:.2g} % of probes would "
+            f"pass it, with {segments} segments"
         )
         tone = prepared.plane.frequency
         if tone is not None and abs(f / tone - 1) > SAME_TONE:
