@@ -62,7 +62,7 @@ def draw_averages(
         axis.set_xticks(range(len(lines)), names, fontsize=7)
         axis.set_xlim(-0.5, len(lines) - 0.5)
         axis.set_ylabel(text)
-    handles, labels = axes[0, 0].get_legend_handleslabels_of()
+    handles, labels = axes[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3)
     return finish(figure, path, title)
