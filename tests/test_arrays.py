@@ -8,7 +8,10 @@ import pytest
 import torch
 from scipy.io import savemat
 
+from torchliner import names
+from torchliner.io import arrays
 from torchliner.io.arrays import plane_from_array, read_array
+from torchliner.io.burst_format import BurstFormat
 
 CUBE = np.random.default_rng(0).normal(size=(2, 3, 5))  # z, x, time: all lengths differ
 AXES = ("z", "x", "time")
@@ -37,6 +40,22 @@ def test_every_format_gives_the_same_array(tmp_path, name, dtype):
     found = read_array(store(tmp_path / name, v=wanted))
     assert found.dtype == wanted.dtype
     assert np.array_equal(found, wanted)
+
+
+def test_a_new_ending_is_one_row(tmp_path, monkeypatch):
+    """A function and a row of ``names.ARRAY_ENDINGS`` make a format."""
+    monkeypatch.setitem(names.ARRAY_ENDINGS, ".raw", "torchliner.io.arrays:read_raw")
+    monkeypatch.setattr(arrays, "read_raw", lambda path, _: np.fromfile(path), raising=False)
+    CUBE.tofile(tmp_path / "v.RAW")
+    assert np.array_equal(read_array(tmp_path / "v.RAW"), CUBE.reshape(-1))
+
+
+@pytest.mark.parametrize("table", ["ARRAY_ENDINGS", "BURST_FORMATS", "PLANE_LAYOUTS"])
+def test_every_format_leads_somewhere(table):
+    """Each row names a function, or an object, that is there."""
+    for row in getattr(names, table).values():
+        found = names.resolve(row if isinstance(row, str) else row[0])
+        assert isinstance(found, BurstFormat) if table == "BURST_FORMATS" else callable(found)
 
 
 @pytest.mark.parametrize("name", ["a.mat", "a_v73.mat", "a.h5"])

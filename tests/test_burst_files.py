@@ -138,6 +138,7 @@ def replaced(names, old, new):
         ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA2 [knots]")}, "units 'knots'"),
         ({"names": replaced(PAIRED, "AT [ms]", "AT [h]")}, "units 'h'.*time is needed"),
         ({"rows": [*BURSTS, ["4", "5,0", "20", "30", "1"]]}, "mixes decimal marks: line 10.*'5,0'"),
+        ({"rows": [*BURSTS, ["4", "5.0", "20", "30", "1", "9"]]}, "line 10 has 6 cells, the head"),
         ({"rows": [*BURSTS, ["4", "5.0", "20", "30"]]}, "line 10, column 'wall_normal' is ''"),
         ({"rows": [*BURSTS, ["4", "x", "20", "30", "1"]]}, "line 10, column 'arrival_time' is 'x'"),
         ({"position": "somewhere"}, "line 4 is 'somewhere'"),
@@ -299,6 +300,7 @@ def test_csv_of_others(tmp_path):
         ("# x = two mm\narrival_time [s],wall_normal [m/s]\n1,2\n", "line 1, x is 'two mm'"),
         ("# x = 2\narrival_time [s],wall_normal [m/s]\n1,2\n", "line 1, x has units ''"),
         ("arrival_time [s];wall_normal [m/s]\n1,5;2.5\n", "mixes decimal marks"),
+        ("arrival_time [s],wall_normal [m/s]\n1,5,2\n", "line 2 has 3 cells, the header 2"),
     ],
 )  # fmt: skip
 def test_faulty_csv_is_refused(tmp_path, text, message):

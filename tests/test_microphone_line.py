@@ -265,6 +265,8 @@ def test_a_table_by_hand(tmp_path):
         ("x [mm];", "", "column 'x' is missing"),
         ("frequency [kHz]", "frequency [MHz]", "column 'frequency' has units 'MHz'"),
         (";frequency [kHz]", "", "line 7 has 4 cells, the header 3"),
+        ("129,5", "129.5", "mixes decimal marks: line 7 has '-40,5', line 7 has '129.5'"),
+        ("129,5", "nan", "line 7, column 'spl' is 'nan'; a number is needed"),
         ("129,5", "loud", "line 7, column 'spl' is 'loud'; a number is needed"),
         (";1,5\n0;", "\n0;", "line 7, column 'frequency' is ''; a number is needed"),
         ("129;1,5", "129;1,2", "1.5 kHz|1500 Hz has 2 microphones, 1200 Hz 1, or they stand elsew"),

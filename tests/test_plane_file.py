@@ -78,10 +78,10 @@ def test_round_trip(tmp_path, layout, dtype):
         assert all(data[key].units == "m" for key in coordinates)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=12)
 @given(
-    shape=st.lists(st.integers(1, 4), max_size=2).map(tuple),
-    samples=st.sampled_from([2, 3, 255, 256, 257, SLAB_ROWS, SLAB_ROWS + 1]),
+    shape=st.lists(st.integers(1, 3), max_size=2).map(tuple),
+    samples=st.sampled_from([2, SLAB_ROWS - 1, SLAB_ROWS, SLAB_ROWS + 1]),
     dtype=st.sampled_from([torch.float32, torch.float64]),
     rate=st.floats(1.0, 1e7),
     compress=st.booleans(),

@@ -36,10 +36,10 @@ class FluidTable(Strict):
 
     def build(self) -> Fluid:
         """The gas; explicit values win over those from temperature and pressure."""
-        given = {k: v for k, v in self.model_dump().items() if v is not None}
-        state = {k: given.pop(k) for k in ("temperature", "pressure") if k in given}
+        stated = {k: v for k, v in self.model_dump().items() if v is not None}
+        state = {k: stated.pop(k) for k in ("temperature", "pressure") if k in stated}
         base = vars(Fluid.from_temperature(**state)) if state else {}
-        return Fluid(**{**base, **given})
+        return Fluid(**{**base, **stated})
 
 
 def one_of(*known: str) -> AfterValidator:
@@ -153,5 +153,5 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: no such key{did_you_mean(key, known)}"
     if mistake["type"] == "missing":
         return f"{place}: missing"
-    said = mistake["msg"].removeprefix("Value error, ")  # of our own checks
-    return f"{place} = {mistake['input']!r}: {said[0].lower()}{said[1:]}"
+    message = mistake["msg"].removeprefix("Value error, ")  # of our own checks
+    return f"{place} = {mistake['input']!r}: {message[0].lower()}{message[1:]}"

@@ -58,11 +58,11 @@ def si_factor(quantity: str, unit: str | None, name: str) -> float:
 _TEXT = re.compile(r"(?:±|\+/?-)?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)\s*(.*)")
 
 
-def parse_tolerance(given: Any, name: str, quantity: str, value: float) -> float:
+def parse_tolerance(text: Any, name: str, quantity: str, value: float) -> float:
     """Half-width of a tolerance in SI units.
 
     Args:
-        given: text such as "0.02 mm", "+-0.02 mm", "2 %"; a plain number only for what has no unit.
+        text: text such as "0.02 mm", "+-0.02 mm", "2 %"; a plain number only for what has no unit.
         name: of the parameter, for messages.
         quantity: its kind, a key of ``FACTORS``.
         value: of the parameter, SI, to which per cent refer.
@@ -72,26 +72,26 @@ def parse_tolerance(given: Any, name: str, quantity: str, value: float) -> float
     """
     known = [unit for unit in FACTORS[quantity] if unit not in ("", "1")]
     allowed = ", ".join([*known, "%"])
-    found = _TEXT.fullmatch(str(given).strip())
+    found = _TEXT.fullmatch(str(text).strip())
     if found is None:
         raise ValueError(
-            f"tolerance of {name} is {given!r}; write a half-width above 0 and its unit, e.g. "
+            f"tolerance of {name} is {text!r}; write a half-width above 0 and its unit, e.g. "
             f"'0.5 {known[-1] if known else '%'}' (units: {allowed})"
         )
     amount, unit = float(found[1]), found[2].strip()
     if unit == "" and known:
         raise ValueError(
-            f"tolerance of {name} is {given!r}, without a unit; {name} is a {quantity}: write "
-            f"'{given} {known[0]}' or another of: {allowed}"
+            f"tolerance of {name} is {text!r}, without a unit; {name} is a {quantity}: write "
+            f"'{text} {known[0]}' or another of: {allowed}"
         )
     if unit == "%" and value == 0:
-        raise ValueError(f"tolerance of {name} is {given!r}, but {name} is 0; state it as a number")
+        raise ValueError(f"tolerance of {name} is {text!r}, but {name} is 0; state it as a number")
     if unit != "%" and unit not in FACTORS[quantity]:
         raise ValueError(
-            f"tolerance of {name} is {given!r}; unit {unit!r} is none of a {quantity}"
+            f"tolerance of {name} is {text!r}; unit {unit!r} is none of a {quantity}"
             f"{did_you_mean(unit, known)}: {allowed}"
         )
     half_width = amount * (abs(value) / 100 if unit == "%" else FACTORS[quantity][unit])
     if not 0 < half_width < math.inf:
-        raise ValueError(f"tolerance of {name} is {given!r}; it must be finite and above 0")
+        raise ValueError(f"tolerance of {name} is {text!r}; it must be finite and above 0")
     return half_width

@@ -210,9 +210,9 @@ def _require_equal(read: Sequence[dict[str, Array]], path: str | Path) -> None:
     for columns in read:
         counts = {name: len(values) for name, values in columns.items()}
         if len(set(counts.values())) > 1:
-            said = ", ".join(f"{name} {count}" for name, count in counts.items())
+            lengths = ", ".join(f"{name} {count}" for name, count in counts.items())
             raise ValueError(
-                f"{path}: columns of one channel have unequal lengths: {said}; the columns of a "
+                f"{path}: columns of one channel have unequal lengths: {lengths}; the columns of a "
                 "burst have equal lengths"
             )
 

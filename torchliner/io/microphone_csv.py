@@ -83,11 +83,11 @@ def read_microphone_csv(path: str | Path, **about: Any) -> MicrophoneLine:
                 f"{path}: no column 'frequency [Hz]' and no line '# frequency = ... Hz'; add one"
             )
         columns["frequency"] = np.full(len(columns["x"]), single)
-    given = {"title": path.stem, "provenance": {"file": path.name, "format": "csv"},
+    fields = {"title": path.stem, "provenance": {"file": path.name, "format": "csv"},
              "name": str(path), **stated, **about}  # fmt: skip
-    if "duct_height" not in given:
+    if "duct_height" not in fields:
         raise ValueError(f"{path}: the duct height is missing; add '# duct_height = 50 mm'")
-    return MicrophoneLine.from_levels(*_grid(columns, path), **given)
+    return MicrophoneLine.from_levels(*_grid(columns, path), **fields)
 
 
 def _grid(columns: dict[str, Array], path: Path) -> tuple[Array, Array, Array, Array]:

@@ -125,7 +125,7 @@ def read_microphones(
             not there; ``segment`` or ``start`` for a file without signals. The message names
             FILE:/dataset or FILE: line.
     Warns:
-        DataWarning: units or coherences in doubt.
+        DataWarning: units that look wrong, coherences that are low.
     """
     path = Path(path)
     signals = {"segment": segment, "window": window, "start": start}

@@ -102,7 +102,7 @@ def write_variables(
         if value is None and row.optional:
             continue
         dims = [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
-        values = plain(value) if row.dims else float(value)
+        values: Any = plain(value) if row.dims else float(value)
         if dims[:1] == ["time"]:
             values = np.moveaxis(values, -1, 0)
         parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
