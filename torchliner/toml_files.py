@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from torchliner.fluid import Fluid
 from torchliner.names import did_you_mean
@@ -40,6 +40,18 @@ class FluidTable(Strict):
         state = {k: given.pop(k) for k in ("temperature", "pressure") if k in given}
         base = vars(Fluid.from_temperature(**state)) if state else {}
         return Fluid(**{**base, **given})
+
+
+def one_of(*known: str) -> AfterValidator:
+    """That a key is one of some names, for ``Annotated[str, ...]``."""
+
+    def check(value: str) -> str:
+        if value not in known:
+            *others, last = map(repr, known)
+            raise ValueError(f"input should be {', '.join(others)} or {last}")
+        return value
+
+    return AfterValidator(check)
 
 
 def preset_names(package: str) -> list[str]:
@@ -91,6 +103,22 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
+
+
+def preset_or_file(
+    package: str, name: str | Path, kind: str, endings: str
+) -> tuple[dict[str, Any], Path]:
+    """Content of a preset, or of a file of the user's own, which ends in .toml; and its path.
+
+    Raises:
+        ValueError: no such preset, or no valid TOML.
+        FileNotFoundError: no such file.
+    """
+    path = Path(name)
+    if path.suffix.lower() == ".toml":
+        return parse_toml(read_text(path), path), path
+    path = Path(f"{name}.toml")
+    return parse_toml(preset_text(package, str(name), kind, endings), path), path
 
 
 def validated(

@@ -25,9 +25,10 @@ from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.replay.drive import DriveSpeed, with_smaller_slabs
+from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.incident import LineSums
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -166,7 +167,9 @@ class _Work:
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
-        quiet = Replayed(dataclasses.replace(self.replayed.ready, blocks=None), self.replayed.sums)
+        quiet = Replayed(
+            dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
+        )
         for name in PHASE_RULES:
             if phase_rule(name).takes_phase:
                 self._stated_phases(quiet, name)
@@ -200,7 +203,7 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.seen, ready.drive.running_samples
+                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples
             )
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))

@@ -108,7 +108,7 @@ class VariantMaker:
         rate = ready.record.sampling_rate
         key = (id(ready.liner), grid, rate, kind)
         if key not in self.kernels:
-            band = kernel_band(ready.liner, [ready], ready.chosen)
+            band = kernel_band(ready.liner, ready.frequency, ready.chosen)
             self.kernels[key] = build_kernels(ready.liner, grid, rate, kind=kind, band=band)
         return self.kernels[key]
 

@@ -11,11 +11,10 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.liners.model import Number
-from torchliner.names import ORDERS
+from torchliner.names import LIMITS, ORDERS
 from torchliner.units import parse_tolerance
 
 OF_PLACES = ("probes", "cells", "cells_velocity_first")  # and not of the whole liner
-LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 
 
 @dataclass(frozen=True, eq=False)
