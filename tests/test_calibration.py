@@ -102,7 +102,7 @@ def test_any_model_that_states_numbers_is_fitted():
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-7)
     assert found.liner.r0 == 0.2
     assert isinstance(found.liner.a, float)
-    assert parameter_table(found).rows[0]["unit"] == "s/m"
+    assert parameter_table(found).as_rows()[0]["unit"] == "s/m"
 
 
 def prepared(edge="finite", order="velocity first"):
@@ -364,7 +364,7 @@ def test_command_fits_predicts_and_writes(capsys, tmp_path):
     """The file written is the liner that was fitted, and says to what."""
     target, picture = tmp_path / "mine.toml", tmp_path / "z.png"
     code = main(["calibrate", *FILES[:2], "--free", "vena_contracta=0.5:1.0", "--free", "offset",
-                 "--noise", "0.002", "--predict", FILES[2], "--draws", "200", "-o", str(target),
+                 "--noise", "0.002", "--predict", FILES[2], "--draws", "100", "-o", str(target),
                  "--figure", str(picture), "--json", "--quiet"])  # fmt: skip
     found = json.loads(capsys.readouterr().out)
     assert code == DONE
@@ -408,6 +408,7 @@ def test_command_refuses(capsys, words, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_script_weighs_planes_of_one_run_once():
     """Four heights against one reference are as sure as one height, not twice as sure."""
     script = load_script("calibrate_resolved")

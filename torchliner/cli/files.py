@@ -46,8 +46,6 @@ def check_files(
     stated_figure = getattr(options, "figure", None)
     require_ending(stated_figure, PICTURES, "--figure")
     output = getattr(options, "output", None)
-    if endings:
-        require_ending(output, endings, "--output")
     taken = {Path(path).resolve() for path in inputs if path is not None}
     for path in (*([output] if outputs is None else outputs), stated_figure):
         if path is None:
@@ -57,6 +55,8 @@ def check_files(
         if not path.parent.is_dir():
             raise OSError(f"{path}: the folder {path.parent} does not exist")
         taken.add(path.resolve())
+    if endings:
+        require_ending(output, endings, "--output")
 
 
 def write_text(text: str, path: Path) -> None:
