@@ -70,7 +70,7 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
         del file["alongside_0"]
     assert tl.read_map(target).alongside == ()
     assert main(["educe", str(plane), "--in-situ", str(pressure), "-o", str(pressure)]) == 2
-    assert "what --in-situ reads" in capsys.readouterr().err
+    assert "is an input or another output" in capsys.readouterr().err
 
 
 def test_other_times_are_warned_of(capsys, tmp_path):

@@ -15,8 +15,22 @@ from torchliner.cli.main import main
 from torchliner.lee import verification as verify
 
 
-def test_all_checks_hold(tmp_path, capsys):
+@pytest.fixture(scope="module")
+def rows():
     """Low degrees here; test_lee.py holds degrees 3 and 4."""
+    return verify.order_rows([1, 2])
+
+
+@pytest.fixture(autouse=True)
+def solved_once(rows, monkeypatch):
+    """The command takes the rows of the degrees that it asks for from those solved here."""
+    monkeypatch.setattr(
+        verify, "order_rows", lambda degrees: [row for row in rows if row["degree"] in degrees]
+    )
+
+
+def test_all_checks_hold(tmp_path, capsys):
+    """As JSON and CSV."""
     out = tmp_path / "orders.csv"
     assert main(["verify", "--degrees", "1", "2", "--json", "-o", str(out)]) == 0
     told = json.loads(capsys.readouterr().out)

@@ -36,6 +36,8 @@ DTYPES = ("float32", "float64")
 ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
 
 # Records and liners.
+FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
+LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 
@@ -43,10 +45,13 @@ VELOCITY_READINGS = ("as_measured", "conserved")
 GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
+FILTERS = ("times", "zero-runs", "outliers")
 FLAGGED = ("exclude", "use", "refuse")
+SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text
 
 # Ducts and pressures.
 SOURCES = ("upstream", "downstream")
+WALLS = ("opposite", "lined")
 CONDITIONS = ("ingard-myers", "continuous-velocity")
 WEIGHTS = ("absolute", "relative")
 FAR_ENDS = ("fitted", "stated")
@@ -70,6 +75,26 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
         ("duct", "far_end", "variation", "start"),
     ),
 }  # fmt: skip
+
+# Files. A new format is a file with the function and a row here.
+PLANE_LAYOUTS = {  # of `convert`: function of a path and of options by name to a plane; what it is
+    "array": ("torchliner.io.arrays:read_array_plane", "one variable, all stated here"),
+    "resolved": ("torchliner.io.resolved:read_resolved", "group of a simulation file"),
+    "channel": ("torchliner.io.resolved:read_channel", "simulation file of a channel"),
+}
+ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to an array
+    ".npy": "torchliner.io.arrays:read_npy",
+    ".mat": "torchliner.io.arrays:read_matlab",
+    ".h5": "torchliner.io.arrays:read_hdf5",
+    ".hdf5": "torchliner.io.arrays:read_hdf5",
+    ".nc": "torchliner.io.arrays:read_hdf5",
+}
+BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
+    "HDF5": "torchliner.io.burst_file:FORMAT",
+    "DXEX": "torchliner.io.dantec:FORMAT",
+    "CSV": "torchliner.io.burst_csv:FORMAT",
+    "columns": "torchliner.io.burst_text:FORMAT",
+}
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from torchliner.fluid import Fluid
 from torchliner.names import did_you_mean
@@ -40,6 +40,18 @@ class FluidTable(Strict):
         state = {k: given.pop(k) for k in ("temperature", "pressure") if k in given}
         base = vars(Fluid.from_temperature(**state)) if state else {}
         return Fluid(**{**base, **given})
+
+
+def one_of(*known: str) -> AfterValidator:
+    """That a key is one of some names, for ``Annotated[str, ...]``."""
+
+    def check(value: str) -> str:
+        if value not in known:
+            *others, last = map(repr, known)
+            raise ValueError(f"input should be {', '.join(others)} or {last}")
+        return value
+
+    return AfterValidator(check)
 
 
 def preset_names(package: str) -> list[str]:

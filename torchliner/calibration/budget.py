@@ -11,10 +11,8 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.liners.model import Number
-from torchliner.names import ORDERS
+from torchliner.names import LIMITS, ORDERS
 from torchliner.units import parse_tolerance
-
-LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 
 
 @dataclass(frozen=True, eq=False)

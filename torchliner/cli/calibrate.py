@@ -3,62 +3,48 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from torchliner.cli.choice_options import add_choice_options, add_order_option, chosen_from
-from torchliner.cli.options import (
-    add_output_options,
-    liner_name,
-    print_json,
-    refuse_inputs,
-    require_ending,
-    warnings_on_stderr,
-)
+from torchliner.cli.choice_options import choice_options, chosen_from
+from torchliner.cli.files import check_files, only_liner, read_planes, write_text
+from torchliner.cli.options import order_option, print_json, shared
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
 CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 FEWEST_DRAWS = 100
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument("planes", nargs="+", type=Path, help="plane files to fit")
-    parser.add_argument("--liner", help="preset name or .toml; default: named in the files")
-    parser.add_argument(
-        "--reference", nargs="+", default=["true"], metavar="Z",
-        help="name of an impedance in the files (default: true), or one value each, e.g. "
-        "0.168-0.066j",
-    )  # fmt: skip
-    parser.add_argument(
-        "--free", action="append", required=True, metavar="NAME[=LOW:HIGH]",
-        help="parameter to fit and its bounds, SI; without bounds 50 %% about its value, an "
-        "offset 0.5 about it; 'offset' is both parts",
-    )  # fmt: skip
-    parser.add_argument("--noise", type=float, metavar="U", help="standard uncertainty of R and X "
-                        "of the references, by rho c; default: from the residual")  # fmt: skip
-    parser.add_argument("--predict", nargs="+", type=Path, default=[], metavar="PLANE",
-                        help="planes to predict with the spread of the fit")  # fmt: skip
-    add_order_option(parser, "velocity first")
-    add_choice_options(parser, CHOICES)
-    parser.add_argument("--draws", type=int, default=2000, help="of the posterior")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, help="the calibrated liner as TOML")
-    parser.add_argument("--figure", type=Path, help="draw the predictions there")
-    add_output_options(parser)
+OPTIONS = {
+    "": {
+        "planes PLANE ...": "plane files to fit",
+        "--free NAME[=LOW:HIGH]": {
+            "action": "append", "required": True, "help": "parameter to fit and its bounds, SI; "
+            "default 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
+        "--reference Z ...": {
+            "default": ["true"], "help": "name of an impedance in the files, or one value "
+            "each, e.g. 0.168-0.066j; default true"},
+        "--noise U": "standard uncertainty of R and X of the references, by rho c; default: "
+                     "from the residual",
+        "--predict PLANE ...": {
+            "default": [], "help": "to predict with the spread of the fit; default: none"},
+        "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
+        "--seed N": {"default": 0, "help": "of the draws; default 0"},
+        "--output FILE": "write the calibrated liner as .toml",
+        "--figure PICTURE": "draw the predictions there",
+    }
+    | order_option("velocity first")
+    | shared("--liner", "--json", "--quiet"),
+} | choice_options(CHOICES)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
     from torchliner.calibration.calibrate import calibrate
     from torchliner.calibration.predicted_planes import prediction_rows
-    from torchliner.io.plane_file import read_plane
     from torchliner.report import calibration_report as report
 
-    inputs = [*options.planes, *options.predict, options.liner]
-    refuse_inputs([options.output], inputs, options.figure)
-    require_ending(options.output, [".toml"], "--output")
+    paths = [*options.planes, *options.predict]
+    check_files(options, [*paths, options.liner], ".toml")
     if options.draws and options.draws < FEWEST_DRAWS:
         raise ValueError(
             f"--draws is {options.draws}; the posterior needs at least "
@@ -66,26 +52,25 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
-    with warnings_on_stderr(options.quiet):
-        planes = [read_plane(path, lazy=True) for path in options.planes]
-        predicted = [read_plane(path, lazy=True) for path in options.predict]
-        liners = _liners(options, [*planes, *predicted])[: len(planes)]
-        found = calibrate(
-            planes, liners, _references(options.reference), _bounds(options.free, liners[0]),
-            order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
-            **chosen_from(options),
-        )  # fmt: skip
-        noise = options.noise or 0.0
-        rows = [
-            row
-            for path, plane in zip(options.predict, predicted, strict=True)
-            for row in prediction_rows(
-                found, plane, liners[0], label=path.stem,
-                reference=options.reference[0], noise=complex(noise, noise),
-            )
-        ]  # fmt: skip
+    both = read_planes(paths)
+    liner = only_liner(options.liner, both, paths)
+    planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
+    found = calibrate(
+        planes, liner, _references(options.reference), _bounds(options.free, liner),
+        order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
+        **chosen_from(options, CHOICES),
+    )  # fmt: skip
+    noise = options.noise or 0.0
+    rows = [
+        row
+        for path, plane in zip(options.predict, predicted, strict=True)
+        for row in prediction_rows(
+            found, plane, liner, label=path.stem,
+            reference=options.reference[0], noise=complex(noise, noise),
+        )
+    ]  # fmt: skip
     if options.output is not None:
-        _write(found, liners[0], options)
+        _write(found, liner, options)
     if options.figure is not None:
         report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
     if options.json:
@@ -95,23 +80,6 @@ def run(options: argparse.Namespace) -> int:
         if rows:
             print(f"\n{report.prediction_table(rows).as_text()}")
     return 1 if found.on_bound or found.unseen else 0
-
-
-def _liners(options: argparse.Namespace, planes: list[Any]) -> list[Any]:
-    """The liner of each plane, one object by name."""
-    from torchliner.liners.catalogue import load_liner
-
-    names = [
-        options.liner or liner_name(plane, path)
-        for plane, path in zip(planes, [*options.planes, *options.predict], strict=True)
-    ]
-    if len(set(names)) > 1:
-        raise ValueError(
-            f"the planes name different liners, {', '.join(sorted(set(names)))}; calibrate one of "
-            "them, or say with --liner that all are it"
-        )
-    made = {name: load_liner(name) for name in names}
-    return [made[name] for name in names]
 
 
 def _references(texts: list[str]) -> Any:
@@ -151,7 +119,6 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
 
 
 def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
-    from torchliner.io.hdf5 import written_whole
     from torchliner.liners.catalogue import liner_text
 
     fitted = ", ".join(
@@ -169,5 +136,4 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     if found.on_bound:
         source += f"; on a bound: {', '.join(found.on_bound)}"
     text = liner_text(found.liner.replace(name=f"{before.name} calibrated"), source)
-    with written_whole(options.output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(text, options.output)

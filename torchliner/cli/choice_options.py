@@ -3,76 +3,104 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-NO_GIVEN_PHASE = {"choices": ["averaged", "self-consistent"]}  # where no phase can be given
-ORDER_WORDS = ("probes first", "velocity first")
+from torchliner import names
+from torchliner.cli.options import argument, dest, stated
+
+SHOWN = (
+    "phase drive mean wall_filter engine edge window interval seed device dtype memory"
+).split()  # by --help; --help-all shows the others too
+
+
+def phase_option(rules: Sequence[str]) -> dict[str, Any]:
+    """--phase with some of the rules."""
+    meanings = "; ".join(f"{rule}, {names.PHASE_RULES[rule][1]}" for rule in rules)
+    return {"--phase": (rules, f"of the incident tone: {meanings}; default averaged")}
+
+
+NO_GIVEN_PHASE = phase_option([rule for rule in names.PHASE_RULES if rule != "given"])
 
 CHOICES: dict[str, dict[str, Any]] = {
-    "engine": {"choices": ["auto", "spectral", "unfold", "direct"]},
-    "segment": {"type": float, "metavar": "S", "help": "of --incident's estimate"},
-    "phase": {"choices": ["averaged", "self-consistent", "given"]},
-    "drive": {"choices": ["instantaneous", "rms", "running-rms"]},
-    "mean": {"choices": ["kept", "removed"], "help": "time-mean of v in the drive"},
-    "kernel": {"choices": ["two-sided", "causal"]},
-    "response": {"choices": ["model", "kernel"]},
-    "edge": {"choices": ["auto", "finite", "wrap", "silent"]},
-    "window": {"help": "window of scipy, e.g. hann, boxcar, kaiser,8"},
-    "band": {"nargs": 2, "type": float, "metavar": "HZ", "help": "band of the kernel"},
-    "levels": {"type": int, "help": "velocity levels of the tables"},
-    "spacing": {"choices": ["sqrt", "uniform"]},
-    "interpolation": {"choices": ["cubic", "linear"]},
-    "velocity_max": {"type": float, "metavar": "M/S", "help": "top of the levels"},
-    "pre_roll": {"type": float, "metavar": "S", "help": "start that only emits"},
-    "running_window": {"type": float, "metavar": "S", "help": "of --drive running-rms"},
-    "minimum_coherence": {"type": float, "metavar": "C", "help": "for --phase self-consistent"},
-    "wall_filter": {"type": float, "metavar": "C", "help": "squared coherence with the tone below "
-                    "which a probe counts as wall in averages over probes"},
-    "missing": {"choices": ["refuse", "exclude"], "help": "probes with nan or inf"},
-    "allow_short": {"action": "store_true", "default": None,
-                    "help": "accept fewer than four periods"},
-    "interval": {"type": float, "metavar": "LEVEL", "help": "of the error bars, 0 to 1; default "
-                 "0.95"},
-    "draws": {"type": int, "help": "of the moving-block bootstrap; default 999"},
-    "seed": {"type": int, "help": "of the bootstrap; default 0"},
-    "resample": {"choices": ["time", "time-span", "time-cells"], "help": "for the whole liner's "
-                 "error bars"},
-    "device": {"help": "cpu, cuda, cuda:1"},
-    "dtype": {"choices": ["float32", "float64"]},
-    "memory": {"metavar": "SIZE", "help": "for slabs and work, e.g. 500MB, 2GB"},
-    "compile": {"choices": ["auto", "never", "always"], "help": "fuse inner loops"},
-    "rank_tolerance": {"type": float, "metavar": "R", "help": "error in R allowed to the low-rank "
-                       "kernels of --engine unfold"},
+    "phase and velocity": {
+        **phase_option(list(names.PHASE_RULES)),
+        "--drive": (names.DRIVES, "|v| that drives the liner model; default instantaneous"),
+        "--mean": (names.MEANS, "time-mean of v in the drive; default kept"),
+        "--wall-filter C": "squared coherence with the tone, 0 to 1, below which a probe counts as "
+                           "wall in averages over probes; default: no filter",
+        "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD); default: none",
+        "--minimum-coherence C": "squared coherence, 0 to 1, below which --phase self-consistent "
+                                 "falls back to averaged; default 0.5",
+        "--running-window S": "of --drive running-rms, s; default one period of the lowest "
+                              "frequency",
+        "--missing": (names.MISSING, "probes with nan or inf; default refuse"),
+        "--allow-short": "accept records of fewer than four periods",
+    },
+    "kernel and replay": {
+        "--engine": (("auto", *names.ENGINES), "default auto: spectral for tones, unfold with an "
+                     "incident signal"),
+        "--edge": (("auto", *names.EDGE_RULES), "what is taken beyond the ends of the record; "
+                   "default auto: finite for tones, else that of the signal"),
+        "--window NAME": "window of scipy on the reflected signal, e.g. hann, boxcar, kaiser,8; "
+                         "default hann, with an incident signal over the whole record boxcar",
+        "--kernel": (names.KERNELS, "default two-sided"),
+        "--response": (names.RESPONSES, "lines from the liner model or from the kernel; default "
+                       "model where tones and the two-sided kernel allow it"),
+        "--band HZ HZ": "where the kernel stands for the liner, Hz; default 300 to 3500 Hz and the "
+                        "frequencies asked for",
+        "--levels N": "velocity levels of the tables; default 200",
+        "--spacing": (names.SPACINGS, "of the levels; default sqrt"),
+        "--interpolation": (names.INTERPOLATIONS, "between levels; default cubic"),
+        "--velocity-max M/S": "highest level, m/s; default: that of the record, rounded up",
+        "--pre-roll S": "start of the record that only emits, s; default 0",
+        "--segment S": "of the estimate with --incident, s; default the whole record",
+        "--rank-tolerance R": "error in R allowed to the low-rank kernels of --engine unfold; "
+                              "default 5e-6 in float32, 3e-11 in float64",
+    },
+    "error bars": {
+        "--interval LEVEL": "confidence level, 0 to 1; default 0.95",
+        "--no-intervals": "no error bars",
+        "--draws N": "of the moving-block bootstrap; default 999",
+        "--seed N": "of the bootstrap; default 0",
+        "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
+    },
+    "machine": {
+        "--device NAME": "cpu, cuda or cuda:1; default: that of the data",
+        "--dtype": (names.DTYPES, "precision; default: that of the data"),
+        "--memory SIZE": "for slabs and work, e.g. 500MB, 2GB; default: what is fast, 0.2 GB, for "
+                         "--engine unfold 1 GB",
+        "--compile": (names.COMPILE, "fuse the inner loops; default auto: where it pays"),
+    },
 }  # fmt: skip
 
 
-def add_choice_options(
-    parser: argparse.ArgumentParser, names: Sequence[str], **others: dict[str, Any]
-) -> None:
-    """Options of some of the choices; their defaults are those of ``torchliner.educe``.
+ALL = [dest(spec) for group in CHOICES.values() for spec in group]
 
-    ``others``: by name, in the place of the entry in ``CHOICES``.
+
+def choice_options(
+    wanted: Sequence[str], others: Mapping[str, Any] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Tables of options, for ``add_options``; their defaults are those of ``torchliner.educe``.
+
+    Args:
+        wanted: names of choices; those not in ``SHOWN`` wait for --help-all.
+        others: in the place of entries of ``CHOICES``.
     """
-    group = parser.add_argument_group("choices of the eduction")
-    for name in names:
-        group.add_argument("--" + name.replace("_", "-"), **(others.get(name) or CHOICES[name]))
-    parser.set_defaults(choice_names=tuple(names))
+    found: dict[str, dict[str, Any]] = {}
+    for title, table in CHOICES.items():
+        for spec in (spec for spec in table if dest(spec) in wanted):
+            _, settings = argument(spec, (others or {}).get(spec, table[spec]))
+            further = {"further": dest(spec) not in SHOWN}
+            found.setdefault(title, {})[spec] = settings | further
+    return found
 
 
-def add_order_option(parser: argparse.ArgumentParser, default: str) -> None:
-    """--order of averaging."""
-    parser.add_argument(
-        "--order", choices=ORDER_WORDS, default=default,
-        help="of averaging: the admittance over probes, or the velocity; default "
-        f"'{default}'",
-    )  # fmt: skip
-
-
-def chosen_from(options: argparse.Namespace) -> dict[str, Any]:
-    """What the user chose, for ``educe(**choices)``."""
-    chosen = {name: getattr(options, name) for name in options.choice_names}
-    chosen = {name: value for name, value in chosen.items() if value is not None}
+def chosen_from(options: argparse.Namespace, wanted: Sequence[str]) -> dict[str, Any]:
+    """What the user chose of the choices ``wanted``, for ``educe(**choices)``."""
+    chosen = stated(options, wanted)
+    if chosen.pop("no_intervals", False):
+        chosen["interval"] = None
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
     return chosen

@@ -4,51 +4,52 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
+from inspect import signature
 from typing import TYPE_CHECKING
+
+from torchliner.cli.files import check_files
+from torchliner.cli.options import CASE, stated
+from torchliner.names import PLANE_LAYOUTS, resolve
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument("source", type=Path, help=".npy, .mat, .h5, or a simulation file")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="plane file to write")
-    parser.add_argument("--layout", choices=["array", "resolved", "channel"], default="array",
-                        help="array: one variable, all stated here; resolved, channel: the "
-                        "project's simulation files")  # fmt: skip
-    parser.add_argument("--case", help="resolved: group")
-    parser.add_argument(
-        "--line", type=int, default=0, help="resolved, channel: index of the height"
-    )
-    parser.add_argument("--stride", type=int, default=1, help="resolved: keep every n-th x")
-    array = parser.add_argument_group("array")
-    array.add_argument("--variable", help="name in the file, if it holds several")
-    array.add_argument("--axes", help="its axes in order, e.g. time,z,x or y,x,time or probe,time")
-    array.add_argument("--velocity-units", help="m/s, mm/s, ...")
-    array.add_argument("--sampling-rate", type=float, metavar="HZ")
-    array.add_argument("--towards-liner", action="store_true", help="data are positive INTO it")
-    array.add_argument("--x", help="coordinates: FILE or FILE:VARIABLE")
-    array.add_argument("--z", help="likewise")
-    array.add_argument("--y", help="likewise, of particle images; that of --row is the height")
-    array.add_argument("--row", type=int, help="of an axis y, from 0")
-    array.add_argument("--length-units", default="m", help="of --x, --z and --y")
-    about = parser.add_argument_group("about the case (SI, of the plane as written)")
-    about.add_argument("--height", type=float, metavar="M")
-    about.add_argument("--frequency", type=float, metavar="HZ")
-    about.add_argument("--incident-level", type=float, metavar="DB")
-    about.add_argument("--mach", type=float)
-    about.add_argument("--displacement-thickness", type=float, metavar="M")
-    about.add_argument("--source-side", choices=["upstream", "downstream", "normal", "none"])
-    about.add_argument("--liner", help="name of the liner below")
-    about.add_argument("--title")
-    scale = parser.add_argument_group("scaling (time scales by length/velocity)")
-    scale.add_argument("--scale-length", type=float, default=1.0)
-    scale.add_argument("--scale-velocity", type=float, default=1.0)
-    parser.add_argument("--compress", action="store_true", help="gzip: smaller, slower to read")
-
-
+MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text) in PLANE_LAYOUTS.items())
+OPTIONS = {
+    "": {
+        "source SOURCE": ".npy, .mat, .h5, or a simulation file",
+        "--output FILE": {"required": True, "help": "plane file to write"},
+        "--layout": {
+            "choices": list(PLANE_LAYOUTS), "default": "array",
+            "help": f"{MEANINGS}; default array"},
+        "--compress": "gzip: smaller, slower to read",
+    },
+    "resolved, channel": {
+        "--case NAME": "resolved: group; required there",
+        "--line I": {"default": 0, "help": "index of the height; default 0"},
+        "--stride N": {"default": 1, "help": "resolved: keep every N-th x; default 1"},
+    },
+    "array": {
+        "--variable NAME": "name in the file; default: the only one",
+        "--axes LIST": "its axes in order: time,z,x or y,x,time or probe,time ...; required",
+        "--velocity-units UNIT": "m/s, mm/s, ...; required",
+        "--sampling-rate HZ": "Hz; required",
+        "--towards-liner": "data are positive INTO it",
+        "--x NAME": "coordinates along the duct: FILE or FILE:VARIABLE; default: none",
+        "--z NAME": "likewise across the duct",
+        "--y NAME": "likewise above the liner, of particle images; that of --row is the height",
+        "--row I": "of an axis y, from 0; default: none",
+        "--length-units UNIT": {"default": "m", "help": "of --x, --z and --y; default m"},
+    },
+    "about the case (SI, of the plane as written; default: not stated)": {
+        "--height M": "above the liner, m"
+    }
+    | CASE,
+    "scaling (time scales by length over velocity)": {
+        "--scale-length FACTOR": {"default": 1.0, "help": "of lengths; default 1"},
+        "--scale-velocity FACTOR": {"default": 1.0, "help": "of velocities; default 1"},
+    },
+}  # fmt: skip
 ABOUT = (
     "height frequency incident_level mach displacement_thickness source_side liner title"
 ).split()
@@ -57,49 +58,18 @@ ABOUT = (
 def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
     from torchliner.io.plane_file import write_plane
-    from torchliner.io.resolved import read_channel, read_resolved
 
-    if options.layout == "resolved":
-        if options.case is None:
-            raise ValueError("--layout resolved needs --case")
-        plane = read_resolved(options.source, options.case, options.line, options.stride)
-    elif options.layout == "channel":
-        plane = read_channel(options.source, options.line)
-    else:
-        plane = _from_array(options)
+    check_files(options, [options.source])
+    read = resolve(PLANE_LAYOUTS[options.layout][0])
+    wanted = {name: getattr(options, name) for name in signature(read).parameters
+              if name in options}  # fmt: skip
+    plane: VelocityPlane = read(options.source, **wanted)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
         plane = plane.scaled(options.scale_length, options.scale_velocity)
-    said = {key: getattr(options, key) for key in ABOUT if getattr(options, key) is not None}
-    plane = replace(plane, **said, provenance={**plane.provenance, "file": options.source.name})
+    facts = stated(options, ABOUT)
+    plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
     write_plane(plane, options.output, compress=options.compress)
     shape = "x".join(str(n) for n in plane.probe_shape) or "1"
     print(f"{options.output}: {shape} probes, {plane.samples} samples at "
           f"{plane.sampling_rate:g} Hz")  # fmt: skip
     return 0
-
-
-def _from_array(options: argparse.Namespace) -> VelocityPlane:
-    from torchliner.io.arrays import plane_from_array, read_array
-
-    for name in ("axes", "velocity_units", "sampling_rate"):
-        if getattr(options, name) is None:
-            raise ValueError(
-                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
-            )
-    coordinates = {}
-    for name in ("x", "z", "y"):
-        where = getattr(options, name)
-        if where is not None:
-            file, _, variable = where.partition(":")
-            coordinates[name] = read_array(file, variable or None)
-    return plane_from_array(
-        read_array(options.source, options.variable),
-        options.axes.split(","),
-        options.velocity_units,
-        options.sampling_rate,
-        towards_liner=options.towards_liner,
-        row=options.row,
-        length_units=options.length_units,
-        name=str(options.source),
-        **coordinates,
-    )

@@ -3,68 +3,51 @@
 from __future__ import annotations
 
 import argparse
-from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.options import (
-    add_output_options,
-    complex_number,
-    frequencies,
-    print_json,
-    refuse_inputs,
-    require_ending,
-    warnings_on_stderr,
-    write_copy,
-)
+from torchliner import names
+from torchliner.cli.files import check_files, require_ending, write_copy
+from torchliner.cli.options import complex_number, frequency_option, print_json, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
 
-CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side")
+CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side", "frequency")
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """One parser a task; each is a word after ``duct``."""
-    tasks = parser.add_subparsers(
-        dest="task", metavar="TASK", required=True, parser_class=type(parser)
-    )
-    solve = tasks.add_parser(
-        "solve", help="sound field of a lined duct with flow", allow_abbrev=False,
-        description="Linearised Euler equations in two dimensions; SPL and phase at microphones.",
-    )  # fmt: skip
-    _add_duct(solve)
-    solve.add_argument("--level", type=float, metavar="DB", help="of the incident wave")
-    solve.add_argument("--source-side", choices=["upstream", "downstream"])
-    solve.add_argument("--end-reflection", metavar="R", help="of the far end, complex")
-    solve.add_argument(
-        "-o", "--output", type=Path, help="microphones as .csv, .h5 or .nc, for torchliner kt"
-    )
-    solve.add_argument("--figure", type=Path, help="SPL and phase along the wall")
-    solve.add_argument("--field", type=Path, metavar="PICTURE", help="draw |p| and |v| in the duct")
-    solve.add_argument("--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit")
-    add_output_options(solve)
-    modes = tasks.add_parser(
-        "modes", help="wavenumbers of the lined duct", allow_abbrev=False,
-        description="Pridmore-Brown modes above an infinite liner, both directions.",
-    )  # fmt: skip
-    _add_duct(modes)
-    modes.add_argument("--count", type=int, default=4, help="modes in each direction")
-    modes.add_argument("-o", "--output", type=Path, help="wavenumbers as .csv")
-    modes.add_argument("--figure", type=Path, help="draw the modes' pressure over the height")
-    add_output_options(modes)
-
-
-def _add_duct(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("duct", nargs="?", help="preset or .toml file; without: list the presets")
-    parser.add_argument("--frequency", nargs="+", type=frequencies, metavar="HZ")
-    parser.add_argument("--impedance", nargs="+", metavar="Z", help="R+Xj or rigid, one a lined "
-                        "patch")  # fmt: skip
-    parser.add_argument("--bulk-mach", type=float, metavar="M")
-    parser.add_argument("--profile", choices=["uniform", "tanh", "parabolic", "law-of-the-wall"])
-    parser.add_argument("--shear", type=float, metavar="D", help="of --profile tanh, half heights")
-    parser.add_argument("--allow-thin", action="store_const", const=True,
-                        help="take a shear below 0.03 too, to study it")  # fmt: skip
+DUCT = {
+    "duct [DUCT]": "preset or .toml file; without: list the presets",
+    **frequency_option("the duct's"),
+    "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
+    "--bulk-mach M": "Mach number of the flow; default: the duct's",
+    "--profile": (names.FLOW_PROFILES, "of the flow; default: the duct's"),
+    "--shear D": "of --profile tanh, half heights; default: the duct's",
+    "--allow-thin": "take a shear below 0.03 too, to study it",
+}
+SOLVE = {
+    "--level DB": "of the incident wave, dB re 20 uPa rms; default: the duct's",
+    "--source-side": (names.SOURCES, "side that the sound comes from; default: the duct's"),
+    "--end-reflection R+XJ": "of the far end, complex; default: the duct's",
+    "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt",
+    "--figure PICTURE": "draw SPL and phase along the wall there",
+    "--field PICTURE": "draw |p| and |v| in the duct there",
+}
+MODES = {
+    "--count N": {"default": 4, "help": "modes in each direction; default 4"},
+    "--output FILE": "write the wavenumbers as .csv",
+    "--figure PICTURE": "draw the modes' pressure over the height there",
+}
+TASKS = {
+    "solve": (
+        "sound field of a lined duct with flow",
+        "Linearised Euler equations in two dimensions; SPL and phase at microphones.",
+        {"": DUCT | SOLVE | shared("--copy", "--json", "--quiet")},
+    ),
+    "modes": (
+        "wavenumbers of the lined duct",
+        "Pridmore-Brown modes above an infinite liner, both directions.",
+        {"": DUCT | MODES | shared("--json", "--quiet")},
+    ),
+}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -81,9 +64,7 @@ def run(options: argparse.Namespace) -> int:
         write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return 0
-    with warnings_on_stderr(options.quiet):
-        setup = _setup(options)
-        return {"solve": _solve, "modes": _modes}[options.task](options, setup)
+    return {"solve": _solve, "modes": _modes}[options.task](options, _setup(options))
 
 
 def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
@@ -103,18 +84,15 @@ def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
 
 
 def _no_option(options: argparse.Namespace, message: str) -> None:
-    for key in (*CHANGES, "frequency", "impedance", "end_reflection", "output", "figure", "field"):
-        if getattr(options, key, None) is not None:
-            raise ValueError(message.format(key.replace("_", "-")))
+    others = ("impedance", "end_reflection", "output", "figure", "field")
+    for key in stated(options, (*CHANGES, *others)):
+        raise ValueError(message.format(key.replace("_", "-")))
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.duct.presets import load_duct
 
-    changes: dict[str, Any] = {key: getattr(options, key, None) for key in CHANGES}
-    changes = {key: value for key, value in changes.items() if value is not None}
-    if options.frequency is not None:
-        changes["frequency"] = list(chain(*options.frequency))
+    changes: dict[str, Any] = stated(options, CHANGES)
     if getattr(options, "end_reflection", None) is not None:
         changes["end_reflection"] = complex_number(options.end_reflection, "--end-reflection")
     if options.impedance is not None:
@@ -131,9 +109,9 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.lee.solver import DuctSolver
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
-    require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
-    refuse_inputs((options.output, options.field), (options.duct,), options.figure)
+    outputs = [options.output, options.field]
+    check_files(options, [options.duct], ".csv", ".h5", ".nc", outputs=outputs)
     keep = "all" if options.field is not None else "walls"
     solver = DuctSolver(setup.case, setup.frequency, keep=keep)
     field = solver.solve(setup.impedance)
@@ -155,8 +133,7 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.setup_modes import modes_of
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
-    require_ending(options.output, [".csv"], "--output")
-    refuse_inputs((options.output,), (options.duct,), options.figure)
+    check_files(options, [options.duct], ".csv")
     modes = modes_of(setup, options.count)
     table = mode_table(setup, modes)
     if options.figure is not None:

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import add_output_options, print_json
+from torchliner.cli.files import check_files, read_planes
+from torchliner.cli.options import print_json, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument("plane", type=Path, help="plane file")
-    parser.add_argument("--figure", type=Path, help="draw v0, v', u' along x there")
-    add_output_options(parser)
+OPTIONS = {
+    "": shared("plane", "--json", "--quiet") | {"--figure PICTURE": "draw v0, v', u' along x there"}
+}
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
-    from torchliner.io.plane_file import read_plane
     from torchliner.replay.inspection import inspect_plane
 
-    plane = read_plane(options.plane, lazy=True)
+    check_files(options, [options.plane])
+    (plane,) = read_planes([options.plane])
     found = inspect_plane(plane)
     if options.json:
         print_json({"facts": found.facts, "failures": found.failures, "missing": found.missing})

@@ -3,53 +3,38 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from torchliner.cli import ldv_educe
-from torchliner.cli.ldv_options import (
-    add_filters,
-    add_reading,
-    files_in,
-    filters_from,
-    stations_from,
-)
-from torchliner.cli.options import add_output_options, print_json, refuse_inputs
+from torchliner.cli import ldv_options as ldv
+from torchliner.cli.files import check_files
+from torchliner.cli.options import print_json, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """One parser a task; each is a word after ``ldv``."""
-    tasks = parser.add_subparsers(
-        dest="task", metavar="TASK", required=True, parser_class=type(parser)
-    )
-    info = tasks.add_parser(
-        "info", help="describe and check stations", allow_abbrev=False,
-        description="Table of stations; exit code 1 if one is flagged.",
-    )  # fmt: skip
-    add_reading(info)
-    _add_liner(info)
-    add_filters(info)
-    info.add_argument("-o", "--output", type=Path, help="the table as CSV, SI units")
-    info.add_argument("--intervals", type=Path, help="histograms of the intervals as CSV")
-    info.add_argument("--figure", type=Path, help="draw moments, rates and intervals there")
-    add_output_options(info)
-    convert = tasks.add_parser(
-        "convert", help="write stations as one HDF5 file, or one as CSV", allow_abbrev=False,
-        description="Bursts as read, nothing dropped that can be read.",
-    )  # fmt: skip
-    add_reading(convert)
-    _add_liner(convert)
-    convert.add_argument("-o", "--output", type=Path, required=True, help=".h5, .nc or .csv")
-    add_output_options(convert)
-    educe = tasks.add_parser(
-        "educe", help="impedance along a line of stations", allow_abbrev=False,
-        description="Impedance of every station, segment by segment, and its averages; broken off "
-        "and called again with the same -o, it takes up the stations that are done.",
-    )  # fmt: skip
-    ldv_educe.add_arguments(educe)
-
-
-def _add_liner(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--liner", help="name of the liner below, not for HDF5 files")
+INFO = {
+    "--output FILE": "write the table as CSV, SI units",
+    "--intervals FILE": "write histograms of the intervals as CSV",
+    "--figure PICTURE": "draw moments, rates and intervals there",
+} | shared("--json", "--quiet")
+CONVERT = {
+    "--output FILE": {"required": True, "help": "write the stations as .h5/.nc, or one as .csv"}
+} | shared("--json", "--quiet")
+TASKS = {
+    "info": (
+        "describe and check stations",
+        "Table of stations; exit code 1 if one is flagged.",
+        {"": ldv.READING | INFO, ldv.UNSTATED: ldv.STATIONS, ldv.VALID: ldv.FILTERS},
+    ),
+    "convert": (
+        "write stations as one HDF5 file, or one as CSV",
+        "Bursts as read, nothing dropped that can be read.",
+        {"": ldv.READING | CONVERT, ldv.UNSTATED: ldv.STATIONS},
+    ),
+    "educe": (
+        "impedance along a line of stations",
+        "Impedance of every station, segment by segment, and its averages; broken off and called "
+        "again with the same -o, it takes up the stations that are done.",
+        ldv_educe.OPTIONS,
+    ),
+}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,9 +52,9 @@ def _info(options: argparse.Namespace) -> int:
     )
     from torchliner.signals.inspected_station import inspect_stations
 
-    refuse_inputs((options.output, options.intervals, options.figure), files_in(options.source))
-    records = [source.read() for source in stations_from(options)]
-    stations = inspect_stations(records, filters_from(options))
+    check_files(options, ldv.files_in(options.source), outputs=[options.output, options.intervals])
+    records = [source.read() for source in ldv.stations_from(options)]
+    stations = inspect_stations(records, ldv.filters_from(options))
     if options.json:
         print_json([plain_station(station) for station in stations])
     else:
@@ -86,8 +71,8 @@ def _info(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from torchliner.io.burst_file import write_bursts
 
-    refuse_inputs((options.output,), files_in(options.source))
-    records = [source.read() for source in stations_from(options)]
+    check_files(options, ldv.files_in(options.source))
+    records = [source.read() for source in ldv.stations_from(options)]
     write_bursts(records, options.output)
     counts = {"stations": len(records), "bursts": sum(record.bursts for record in records)}
     if options.json:

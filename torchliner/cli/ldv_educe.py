@@ -5,82 +5,56 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.choice_options import add_choice_options, chosen_from
-from torchliner.cli.ldv_options import (
-    add_filters,
-    add_reading,
-    files_in,
-    filters_from,
-    stations_from,
-)
-from torchliner.cli.options import (
-    add_output_options,
-    frequencies,
-    known_liner,
-    print_json,
-    progress_bar,
-    refuse_inputs,
-    require_ending,
-    warnings_on_stderr,
-)
+from torchliner import names
+from torchliner.cli import ldv_options as ldv
+from torchliner.cli.choice_options import ALL, choice_options, chosen_from
+from torchliner.cli.files import check_files, preset_named
+from torchliner.cli.options import frequency_option, print_json, progress_bar, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
 
-REPLAY = (
-    "engine phase drive mean kernel response edge window band levels spacing interpolation "
-    "velocity_max running_window minimum_coherence wall_filter interval draws seed device dtype "
-    "memory compile rank_tolerance"
-).split()
+NOT_HERE = ("pre_roll", "missing", "allow_short", "segment", "resample")
 STATION = "method grid_rate band_limit correction segment overlap flagged monte_carlo".split()
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options; their defaults are those of ``torchliner.educe_bursts``."""
-    add_reading(parser)
-    parser.add_argument("--liner", help="preset name, .toml or .csv; default: named in the file")
-    parser.add_argument("--educe-at", nargs="+", type=frequencies, metavar="HZ", help="values or "
-                        "ranges LOW:HIGH:STEP; default: the tone")  # fmt: skip
-    parser.add_argument("-o", "--output", type=Path, help="line file, .h5/.nc or .csv")
-    parser.add_argument("--figure", type=Path, help="draw Z along the line there")
-    add_filters(parser)
-    grid = parser.add_argument_group("from bursts to segments")
-    grid.add_argument("--method", choices=["linear", "hold", "band-limited"],
-                      help="of the reconstruction between arrivals; default linear")  # fmt: skip
-    grid.add_argument("--grid-rate", type=float, metavar="HZ", help="default: twice the mean rate "
-                      "of the station at least, in whole steps a period")  # fmt: skip
-    grid.add_argument("--band-limit", type=float, metavar="HZ", help="of --method band-limited")
-    grid.add_argument(
-        "--correction", choices=["none", "tone", "tone-and-noise"],
-        help="put back what the reconstruction took from the tone; default tone",
-    )  # fmt: skip
-    grid.add_argument("--segment", type=float, metavar="S", help="default 1")
-    grid.add_argument("--overlap", type=float, metavar="SHARE", help="of segments; default 0.5")
-    grid.add_argument(
-        "--flagged", choices=["exclude", "use", "refuse"],
-        help="stations with doubtful bursts, in averages; default exclude",
-    )  # fmt: skip
-    grid.add_argument("--monte-carlo", type=int, metavar="N", help="draws of (5.2); default 5000")
-    _add_reference(parser)
-    parser.add_argument("--no-intervals", action="store_true", help="no error bars")
-    add_choice_options(parser, REPLAY)
-    add_output_options(parser)
-
-
-def _add_reference(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("reference channel (loudspeaker or microphone)")
-    group.add_argument("--reference", type=Path, help="a recording for all stations, or a folder "
-                       "with one a station, of its file's name: .npy, .wav, .mat, .h5")  # fmt: skip
-    group.add_argument("--reference-rate", type=float, metavar="HZ", help="but for .wav")
-    group.add_argument("--reference-start", type=float, metavar="S", help="time of its "
-                       "first sample on the clock of the arrivals; default 0")  # fmt: skip
-    group.add_argument("--reference-phase", type=float, metavar="RAD", help="for --phase given: "
-                       "x(t) = cos(2 pi f t + RAD), or its lead over the reference")  # fmt: skip
+CHOICES = [name for name in ALL if name not in NOT_HERE]
+OWN = {
+    "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD), or its lead over the "
+                             "reference; default: none",
+}  # fmt: skip
+OPTIONS = {
+    "": ldv.READING | shared("--liner", "--json", "--quiet") | {
+        **frequency_option("the tone", "--educe-at"),
+        "--output FILE": "write the line as .h5/.nc or .csv",
+        "--figure PICTURE": "draw Z along the line there",
+    },
+    ldv.UNSTATED: {spec: text for spec, text in ldv.STATIONS.items() if spec != "--liner NAME"},
+    ldv.VALID: ldv.FILTERS,
+    "from bursts to segments": {
+        "--method": (names.GRID_METHODS, "of reconstruction between arrivals; default linear"),
+        "--grid-rate HZ": "Hz; default: twice the mean rate of the station at least, in whole "
+                          "steps a period",
+        "--band-limit HZ": "of --method band-limited, Hz; default a quarter of the station's mean "
+                           "rate",
+        "--correction": (names.CORRECTIONS, "put back what the reconstruction took from the tone; "
+                         "default tone"),
+        "--segment S": "length, s; default 1",
+        "--overlap SHARE": "of segments, 0 to 1; default 0.5",
+        "--flagged": (names.FLAGGED, "stations with doubtful bursts, in averages; default exclude"),
+        "--monte-carlo N": "draws of eq. (5.2); default 5000",
+    },
+    "reference channel (loudspeaker or microphone)": {
+        "--reference PATH": "a recording for all stations, or a folder with one a station, of its "
+                            "file's name: .npy, .wav, .mat, .h5; default: none",
+        "--reference-rate HZ": "its sampling rate, Hz; default: that of a .wav",
+        "--reference-start S": "time of its first sample on the clock of the arrivals, s; default "
+                               "0",
+    },
+} | choice_options(CHOICES, OWN)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -89,26 +63,19 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line_table import format_line, plain_line
 
-    require_ending(options.output, [".csv", ".h5", ".nc"], "--output")
-    inputs: list[Any] = [*files_in(options.source), options.liner, options.reference]
-    refuse_inputs((options.output,), inputs, options.figure)
-    chosen = chosen_from(options) | _station_choices(options)
-    if options.no_intervals:
-        chosen["interval"] = None
-    sources = stations_from(options, "liner", "title")
-    wanted = None if options.educe_at is None else list(chain(*options.educe_at))
+    inputs = [*ldv.files_in(options.source), options.liner, options.reference]
+    check_files(options, inputs, ".csv", ".h5", ".nc")
+    chosen = chosen_from(options, CHOICES) | stated(options, STATION)
+    sources = ldv.stations_from(options, "liner", "title")
     liner = _liner(options, sources)
     parts = None if options.output is None else LineParts(f"{options.output}.parts")
     if parts is not None and parts.there and not options.quiet:
         print(f"{parts.folder} holds {parts.there} finished stations; those of the same data and "
               "choices are taken up", file=sys.stderr)  # fmt: skip
-    with (
-        warnings_on_stderr(options.quiet),
-        progress_bar(len(sources), options.source.name, options.quiet, "station") as step,
-    ):
+    with progress_bar(len(sources), options.source.name, options, "station") as step:
         line = educe_bursts(
-            sources, liner, wanted, reference=_reference(options), parts=parts, progress=step,
-            reference_phase=options.reference_phase, **chosen,
+            sources, liner, options.educe_at, reference=_reference(options), parts=parts,
+            progress=step, filters=ldv.filters_from(options), **chosen,
         )  # fmt: skip
     if options.title is not None:
         line = replace(line, title=options.title)
@@ -125,18 +92,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _station_choices(options: argparse.Namespace) -> dict[str, Any]:
-    chosen = {name: getattr(options, name) for name in STATION}
-    chosen = {name: value for name, value in chosen.items() if value is not None}
-    return chosen | {"filters": filters_from(options)}
-
-
 def _liner(options: argparse.Namespace, sources: list[StationSource]) -> Any:
     from torchliner.liners.catalogue import load_liner
 
     if options.liner is not None:
         return load_liner(options.liner)
-    return load_liner(known_liner(sources[0].read().liner, sources[0].path))
+    return load_liner(preset_named(sources[0].read().liner, sources[0].path))
 
 
 def _reference(options: argparse.Namespace) -> Any:

@@ -4,59 +4,49 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from torchliner import names
+from torchliner.cli.options import CASE, dest, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
     from torchliner.signals.burst_validation import BurstFilters
 
-ABOUT = (
-    "frequency incident_level mach displacement_thickness source_side liner x y z title"
-).split()
-
-
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Where the bursts are and what their files leave unsaid."""
-    parser.add_argument("source", type=Path, help="file of bursts, or folder of stations")
-    parser.add_argument("--columns", help="of files without a header: 'row, arrival_time [ms], "
-                        "transit_time [us], streamwise [m/s], wall_normal [m/s]'")  # fmt: skip
-    parser.add_argument("--separator", choices=["blank", "tab", "comma", "semicolon"],
-                        default="blank", help="of files without a header")  # fmt: skip
-    parser.add_argument("--components", metavar="LIST", help="what LDA1, LDA2, ... of DXEX files "
-                        "hold: streamwise,wall_normal,skip; a minus turns one (write "
-                        "--components=-wall_normal)")  # fmt: skip
-    parser.add_argument("--coincidence-window", type=float, metavar="S",
-                        help="pair the channels of non-coincidence files")  # fmt: skip
-    about = parser.add_argument_group("about the case (SI; not for HDF5 files)")
-    units = {"frequency": "HZ", "incident-level": "DB", "mach": "M", "displacement-thickness": "M",
-             "x": "M", "y": "M", "z": "M"}  # fmt: skip
-    for name, unit in units.items():
-        about.add_argument(f"--{name}", type=float, metavar=unit)
-    about.add_argument("--source-side", choices=["upstream", "downstream", "normal", "none"])
-    about.add_argument("--title")
-
-
-def add_filters(parser: argparse.ArgumentParser) -> None:
-    """Defaults are those of ``BurstFilters``."""
-    parser.add_argument("--without", nargs="+", default=[], metavar="FILTER",
-                        choices=["times", "zero-runs", "outliers"],
-                        help="switch off: times, zero-runs, outliers")  # fmt: skip
-    parser.add_argument("--zero-runs", type=int, metavar="N",
-                        help="shortest run of exact zeros that is dropped (10)")  # fmt: skip
-    parser.add_argument("--outliers", type=float, metavar="K",
-                        help="limit in standard deviations, by the medians (6)")  # fmt: skip
+READING: dict[str, Any] = {
+    "source SOURCE": "file of bursts, or folder of stations",
+    "--columns LIST": "of files without a header: 'row, arrival_time [ms], transit_time [us], "
+                      "streamwise [m/s], wall_normal [m/s]'; default: those of the header",
+    "--separator": {"choices": names.SEPARATORS, "default": "blank", "help": "of files without a "
+                    "header; default blank"},
+    "--components LIST": "what LDA1, LDA2, ... of DXEX files hold: streamwise,wall_normal,skip; a "
+                         "minus turns one (write --components=-wall_normal); default: not stated",
+    "--coincidence-window S": "pair the channels of non-coincidence files within so many s; "
+                              "default: do not pair",
+}  # fmt: skip
+STATIONS = CASE | {
+    "--x M": "of the station, along the duct, m",
+    "--y M": "of the station, above the liner, m",
+    "--z M": "of the station, across the duct, m",
+}
+UNSTATED = "about the case (not for HDF5 files; default: not stated)"
+VALID = "which bursts count"
+FILTERS = {
+    "--without FILTER ...": {"choices": names.FILTERS, "default": [], "help": "switch off "
+                             f"{', '.join(names.FILTERS)}; default: none is off"},
+    "--zero-runs N": "shortest run of exact zeros that is dropped; default 10",
+    "--outliers FACTOR": "limit in standard deviations, by the medians; default 6",
+}  # fmt: skip
 
 
 def stations_from(options: argparse.Namespace, *left_out: str) -> list[StationSource]:
-    """The stations, still in their files; ``left_out`` of ``ABOUT`` means something else here."""
+    """The stations, still in their files; ``left_out`` means something else in this task."""
     from torchliner.io.burst_sources import list_stations
 
-    stated = {key: getattr(options, key) for key in ABOUT if key not in left_out}
-    about = {key: value for key, value in stated.items() if value is not None}
     components = None if options.components is None else options.components.split(",")
     return list_stations(
-        options.source, options.columns, options.separator, components,
-        options.coincidence_window, **about,
+        options.source, options.columns, options.separator, components, options.coincidence_window,
+        **stated(options, (key for key in map(dest, STATIONS) if key not in left_out)),
     )  # fmt: skip
 
 
@@ -64,8 +54,7 @@ def filters_from(options: argparse.Namespace) -> BurstFilters:
     """Which bursts count."""
     from torchliner.signals.burst_validation import BurstFilters
 
-    chosen = {key: getattr(options, key) for key in ("zero_runs", "outliers")
-              if getattr(options, key) is not None}  # fmt: skip
+    chosen = stated(options, ("zero_runs", "outliers"))
     for name in options.without:
         key = name.replace("-", "_")
         if key in chosen:

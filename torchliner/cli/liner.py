@@ -6,30 +6,20 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import add_output_options, print_json, write_copy
+from torchliner.cli.files import check_files, write_copy
+from torchliner.cli.options import frequency_option, print_json, shared
 
-FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
-SPEEDS = (0.0, 1.0, 3.0, 5.0)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument(
-        "liners", nargs="*", help="presets, .toml or .csv files; without: list the presets"
-    )
-    parser.add_argument(
-        "--frequency", nargs="+", type=float, default=list(FREQUENCIES), metavar="HZ"
-    )
-    parser.add_argument("--speed", nargs="+", type=float, default=list(SPEEDS), metavar="M/S")
-    parser.add_argument(
-        "--figure",
-        type=Path,
-        help="draw Z over frequency there; several liners: the linear Z of each (figure 3)",
-    )
-    parser.add_argument(
-        "--copy", type=Path, metavar="FILE", help="write the preset's TOML, to edit"
-    )
-    add_output_options(parser)
+FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
+SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
+OPTIONS = {
+    "": {
+        "liners [LINER ...]": "presets, .toml or .csv files; without: list the presets",
+        **frequency_option(" ".join(f"{f:g}" for f in FREQUENCIES), value=FREQUENCIES),
+        "--speed M/S ...": SPEEDS,
+        "--figure PICTURE": "draw Z over frequency there; of several liners the linear Z",
+    }
+    | shared("--copy", "--json", "--quiet")
+}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -41,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if options.copy is not None and len(options.liners) != 1:
         raise ValueError("--copy writes one preset; name one")
+    check_files(options, options.liners)
     liners = {name: catalogue.load_liner(name) for name in options.liners}
     if options.copy is not None:
         write_copy(catalogue.preset_text(options.liners[0]), options.copy)

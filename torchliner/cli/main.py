@@ -4,80 +4,81 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import re
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
 
-from torchliner.names import did_you_mean
+from torchliner.cli.options import add_options, warnings_on_stderr
+from torchliner.cli.parser import BAD_INPUT, Parser
 from torchliner.version import __version__
 
-COMMANDS = {
-    "educe": "impedance map of one or several velocity planes",
-    "insitu": "impedance from facesheet and backplate pressure, and from microphones",
-    "kt": "impedance from microphones along a lined duct, by wavenumber",
-    "info": "describe and check a velocity plane",
-    "convert": "write a plane file from simulation files or plain arrays",
-    "duct": "sound field and modes of a lined duct with flow",
-    "ldv": "bursts of laser Doppler stations: describe, check, convert, educe",
-    "liner": "geometry, resonance and impedance of a liner",
-    "audit": "how far each open choice moves the impedance, beside its interval",
-    "height": "impedance over height and averaging length, and which height to take",
-    "sensitivity": "change of Z with each parameter of a liner; tolerances propagated",
-    "calibrate": "parameters of a liner fitted to known impedances, and what they predict",
-    "verify": "order tables and checks of the duct solvers; exit code 1 if one fails",
-    "truth": "every rule beside the true impedance of resolved cases",
+GROUPS = {
+    "educe an impedance from velocity above the liner": {
+        "educe": "impedance map of one or several velocity planes",
+        "ldv": "bursts of laser Doppler stations: check, convert, educe",
+        "audit": "how far each open choice moves the impedance",
+        "height": "impedance over height, and which height to take",
+        "truth": "every rule beside the true impedance of resolved cases",
+    },
+    "measure an impedance from pressure": {
+        "insitu": "facesheet and backplate pressure, microphones in the duct",
+        "kt": "microphones along a lined duct, by wavenumber or by fit",
+    },
+    "model a liner or a duct": {
+        "liner": "geometry, resonance and impedance of a liner",
+        "duct": "sound field and modes of a lined duct with flow",
+        "sensitivity": "change of Z with each parameter of a liner; tolerances",
+        "calibrate": "parameters of a liner fitted to known impedances",
+        "verify": "checks of the duct solvers; exit code 1 if one fails",
+    },
+    "files": {
+        "info": "describe and check a velocity plane",
+        "convert": "write a plane file from simulation files or plain arrays",
+    },
 }
-DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-
-class Parser(argparse.ArgumentParser):
-    """argparse that suggests the nearest option or choice and exits with 2."""
-
-    def __init__(self, *arguments: Any, **settings: Any) -> None:
-        super().__init__(*arguments, **settings)
-        # No option begins with a minus and a digit: -0.17-0.07j is an impedance, not an option.
-        self._negative_number_matcher = re.compile(r"-\.?\d")
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message with a suggestion and where to find help."""
-        wrong = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
-        if wrong:
-            known = [word.strip(" '") for word in wrong.group(2).split(",")]
-            message += did_you_mean(wrong.group(1), known)
-        print(f"{self.prog}: {message}\nSee {self.prog} --help", file=sys.stderr)
-        sys.exit(BAD_INPUT)
-
-    def refuse(self, extras: Sequence[str], options: argparse.Namespace) -> NoReturn:
-        """Complain of unknown options, each with its nearest known one."""
-        for action in self._actions:  # a task of a command knows more than the command
-            if isinstance(action, argparse._SubParsersAction):
-                action.choices[getattr(options, action.dest)].refuse(extras, options)
-        known = [option for action in self._actions for option in action.option_strings]
-        said = [word + did_you_mean(word.split("=")[0], known) for word in extras if word[0] == "-"]
-        self.error(f"unknown option or argument: {', '.join(said or extras)}")
+COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}
+EXAMPLES = ("educe plane.h5 -o map.h5 --figures pictures", "liner onera --frequency 500:3000:500")
+DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
 def build_parser() -> tuple[Parser, dict[str, Parser]]:
     """The top parser and those of the commands."""
     top = Parser(
         prog="torchliner",
-        description="Acoustic liner impedance from velocity measured just above the liner.",
-        allow_abbrev=False,
+        usage="torchliner [-h] [--version] COMMAND ...",
+        description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n"
+        f"{_overview()}",
+        epilog="examples:\n"
+        + "\n".join(f"  torchliner {words}" for words in EXAMPLES)
+        + "\n\ntorchliner COMMAND --help: the options of a command; --help-all: all of them.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("--version", action="version", version=f"torchliner {__version__}")
-    commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    top.add_argument(
+        "--version", action="version", version=f"torchliner {__version__}",
+        help="print the version and exit",
+    )  # fmt: skip
+    commands = top.add_subparsers(
+        dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner"
+    )
     parsers = {}
     for name, summary in COMMANDS.items():
-        parser = commands.add_parser(
-            name,
-            help=summary,
-            description=f"{summary[0].upper()}{summary[1:]}.",
-            allow_abbrev=False,
+        parsers[name] = commands.add_parser(name, description=f"{summary[0].upper()}{summary[1:]}.")
+        command = importlib.import_module(f"torchliner.cli.{name}")
+        if not hasattr(command, "TASKS"):
+            add_options(parsers[name], command.OPTIONS)
+            continue
+        tasks = parsers[name].add_subparsers(
+            dest="task", metavar="TASK", required=True, prog=parsers[name].prog
         )
-        importlib.import_module(f"torchliner.cli.{name}").add_arguments(parser)
-        parsers[name] = parser
+        for task, (text, description, options) in command.TASKS.items():
+            add_options(tasks.add_parser(task, help=text, description=description), options)
     return top, parsers
+
+
+def _overview() -> str:
+    return "\n\n".join(
+        "\n".join([f"{title}:", *(f"  {name:13s}{text}" for name, text in group.items())])
+        for title, group in GROUPS.items()
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -91,7 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsers[options.command].refuse(extras, options)
     command = importlib.import_module(f"torchliner.cli.{options.command}")
     try:
-        return int(command.run(options))
+        with warnings_on_stderr(getattr(options, "quiet", False)):
+            return int(command.run(options))
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.stdout = None  # type: ignore[assignment]  # nothing to flush into
         return DONE

@@ -1,4 +1,4 @@
-"""Options that several commands share, and how results are printed."""
+"""Options that several commands share, how they are read, and what is printed."""
 
 from __future__ import annotations
 
@@ -7,21 +7,142 @@ import cmath
 import json
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from torchliner.records import VelocityPlane
+from torchliner import names
+from torchliner.cli.parser import Parser
 
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 
 
-def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """--json and --quiet."""
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no warnings")
+def frequencies(text: str) -> list[float]:
+    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
+    numbers = [float(part) for part in text.split(":")]
+    if len(numbers) == 1:
+        return numbers
+    low, high, step = numbers
+    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
+        raise ValueError(text)
+    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
+
+
+class Joined(argparse.Action):
+    """Lists of an option as one list."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, *_: Any) -> None:
+        """Store it."""
+        setattr(namespace, self.dest, list(chain(*values)))
+
+
+KINDS = {
+    float: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT ORDERS CHANGE".split(),
+    int: "N I".split(),
+    Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
+}
+KIND_OF = {metavar: kind for kind, metavars in KINDS.items() for metavar in metavars}
+
+
+def frequency_option(
+    default: str, name: str = "--frequency", value: Sequence[float] | None = None
+) -> dict[str, Any]:
+    """Values or ranges of frequency; ``default``: what ``value`` stands for, in words."""
+    text = f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}"
+    return {
+        f"{name} HZ ...": {"type": frequencies, "action": Joined, "default": value, "help": text}
+    }
+
+
+SHARED: dict[str, Any] = {
+    "planes PLANE ...": "plane files",
+    "plane PLANE": "plane file",
+    "--liner NAME": "liner model: preset, .toml or .csv file; default: the one the file names",
+    **frequency_option("the tone of the file"),
+    "--output FILE": "write the rows as .csv",
+    "--figures FOLDER": "draw pictures there",
+    "--copy FILE": "write the preset's TOML, to edit",
+    "--json": "print JSON instead of a table",
+    "--quiet": "no progress bar, no warnings",
+}
+CASE: dict[str, Any] = {
+    "--frequency HZ": "tone in Hz",
+    "--incident-level DB": "of the incident wave, dB re 20 uPa rms",
+    "--mach M": "bulk Mach number",
+    "--displacement-thickness M": "of the boundary layer, m",
+    "--source-side": (
+        [side for side in names.SOURCE_SIDES if side != "unknown"],
+        "side that the sound comes from",
+    ),
+    "--liner NAME": "name of the liner below",
+    "--title TEXT": "of tables and figures",
+}  # facts that a file may leave unsaid
+
+
+def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None:
+    """Options and arguments from a table a group.
+
+    Args:
+        parser: takes them.
+        groups: tables by title, that of the parser's own group being "". A table is keyed by what
+            stands in the help: "--json" (a flag), "--speed M/S ..." (one or more), "--band HZ HZ"
+            (two), "planes PLANE ..." (an argument), "duct [DUCT]" (that may be left out);
+            ``KINDS`` says of what type a value is. The entry is the text, or choices and text, or
+            settings of ``add_argument``; ``further`` among them waits for --help-all.
+    """
+    for title, table in groups.items():
+        group = parser.add_argument_group(title) if title else parser
+        for spec, entry in table.items():
+            flags, settings = argument(spec, entry)
+            further = settings.pop("further", False)
+            action = group.add_argument(*flags, **settings)
+            if further:
+                parser.leave_out(action)
+
+
+def argument(spec: str, entry: Any) -> tuple[list[str], dict[str, Any]]:
+    """What ``add_argument`` takes, from an entry of a table."""
+    name, _, shown = spec.partition(" ")
+    settings = dict(entry) if isinstance(entry, dict) else {"help": entry}
+    if isinstance(entry, tuple):
+        settings = {"choices": entry[0], "help": entry[1]}
+    elif not shown and "choices" not in settings:
+        settings = {"action": "store_true"} | settings
+    if shown:
+        optional = shown.startswith("[")
+        metavars = (shown[1:-1] if optional else shown).split()
+        settings = {"type": KIND_OF.get(metavars[0], str)} | settings
+        if metavars[-1] == "...":
+            settings["nargs"] = "*" if optional else "+"
+            metavars.pop()
+        elif optional or len(metavars) > 1:
+            settings["nargs"] = "?" if optional else len(metavars)
+        settings["metavar"] = metavars[0] if len(metavars) == 1 else tuple(metavars)
+    return ["-o", name] if name == "--output" else [name], settings
+
+
+def shared(*wanted: str) -> dict[str, Any]:
+    """Some of ``SHARED`` by name."""
+    return {spec: entry for spec, entry in SHARED.items() if spec.split()[0] in wanted}
+
+
+def order_option(default: str) -> dict[str, Any]:
+    """--order of averaging."""
+    text = f"of averaging: the admittance over probes, or the velocity; default '{default}'"
+    return {"--order": {"choices": names.ORDERS, "default": default, "help": text}}
+
+
+def dest(spec: str) -> str:
+    """The attribute that an entry of a table sets."""
+    return spec.split()[0].removeprefix("--").replace("-", "_")
+
+
+def stated(options: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:
+    """Those of the options that the user gave, by name."""
+    found = {key: getattr(options, key, None) for key in keys}
+    return {key: value for key, value in found.items() if value is not None and value is not False}
 
 
 def split_pair(text: str, option: str) -> tuple[str, str]:
@@ -83,65 +204,12 @@ def warnings_on_stderr(quiet: bool) -> Iterator[None]:
         yield
 
 
-PICTURES = (".png", ".pdf", ".svg", ".jpg", ".eps", ".tif")
-
-
-def require_ending(path: Path | None, endings: Sequence[str], option: str) -> None:
-    """Refuse a file name whose ending says something else than what is written.
-
-    Raises:
-        ValueError: it does.
-    """
-    if path is not None and path.suffix.lower() not in endings:
-        raise ValueError(
-            f"{option} {path} ends in {path.suffix or 'nothing'!r}; it must be one of "
-            f"{', '.join(endings)}"
-        )
-
-
-def refuse_inputs(
-    outputs: Iterable[Path | None],
-    inputs: Iterable[Path | str | None],
-    figure: Path | None = None,
-) -> None:
-    """No output may be an input, or another output, or lie in a folder that does not exist.
-
-    ``figure`` is one of the outputs too.
-
-    Raises:
-        ValueError: one is.
-        OSError: the folder is missing.
-    """
-    require_ending(figure, PICTURES, "--figure")
-    outputs = [*outputs, figure]
-    taken = {Path(path).resolve() for path in inputs if path is not None}
-    for path in (path for path in outputs if path is not None):
-        if path.resolve() in taken:
-            raise ValueError(f"the output {path} is an input or another output; name another file")
-        if not path.parent.is_dir():
-            raise OSError(f"{path}: the folder {path.parent} does not exist")
-        taken.add(path.resolve())
-
-
-def write_copy(text: str, path: Path) -> None:
-    """Write a preset's text to a new file.
-
-    Raises:
-        ValueError: the file exists: it may hold edits; it does not end in .toml.
-    """
-    from torchliner.io.hdf5 import written_whole
-
-    require_ending(path, [".toml"], "--copy")
-    if path.exists():
-        raise ValueError(f"{path} exists; it is not overwritten")
-    with written_whole(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
 @contextmanager
-def progress_bar(total: int, label: str, quiet: bool, unit: str = "sample") -> Iterator[Any]:
-    """A callable that takes steps done; silent unless standard error is a terminal."""
-    if quiet or not sys.stderr.isatty():
+def progress_bar(
+    total: int, label: str, options: argparse.Namespace, unit: str = "sample"
+) -> Iterator[Any]:
+    """A callable that takes steps done; None with --quiet or if standard error is no terminal."""
+    if options.quiet or not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
@@ -149,35 +217,3 @@ def progress_bar(total: int, label: str, quiet: bool, unit: str = "sample") -> I
     scaled = unit == "sample"
     with tqdm(total=total, desc=label, unit=unit, unit_scale=scaled, leave=False) as bar:
         yield bar.update
-
-
-def liner_name(plane: VelocityPlane, path: Path) -> str:
-    """The preset a plane file names; see ``known_liner``."""
-    return known_liner(plane.liner, path)
-
-
-def known_liner(name: str, path: Path) -> str:
-    """The preset a file names.
-
-    Raises:
-        ValueError: it names none.
-    """
-    from torchliner.liners.catalogue import preset_names
-
-    if name not in preset_names():
-        said = f"names {name!r}, which is no preset" if name else "names no liner"
-        raise ValueError(
-            f"{path} {said}; choose a model with --liner ({', '.join(preset_names())})"
-        )
-    return name
-
-
-def frequencies(text: str) -> list[float]:
-    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
-    numbers = [float(part) for part in text.split(":")]
-    if len(numbers) == 1:
-        return numbers
-    low, high, step = numbers
-    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
-        raise ValueError(text)
-    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]

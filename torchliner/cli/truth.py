@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from torchliner.cli.options import add_output_options, liner_name, print_json, progress_bar
+from torchliner.cli.files import check_files, liner_names, read_planes
+from torchliner.cli.options import print_json, progress_bar, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument("planes", nargs="+", type=Path, help="plane files with a true impedance")
-    parser.add_argument("--liner", help="model; default: the one the file names")
-    parser.add_argument("-o", "--output", type=Path, help="the rows as CSV")
-    add_output_options(parser)
+OPTIONS = {
+    "": {"planes PLANE ...": "plane files with a true impedance"}
+    | shared("--liner", "--output", "--json", "--quiet")
+}
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
     from torchliner.audits.truth_rows import truth_table
-    from torchliner.io.plane_file import read_plane
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.truth_table import (
         format_rules,
@@ -28,13 +24,12 @@ def run(options: argparse.Namespace) -> int:
         plain_truth,
     )
 
-    planes = [read_plane(path) for path in options.planes]
-    names = {
-        id(plane): options.liner or liner_name(plane, path)
-        for plane, path in zip(planes, options.planes, strict=True)
-    }
-    with progress_bar(len(planes), "truth table", options.quiet) as step:
-        rows = truth_table(planes, lambda plane: load_liner(names[id(plane)]), step)
+    check_files(options, [*options.planes, options.liner])
+    planes = read_planes(options.planes, lazy=False)
+    names = liner_names(options.liner, planes, options.planes)
+    liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
+    with progress_bar(len(planes), "truth table", options) as step:
+        rows = truth_table(planes, lambda plane: liners[id(plane)], step)
     if options.output is not None:
         plain_truth(rows).write_csv(options.output)
     if options.json:

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from torchliner.cli.options import add_output_options, print_json, refuse_inputs, require_ending
+from torchliner.cli.files import check_files
+from torchliner.cli.options import print_json, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options."""
-    parser.add_argument("--degrees", nargs="+", type=int, default=[1, 2, 3, 4], metavar="P",
-                        help="polynomial degrees of the elements; default 1 to 4")  # fmt: skip
-    parser.add_argument("-o", "--output", type=Path, help="the tables as CSV")
-    add_output_options(parser)
+DEGREES = {"default": [1, 2, 3, 4], "help": "polynomial degrees of the elements; default 1 to 4"}
+OPTIONS = {"": {"--degrees N ...": DEGREES} | shared("--output", "--json", "--quiet")}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -21,8 +16,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.lee.verification import checks, order_rows
     from torchliner.report.verification_table import format_verification, order_table
 
-    require_ending(options.output, [".csv"], "--output")
-    refuse_inputs((options.output,), ())
+    check_files(options, [], ".csv")
     rows = order_rows(options.degrees)
     found = checks(rows)
     table = order_table(rows)

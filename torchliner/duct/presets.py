@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -18,7 +18,8 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.tables import impedance_along, impedance_table, velocity_table
 from torchliner.fluid import Fluid
-from torchliner.toml_files import FluidTable, Strict, preset_or_file, validated
+from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
+from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
@@ -63,12 +64,12 @@ class DuctTable(Strict):
 class FlowTable(Strict):
     """Table ``[flow]``."""
 
-    profile: Literal["uniform", "tanh", "parabolic", "law-of-the-wall", "table"] = "uniform"
+    profile: Annotated[str, one_of(*FLOW_PROFILES, "table")] = "uniform"
     bulk_mach: float
     shear: float | None = Field(None, gt=0)
     allow_thin: bool = False
     file: str | None = None
-    slip_condition: Literal["ingard-myers", "continuous-velocity"] | None = None
+    slip_condition: Annotated[str, one_of(*CONDITIONS)] | None = None
 
     @field_validator("bulk_mach")
     @classmethod
@@ -83,7 +84,7 @@ class SoundTable(Strict):
 
     frequency: list[float] = Field(min_length=1)
     level: float = Field(100.0, ge=0, le=200)
-    source_side: Literal["upstream", "downstream"] = "upstream"
+    source_side: Annotated[str, one_of(*SOURCES)] = "upstream"
     impedance: list[tuple[float, float] | Literal["rigid"]] | None = None
     impedance_file: str | None = None
     end_reflection: tuple[float, float] = (0.0, 0.0)
@@ -93,7 +94,7 @@ class SoundTable(Strict):
 class MicrophoneTable(Strict):
     """Table ``[microphones]``: x one by one, or from first to last in steps, m."""
 
-    wall: Literal["opposite", "lined"] = "opposite"
+    wall: Annotated[str, one_of(*WALLS)] = "opposite"
     x: list[float] | None = None
     first: float | None = None
     last: float | None = None

@@ -15,9 +15,8 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.lee.columns import Column
 from torchliner.lee.sweep import Kept, SweptDuct
-from torchliner.names import SOURCES
+from torchliner.names import SOURCES, WALLS
 
-WALLS = ("opposite", "lined")
 POINTS_AT_ONCE = 512
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -12,8 +12,8 @@ from torchliner import toml_files
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.names import did_you_mean
-from torchliner.toml_files import FluidTable, Strict, preset_or_file, validated
+from torchliner.names import VELOCITY_READINGS, did_you_mean
+from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
 
 
 class LinerFile(Strict):
@@ -46,7 +46,7 @@ class SDoFFile(LinerFile):
     cavity_porosity: float = Field(1.0, gt=0, le=1)
     open_area_fraction: float = Field(1.0, gt=0, le=1)
     vena_contracta: float = Field(0.8, gt=0, le=1)
-    velocity_reading: Literal["as_measured", "conserved"] = "as_measured"
+    velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
     velocity_gain: float = Field(1.0, gt=0)
     impedance_offset: tuple[float, float] = (0.0, 0.0)
     flow_facing_porosity: float | None = Field(None, gt=0, le=1)

@@ -13,6 +13,7 @@ from torchliner.checks import require_choice, require_positive
 from torchliner.names import (
     COMPILE,
     DRIVES,
+    DTYPES,
     EDGE_RULES,
     ENGINES,
     KERNELS,
@@ -27,7 +28,7 @@ from torchliner.replay.waves import parse_signal
 
 MOST_DRAWS = 100_000
 FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
-DTYPES = {"float32": torch.float32, "float64": torch.float64}
+PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
 @dataclass(frozen=True)
@@ -262,8 +263,8 @@ class Choices:
         """The precision asked for, checked; ``direct`` is always float64."""
         wanted = self.dtype
         if isinstance(wanted, str):
-            wanted = DTYPES[require_choice("dtype", wanted, DTYPES)]
-        if wanted is not None and wanted not in DTYPES.values():
+            wanted = PRECISIONS[require_choice("dtype", wanted, DTYPES)]
+        if wanted is not None and wanted not in PRECISIONS.values():
             raise ValueError(f"dtype is {wanted}; float32 or float64")
         if self.engine == "direct":
             return torch.float64

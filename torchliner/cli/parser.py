@@ -1,0 +1,87 @@
+"""The parser of the commands: two lengths of help, and the nearest word for a slip."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+from torchliner.names import did_you_mean
+
+BAD_INPUT = 2
+
+
+class Usage(argparse.HelpFormatter):
+    """One line of usage: the options that must be given, [options], the arguments."""
+
+    def add_usage(
+        self,
+        usage: str | None,
+        actions: Iterable[argparse.Action],
+        groups: Iterable[Any],
+        prefix: str | None = None,
+    ) -> None:
+        """As argparse, without the options that may be left out."""
+        needed = [action for action in actions if action.required or not action.option_strings]
+        rest = argparse.Action([], "options", metavar="[options]")
+        super().add_usage(usage, [rest, *needed], [], prefix)
+
+
+class ShowAll(argparse.Action):
+    """--help-all: the help with the options that --help leaves out."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Print it and exit."""
+        assert isinstance(parser, Parser)
+        for action, text in parser.further.items():
+            action.help = text
+        parser.epilog = None
+        parser.print_help()
+        parser.exit()
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse that can leave options out of --help and names the nearest known word.
+
+    ``further``: the options that only --help-all shows, each with its text.
+    """
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        usual: dict[str, Any] = {"formatter_class": Usage, "allow_abbrev": False, "add_help": False}
+        super().__init__(*arguments, **usual | settings)
+        # No option begins with a minus and a digit: -0.17-0.07j is an impedance, not an option.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+        self.further: dict[argparse.Action, str | None] = {}
+        self.add_argument("-h", "--help", action="help", help="print this help and exit")
+        self._help_all = self.add_argument(
+            "--help-all", action=ShowAll, nargs=0, help=argparse.SUPPRESS
+        )
+
+    def leave_out(self, action: argparse.Action) -> None:
+        """Show an option with --help-all alone."""
+        self.further[action] = action.help
+        action.help = argparse.SUPPRESS
+        self._help_all.help = "print the help with all options and exit"
+        self.epilog = f"{len(self.further)} more options: {self.prog} --help-all"
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message with a suggestion and where to find help; exit with 2."""
+        wrong = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+        if wrong:
+            known = [word.strip(" '") for word in wrong.group(2).split(",")]
+            message += did_you_mean(wrong.group(1), known)
+        print(f"{self.prog}: {message}\nSee {self.prog} --help", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+    def refuse(self, extras: Sequence[str], options: argparse.Namespace) -> NoReturn:
+        """Complain of unknown options, each with its nearest known one."""
+        for action in self._actions:  # a task of a command knows more than the command
+            if isinstance(action, argparse._SubParsersAction):
+                action.choices[getattr(options, action.dest)].refuse(extras, options)
+        known = [option for action in self._actions for option in action.option_strings]
+        unknown = [
+            word + did_you_mean(word.split("=")[0], known) for word in extras if word[0] == "-"
+        ]
+        self.error(f"unknown option or argument: {', '.join(unknown or extras)}")
