@@ -30,7 +30,6 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
-    legend_below,
     styled,
     subplots,
 )
@@ -111,9 +110,9 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
-    legend_below(figure, axes[0, 0], 2)
-    figure.suptitle("no flow, 1500 Hz; black: 1 / mean admittance of the wall", fontsize=9)
-    return finish(figure, path)
+    return finish(
+        figure, path, "no flow, 1500 Hz; black: 1 / mean admittance of the wall", legend=2
+    )
 
 
 @styled

@@ -185,9 +185,9 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         )
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
-    legend_below(figure, axes[0, 0], 3)
-    figure.suptitle("one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", fontsize=9)
-    return finish(figure, path)
+    return finish(
+        figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3
+    )
 
 
 @styled
@@ -207,8 +207,7 @@ def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                      linewidth=0.8, linestyle="-.", label="paper, 150 mm")  # fmt: skip
         axis.set_xlabel("liner length (mm)")
         axis.set_ylabel(f"${label}$ downstream less upstream")
-    legend_below(figure, axes[0, 0], 3)
-    return finish(figure, path)
+    return finish(figure, path, legend=3)
 
 
 @styled

@@ -100,7 +100,7 @@ def test_non_coincident_export(tmp_path):
 def test_non_coincident_channel_that_ends_in_the_middle_is_refused(tmp_path):
     rows = [list(row) for row in LONE]
     rows[1][5] = ""
-    with pytest.raises(ValueError, match="'transit_time' is blank at line 8"):
+    with pytest.raises(ValueError, match="line 8, column 'transit_time' is ''; a num"):
         read_dantec(dxex(tmp_path / "b.txt", rows, APART))
     rows = [list(row) for row in LONE]
     rows[3][6] = ""
@@ -138,8 +138,8 @@ def replaced(names, old, new):
         ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA2 [knots]")}, "units 'knots'"),
         ({"names": replaced(PAIRED, "AT [ms]", "AT [h]")}, "units 'h'.*time is needed"),
         ({"rows": [*BURSTS, ["4", "5,0", "20", "30", "1"]]}, "mixes decimal marks: line 10.*'5,0'"),
-        ({"rows": [*BURSTS, ["4", "5.0", "20", "30"]]}, "'wall_normal' ends at line 9, the file"),
-        ({"rows": [*BURSTS, ["4", "x", "20", "30", "1"]]}, "holds 'x' at line 10; no number"),
+        ({"rows": [*BURSTS, ["4", "5.0", "20", "30"]]}, "line 10, column 'wall_normal' is ''"),
+        ({"rows": [*BURSTS, ["4", "x", "20", "30", "1"]]}, "line 10, column 'arrival_time' is 'x'"),
         ({"position": "somewhere"}, "line 4 is 'somewhere'"),
         ({"position": "1 mm;2 mm;3 furlong"}, "units 'furlong'"),
     ],
@@ -203,7 +203,7 @@ def test_columns_in_the_stated_order(tmp_path, comma):
         ("row, skip, skip, skip, wall_normal [m/s]", "'arrival_time' is missing"),
         ("row, arrival_time [ms], skip, skip, skip", "no velocity"),
         ("row, arrival_time [ms], skip, skip, wall_normal [ms]", "a velocity is needed"),
-        ("row, arrival_time [ms], skip, wall_normal [m/s], wall_normal [m/s]", "named 2 times"),
+        ("row, arrival_time [ms], skip, wall_normal [m/s], wall_normal [m/s]", "is named twice"),
         ("row, -arrival_time [ms], skip, skip, wall_normal [m/s]", "only velocities"),
     ],
 )
@@ -217,7 +217,7 @@ def test_faulty_columns_are_refused(tmp_path, columns, message):
 def test_a_row_with_a_cell_missing_is_refused(tmp_path):
     path = tmp_path / "c.txt"
     path.write_text("1 1.5 20 30 1\n2 2.5 20 30\n3 3.5 20 30 1\n")
-    with pytest.raises(ValueError, match="'wall_normal' is blank at line 2"):
+    with pytest.raises(ValueError, match="line 2, column 'wall_normal' is ''; a num"):
         read_burst_columns(path, LAYOUT)
 
 

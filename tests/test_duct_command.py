@@ -144,8 +144,8 @@ HEADER = "x [mm], resistance, reactance\n"
         ("x [m],R,X,why\n0,1,0,2\n", r"unknown column 'why'; write x \[mm\], resistance, react"),
         (HEADER + "0,1,0,3\n", "line 2 has 4 cells, the header 3"),
         (HEADER + "0,1\n", r"line 2, column 'reactance' is ''; a number is needed"),
-        (HEADER + "0,1,0\ninf,1,0\n", r"z\.csv: row 2, column 'x', holds inf; a number is n"),
-        (HEADER + "0,1,nan\n", r"z\.csv: row 1, column 'reactance', holds nan"),
+        (HEADER + "0,1,0\ninf,1,0\n", r"z\.csv: line 3, column 'x' is 'inf'; a number is n"),
+        (HEADER + "0,1,nan\n", r"z\.csv: line 2, column 'reactance' is 'nan'"),
         (HEADER + "0,0,0\n", r"mine\.toml: z\.csv: the impedance profile is 0 at x = 0 m"),
         (HEADER + "9,1,0\n0,1,0\n", r"mine\.toml: z\.csv: the stations of an impedance prof"),
         ("x [m],R,X\n0,1,0\n150,1,0\n", "x = 150 m lies outside the duct, -0.3 to 0.45 m; is its"),
@@ -200,7 +200,7 @@ def test_a_velocity_table_is_read_by_its_names_and_units(tmp_path):
     assert found[0] == pytest.approx(found[1])
     for text, message in (
         ("y,U\n0,0\n", "column 'y' has no unit in 'y'"),
-        ("y [mm],U\n0,0\n5,inf\n", r"u\.csv: row 2, column 'u', holds inf"),
+        ("y [mm],U\n0,0\n5,inf\n", r"u\.csv: line 3, column 'u' is 'inf'"),
         ("y [mm],U\n0,0\n5,1\n7,1\n", r"mine\.toml: u\.csv: y ends at 0\.007 m"),
     ):
         (tmp_path / "u.csv").write_text(text)

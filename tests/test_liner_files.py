@@ -224,12 +224,21 @@ HEAD = "frequency,speed,resistance,reactance"
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (["f,resistance,reactance", "1,2,3"], r"t.csv: no column 'frequency'; the header is 'f,re"),
-        ([""], r"t.csv: no column 'frequency'.* it needs frequency, \[speed,\] resistance"),
-        ([HEAD], r"t.csv has a header and no rows"),
-        ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv, line 4: resistance is 'two', not a finite"),
-        ([HEAD, "1,0,2"], r"t.csv, line 2: reactance is None, not a finite number"),
-        ([HEAD, "1,0,nan,3"], r"t.csv, line 2: resistance is 'nan', not a finite number"),
+        (
+            ["f,resistance,reactance", "1,2,3"],
+            r"t.csv: column 'frequency' is missing; there are",
+        ),
+        (
+            ["note", "1"],
+            r"t.csv: column 'frequency' is missing.* write frequency, \[speed,\] res",
+        ),
+        ([""], r"t.csv is empty"),
+        ([HEAD], r"t.csv holds no values: the file ends at line 1"),
+        ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv: line 4, column 'resistance' is 'two'; a num"),
+        ([HEAD, "1,0,2"], r"t.csv: line 2, column 'reactance' is ''; a number is need"),
+        ([HEAD, "1,0,nan,3"], r"t.csv: line 2, column 'resistance' is 'nan'; a number"),
+        ([HEAD, "1,0,2,3,4"], r"t.csv: line 2 has 5 cells, the header 4"),
+        ([HEAD + ",speed", "1,0,2,3,0"], r"t.csv: column 'speed' is named twice"),
         (table_rows()[:-1], r"t.csv: no row for 3000 Hz and 4 m/s; the grid is full"),
         ([*table_rows(), "500,0,1,1"], r"t.csv: 1 row\(s\) repeat a frequency and speed"),
         ([HEAD, "1,1,2,3", "1,2,2,3", "2,1,2,3", "2,2,2,3"], r"'t': speed starts at 1, not at 0"),

@@ -38,10 +38,6 @@ ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
-LAYOUTS = {  # of files that convert reads
-    "array": "one variable, all stated here", "resolved": "group of a simulation file",
-    "channel": "simulation file of a channel",
-}  # fmt: skip
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 
@@ -79,6 +75,26 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
         ("duct", "far_end", "variation", "start"),
     ),
 }  # fmt: skip
+
+# Files. A new format is a file with the function and a row here.
+PLANE_LAYOUTS = {  # of `convert`: functions of a path and of options by their names, to a plane
+    "array": "torchliner.io.arrays:read_array_plane",
+    "resolved": "torchliner.io.resolved:read_resolved",
+    "channel": "torchliner.io.resolved:read_channel",
+}
+ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to an array
+    ".npy": "torchliner.io.arrays:read_npy",
+    ".mat": "torchliner.io.arrays:read_matlab",
+    ".h5": "torchliner.io.arrays:read_hdf5",
+    ".hdf5": "torchliner.io.arrays:read_hdf5",
+    ".nc": "torchliner.io.arrays:read_hdf5",
+}
+BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
+    "HDF5": "torchliner.io.burst_file:FORMAT",
+    "DXEX": "torchliner.io.dantec:FORMAT",
+    "CSV": "torchliner.io.burst_csv:FORMAT",
+    "columns": "torchliner.io.burst_text:FORMAT",
+}
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:

@@ -1,10 +1,13 @@
-"""Text files of numbers: '# key = value' lines, a header of names with units, rows of cells."""
+"""Text files of numbers: a header of names with units, rows of cells, remarks behind '#'."""
 
 from __future__ import annotations
 
+import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,141 +66,206 @@ def separator_of(header: str) -> str:
     return next((mark for mark in SEPARATORS if mark in header), ",")
 
 
-def stated_values(
-    lines: Sequence[str], known: Sequence[str], path: str | Path
-) -> Iterator[tuple[str, str, str]]:
-    """Key, value and a label for messages of each line '# key = value'; other lines are remarks.
+def cells_of(line: str, separator: str | None) -> list[str]:
+    """Cells of a line without blanks and quotes around them; separator None for blanks."""
+    if separator is not None and '"' in line and line.count('"') % 2 == 0:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    return [cell.strip() for cell in line.split(separator)]
 
-    Raises:
-        ValueError: a key that is not ``known``, or is stated twice.
+
+@dataclass(frozen=True)
+class Column:
+    """Where the values of a name stand.
+
+    Args:
+        name: as the reader calls it.
+        index: of the column, from 0.
+        factor: to SI.
     """
-    seen = set()
-    for number, line in enumerate(lines, 1):
-        found = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
-        if found is None:
-            continue
-        key, value = found.groups()
-        if key not in known:
-            raise ValueError(
-                f"{path}: line {number} states {key!r}{did_you_mean(key, known)}; known are "
-                f"{', '.join(known)}"
-            )
-        if key in seen:
-            raise ValueError(f"{path}: line {number} states {key!r} a second time; keep one")
-        seen.add(key)
-        yield key, value, f"{path}: line {number}, {key}"
+
+    name: str
+    index: int
+    factor: float
 
 
-def stated_text(key: str, value: str, path: str | Path) -> str:
-    """The line '# key = value' that ``stated_values`` reads.
-
-    Raises:
-        ValueError: a value of several lines, or with blanks around it, which would not come back.
-    """
-    if value != value.strip() or len(value.splitlines()) > 1:
-        raise ValueError(f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks "
-                         "around it")  # fmt: skip
-    return f"# {key} = {value}\n"
-
-
-def si_value(text: str, quantity: str, label: str) -> float:
-    """A number and its unit, as ``50 mm``, in SI.
-
-    Raises:
-        ValueError: no number, or no unit of the quantity.
-    """
-    parts = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)", text)
-    try:
-        amount = float(parts.group(1) if parts else text)
-    except ValueError as error:
-        raise ValueError(f"{label} is {text!r}; it cannot be read") from error
-    return amount * si_factor(quantity, parts.group(2) if parts else "", label)
-
-
-def named_columns(
-    lines: Sequence[str],
-    first: int,
-    columns: Mapping[str, str | None],
+def find_columns(
+    labels: Sequence[str],
+    known: Mapping[str, str | None],
     path: str | Path,
     *,
     example: str,
-    optional: Sequence[str] = (),
+    optional: Collection[str] = (),
     short: Mapping[str, str] | None = None,
-) -> dict[str, Array]:
-    """Columns of numbers by name, in any order, in the units of ``units.FACTORS``.
+    others: Collection[str] | None = (),
+    bare: bool = False,
+) -> list[Column]:
+    """Columns by labels such as ``x [mm]``, in any order.
 
     Args:
-        lines: the header line and the rows; blank rows and remarks are passed over.
-        first: number of the header line, from 1, for messages.
-        columns: quantity of each by its name, in lower case; None takes values in any unit as they
+        labels: of the columns.
+        known: quantity of each by its name, in lower case; None takes values in any unit as they
             stand.
         path: for messages.
-        example: a header line that is right.
+        example: a header that is right.
         optional: names that may be absent.
-        short: other names, in their own case, for some of ``columns``.
+        short: other names, in their own case, for some of ``known``.
+        others: names that are passed over; None for all that are not known.
+        bare: a label without a unit is in SI units.
     Raises:
-        ValueError: a column unknown, missing, named twice or without a unit, a cell that is no
-            number, a row of another length, no rows.
+        ValueError: a column unknown, missing, named twice, or without a unit.
     """
-    separator = separator_of(lines[0])
-    found: dict[str, tuple[int, float]] = {}
-    labels = [cell.strip() for cell in lines[0].split(separator)]
-    while labels and not labels[-1]:
-        labels.pop()
+    found: dict[str, Column] = {}
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
         word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
-        name = _name(word, unit, columns, short or {})
-        if match is None or name not in columns:
+        name = _name(word, unit, known, short or {})
+        if name not in known and (others is None or name in others):
+            continue
+        where = f"{path}: column {name!r}"
+        if name not in known:
             raise ValueError(
-                f"{path}: unknown column {label!r}{did_you_mean(name, list(columns))}; write "
+                f"{path}: unknown column {label!r}{did_you_mean(name, list(known))}; write "
                 f"{example}"
             )
         if name in found:
-            raise ValueError(f"{path}: column {name!r} is named twice")
-        found[name] = (index, _factor(columns[name], unit, label, f"{path}: column {name!r}"))
-    for name in columns:
+            raise ValueError(f"{where} is named twice")
+        quantity, factor = known[name], 1.0
+        if quantity is not None and not unit and quantity != "number" and not bare:
+            raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
+        if quantity is not None and (unit or not bare):
+            factor = si_factor(quantity, unit, where)
+        found[name] = Column(name, index, factor)
+    for name in known:
         if name not in found and name not in optional:
             raise ValueError(
                 f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write "
                 f"{example}"
             )
-    rows = [(first + i, text) for i, text in enumerate(lines) if i and text.strip()]
-    rows = [(number, text) for number, text in rows if text[0] != "#"]
-    if not rows:
-        raise ValueError(f"{path} holds no values: the file ends at line {first}")
-    for number, text in rows:
-        cells = text.split(separator)
-        if any(cell.strip() for cell in cells[len(labels) :]):
+    return list(found.values())
+
+
+def read_columns(
+    rows: Sequence[Sequence[str]],
+    numbers: Sequence[int],
+    columns: Sequence[Column],
+    path: str | Path,
+    count: int,
+    *,
+    padded: bool = False,
+    special: Collection[str] | None = None,
+) -> dict[str, Array]:
+    """Columns of numbers in SI units, by name.
+
+    Args:
+        rows: cells of each line.
+        numbers: of the lines, for messages.
+        columns: what to read.
+        path: for messages.
+        count: of the columns of the file.
+        padded: columns may end early, filled up with blank cells, as those of two channels do.
+        special: columns that may hold inf, though not nan; default: all, and nan as well.
+    Raises:
+        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks.
+    """
+    for number, row in zip(numbers, rows, strict=True):
+        if len(row) > count and any(row[count:]):
+            raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {count}")
+    cells = {c.name: [row[c.index] if c.index < len(row) else "" for row in rows] for c in columns}
+    if padded:
+        cells = {name: _filled(texts) for name, texts in cells.items()}
+    comma = _has_comma(cells, numbers, path)
+    found = {}
+    for column in columns:
+        texts = cells[column.name]
+        values = _numbers([t.replace(",", ".") for t in texts] if comma else texts)
+        bad = np.isnan(values)
+        if special is None and bad.any():
+            bad &= np.array([text.lower().lstrip("+-") != "nan" for text in texts])
+        elif special is not None and column.name not in special:
+            bad |= ~np.isfinite(values)
+        if bad.any() or not texts:
+            at = int(bad.argmax()) if texts else 0
             raise ValueError(
-                f"{path}: line {number} has {len(cells)} cells, the header {len(labels)}"
+                f"{path}: line {numbers[at]}, column {column.name!r} is "
+                f"{texts[at] if texts else ''!r}; a number is needed"
             )
-    return {name: np.array([_cell(text, separator, at, f"{path}: line {number}, column {name!r}")
-                            for number, text in rows]) * factor
-            for name, (at, factor) in found.items()}  # fmt: skip
+        found[column.name] = values * column.factor
+    return found
 
 
-def _name(word: str, unit: str, columns: Mapping[str, str | None], short: Mapping[str, str]) -> str:
-    """That of ``columns``; X without a unit is short for something, X [mm] the column x."""
+def read_table(
+    lines: Sequence[str],
+    known: Mapping[str, str | None],
+    path: str | Path,
+    *,
+    special: Collection[str] = (),
+    **about: Any,
+) -> dict[str, Array]:
+    """Columns of numbers of a file with a header line, in SI units, by name.
+
+    Args:
+        lines: of the file; blank ones and remarks are passed over.
+        known, path: as for ``find_columns``.
+        special: as for ``read_columns``; values are finite in all other columns.
+        about: further arguments of ``find_columns``.
+    Raises:
+        ValueError: as ``find_columns`` and ``read_columns``; no header, no rows.
+    """
+    start = header_line(lines, path)
+    separator = separator_of(lines[start])
+    labels = cells_of(lines[start], separator)
+    while labels and not labels[-1]:
+        labels.pop()
+    columns = find_columns(labels, known, path, **about)
+    numbers = [i for i, line in enumerate(lines, 1)
+               if i > start + 1 and line.strip() and line[0] != "#"]  # fmt: skip
+    if not numbers:
+        raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
+    rows = [cells_of(lines[i - 1], separator) for i in numbers]
+    return read_columns(rows, numbers, columns, path, len(labels), special=special)
+
+
+def _name(word: str, unit: str, known: Mapping[str, str | None], short: Mapping[str, str]) -> str:
+    """That of ``known``; X without a unit is short for something, X [mm] the column x."""
     lower = word.lower()
-    if word in short and not (unit and lower in columns):
+    if word in short and not (unit and lower in known):
         return short[word]
-    return lower if lower in columns else short.get(lower, lower)
+    return lower if lower in known else short.get(lower, lower)
 
 
-def _factor(quantity: str | None, unit: str, label: str, name: str) -> float:
-    if quantity is None:
-        return 1.0
-    if not unit and quantity != "number":
-        raise ValueError(f"{name} has no unit in {label!r}; write it as in 'x [mm]'")
-    return si_factor(quantity, unit, name)
+def _has_comma(
+    columns: Mapping[str, Sequence[str]], numbers: Sequence[int], path: str | Path
+) -> bool:
+    """Whether the decimal mark is a comma; both in one file are refused."""
+    seen: dict[str, str] = {}
+    for texts in columns.values():
+        for mark in {",", "."} - set(seen):
+            place = next((i for i, text in enumerate(texts) if mark in text), None)
+            if place is not None:
+                seen[mark] = f"line {numbers[place]} has {texts[place]!r}"
+    if len(seen) == 2:
+        raise ValueError(
+            f"{path} mixes decimal marks: {seen[',']}, {seen['.']}; write all numbers with one "
+            "mark and none between thousands"
+        )
+    return "," in seen
 
 
-def _cell(text: str, separator: str, index: int, name: str) -> float:
-    cells = text.split(separator)
+def _filled(texts: list[str]) -> list[str]:
+    """The cells before the blank ones at the end."""
+    return texts[: max((i for i, text in enumerate(texts, 1) if text), default=0)]
+
+
+def _numbers(texts: Sequence[str]) -> Array:
+    """Numbers; nan where there is none."""
     try:
-        cell = cells[index].strip()
-        return float(cell.replace(",", ".") if separator != "," else cell)
-    except (ValueError, IndexError):
-        shown = cells[index].strip() if index < len(cells) else ""
-        raise ValueError(f"{name} is {shown!r}; a number is needed") from None
+        return np.array(texts, dtype=np.str_).astype(np.float64)
+    except ValueError:
+        return np.array([_number(text) for text in texts])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan

@@ -23,6 +23,9 @@ FACTORS: dict[str, dict[str, float]] = {
                  "MPa": 1e6, "psi": 6894.757293168361, "atm": 101325.0},
     "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0},
 }  # fmt: skip
+# Which quantity an SI unit is one of: "m" a length, "1" a number.
+SI_QUANTITY = {unit: quantity for quantity, units in FACTORS.items()
+               for unit, factor in units.items() if factor == 1}  # fmt: skip
 
 
 def si_factor(quantity: str, unit: str | None, name: str) -> float:

@@ -12,7 +12,6 @@ from torchliner.report.figure import (
     MARKERS,
     Figure,
     finish,
-    legend_below,
     styled,
     subplots,
 )
@@ -129,8 +128,7 @@ def draw_effects(
             axis.plot(KILO * table.at, values, marker + "-", color=colour, label=name)
         _rate_axis(axis, table)
         axis.set_ylabel(label)
-    legend_below(figure, axes[0, 0], 3)
-    return finish(figure, path)
+    return finish(figure, path, legend=3)
 
 
 def _rate_axis(axis: Any, table: Curves) -> None:

@@ -19,7 +19,6 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
-    legend_below,
     styled,
     subplots,
 )
@@ -147,8 +146,7 @@ def draw_mismatch(
         axis.set_xlim(0.18, 1.5)
     for axis in axes[-1]:
         axis.set_xlabel("$f$ (kHz)")
-    legend_below(figure, axes[0, 0], 2)
-    return finish(figure, path)
+    return finish(figure, path, legend=2)
 
 
 def _draw_limits(axis: Any, mach: float) -> None:

@@ -48,7 +48,7 @@ def read_resolved_pressure(path: str | Path, case: str, stride: int = 1) -> Pres
         spacing = read_attribute(group, "cfg_dx", path)
         width = spacing * read_attribute(group, "cfg_D", path)
         pitch = spacing * read_attribute(group, "cfg_Lc", path)
-        time = read_si(group, "time", "time", path)
+        time = read_si(group, "time", "s", path)
         cut = (slice(None), *(slice(None, None, stride),) * (2 if three else 1))
         own = {name: complex_attribute(group, key, path) for name, key in OWN.items()}
         if three:
@@ -58,15 +58,15 @@ def read_resolved_pressure(path: str | Path, case: str, stride: int = 1) -> Pres
             time_last(group, "p_surface", cut, path, "pressure"),
             time_last(group, "p_cavity_bottom", (), path, "pressure"),
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
-            x=read_si(group, "x", "length", path)[::stride],
-            z=read_si(group, "z", "length", path)[::stride] if three else None,
+            x=read_si(group, "x", "m", path)[::stride],
+            z=read_si(group, "z", "m", path)[::stride] if three else None,
             cavity_depth=spacing * read_attribute(group, "cfg_H", path),
             cavity_porosity=(width / pitch) ** (2 if three else 1),
             # Twice the area over the perimeter: plates, or a square.
             cavity_hydraulic_radius=width / 2 if three else width,
             cell_pitch=pitch,
             microphones=time_last(group, "mic_p", (), path, "pressure"),
-            microphone_y=read_si(group, "mic_y", "length", path),
+            microphone_y=read_si(group, "mic_y", "m", path),
             microphone_velocity=time_last(group, "mic_v", (), path),
             fluid=resolved_fluid(group, path),
             frequency=read_attribute(group, "frequency_Hz", path),

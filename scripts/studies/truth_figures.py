@@ -61,9 +61,9 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")
-    legend_below(figure, axes[0, 0], 3)
-    figure.suptitle("educed less true, all drives, phases, orders and heights, 1400 Hz", fontsize=9)
-    return finish(figure, path)
+    return finish(
+        figure, path, "educed less true, all drives, phases, orders and heights, 1400 Hz", legend=3
+    )
 
 
 def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from inspect import signature
 from typing import TYPE_CHECKING
 
 from torchliner import names
@@ -13,14 +14,14 @@ from torchliner.cli.options import CASE, stated
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
-MEANINGS = "; ".join(f"{name}, {text}" for name, text in names.LAYOUTS.items())
 OPTIONS = {
     "": {
         "source SOURCE": ".npy, .mat, .h5, or a simulation file",
         "--output FILE": {"required": True, "help": "plane file to write"},
         "--layout": {
-            "choices": list(names.LAYOUTS), "default": "array",
-            "help": f"{MEANINGS}; default array"},
+            "choices": list(names.PLANE_LAYOUTS), "default": "array", "help": "array: one "
+            "variable, all stated here; resolved, channel: a simulation file of the project; "
+            "default array"},
         "--compress": "gzip: smaller, slower to read",
     },
     "resolved, channel": {
@@ -57,17 +58,12 @@ ABOUT = (
 def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
     from torchliner.io.plane_file import write_plane
-    from torchliner.io.resolved import read_channel, read_resolved
 
     check_files(options, [options.source])
-    if options.layout == "resolved":
-        if options.case is None:
-            raise ValueError("--layout resolved needs --case")
-        plane = read_resolved(options.source, options.case, options.line, options.stride)
-    elif options.layout == "channel":
-        plane = read_channel(options.source, options.line)
-    else:
-        plane = _from_array(options)
+    read = names.resolve(names.PLANE_LAYOUTS[options.layout])
+    wanted = {name: getattr(options, name) for name in signature(read).parameters
+              if name in options}  # fmt: skip
+    plane: VelocityPlane = read(options.source, **wanted)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
         plane = plane.scaled(options.scale_length, options.scale_velocity)
     facts = stated(options, ABOUT)
@@ -77,28 +73,3 @@ def run(options: argparse.Namespace) -> int:
     print(f"{options.output}: {shape} probes, {plane.samples} samples at "
           f"{plane.sampling_rate:g} Hz")  # fmt: skip
     return 0
-
-
-def _from_array(options: argparse.Namespace) -> VelocityPlane:
-    from torchliner.io.arrays import plane_from_array, read_array
-
-    for name in ("axes", "velocity_units", "sampling_rate"):
-        if getattr(options, name) is None:
-            raise ValueError(
-                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
-            )
-    coordinates = {}
-    for name, where in stated(options, ("x", "z", "y")).items():
-        file, _, variable = where.partition(":")
-        coordinates[name] = read_array(file, variable or None)
-    return plane_from_array(
-        read_array(options.source, options.variable),
-        options.axes.split(","),
-        options.velocity_units,
-        options.sampling_rate,
-        towards_liner=options.towards_liner,
-        row=options.row,
-        length_units=options.length_units,
-        name=str(options.source),
-        **coordinates,
-    )

@@ -61,7 +61,7 @@ def check_files(
 
 def write_text(text: str, path: Path) -> None:
     """Write a whole text file, or leave the old one."""
-    from torchliner.io.hdf5 import written_whole
+    from torchliner.io.whole_file import written_whole
 
     with written_whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
-from torchliner.text_columns import Array, header_line, named_columns, read_lines
+from torchliner.text_columns import Array, read_lines, read_table
 
 VELOCITY = {"y": "length", "u": None}
 VELOCITY_EXAMPLE = "y [mm], U [m/s]"
@@ -27,9 +27,9 @@ def velocity_table(path: Path) -> tuple[Array, Array]:
         FileNotFoundError: no such file.
         ValueError: other columns, y without a unit, a cell that is no finite number.
     """
-    found = _read(path, VELOCITY, VELOCITY_EXAMPLE, {"velocity": "u"})
-    for name, values in found.items():
-        _require(np.isfinite(values), values, name, path)
+    found = read_table(
+        read_lines(path), VELOCITY, path, example=VELOCITY_EXAMPLE, short={"velocity": "u"}
+    )
     return found["y"], found["u"]
 
 
@@ -51,11 +51,11 @@ def impedance_table(
     Warns:
         DataWarning: stations that end within a lined patch: Z is constant beyond the last.
     """
-    found = _read(path, IMPEDANCE, IMPEDANCE_EXAMPLE, {"R": "resistance", "X": "reactance"})
+    found = read_table(
+        read_lines(path), IMPEDANCE, path, example=IMPEDANCE_EXAMPLE,
+        short={"R": "resistance", "X": "reactance"}, special=("resistance", "reactance"),
+    )  # fmt: skip
     x = found["x"]
-    _require(np.isfinite(x), x, "x", path)
-    for name in ("resistance", "reactance"):
-        _require(~np.isnan(found[name]), found[name], name, path)
     outside = (x < start - NEAR) | (x > end + NEAR)
     if outside.any():
         raise ValueError(
@@ -67,22 +67,6 @@ def impedance_table(
     walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
     return x, walls
-
-
-def _read(
-    path: Path, columns: Mapping[str, str | None], example: str, short: Mapping[str, str]
-) -> dict[str, Array]:
-    lines = read_lines(path)
-    start = header_line(lines, path)
-    return named_columns(lines[start:], start + 1, columns, path, example=example, short=short)
-
-
-def _require(good: np.ndarray, values: Array, name: str, path: Path) -> None:
-    if not good.all():
-        row = int(np.flatnonzero(~good)[0])
-        raise ValueError(
-            f"{path}: row {row + 1}, column {name!r}, holds {values[row]}; a number is needed there"
-        )
 
 
 def _span(x: Array, start: float, end: float, path: Path) -> None:

@@ -13,7 +13,7 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from torchliner.io.hdf5 import open_file
-from torchliner.names import did_you_mean
+from torchliner.names import ARRAY_ENDINGS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
 
@@ -24,7 +24,7 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
     """An array from .npy, .mat (v5 or v7.3) or .h5; v7.3 axes are put back in MATLAB's order.
 
     Args:
-        path: file.
+        path: file, of one of the endings in ``names.ARRAY_ENDINGS``.
         variable: name in a .mat or .h5 file; may be left out if the file holds one array.
     Raises:
         ValueError: unknown ending, unknown variable, not numeric.
@@ -32,26 +32,36 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
-    kind = path.suffix.lower()
-    if kind == ".npy":
-        try:
-            values = np.load(path, mmap_mode="c", allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise ValueError(f"{path} is not a whole .npy file: {error}") from error
-    elif kind == ".mat" and not h5py.is_hdf5(path):
-        chosen = _pick([name for name, _, _ in _mat5(whosmat, path)], variable, path)
-        values = _mat5(loadmat, path, variable_names=[chosen])[chosen]
-    elif kind in (".mat", ".h5", ".hdf5", ".nc"):
-        with open_file(path) as file:
-            names = [k for k, v in file.items() if isinstance(v, h5py.Dataset)]
-            values = file[_pick(names, variable, path)][()]
-        if kind == ".mat":
-            values = values.T
-    else:
-        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {kind or 'no ending'!r}")
+    ending = path.suffix.lower()
+    if ending not in ARRAY_ENDINGS:
+        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
+    values: np.ndarray = resolve(ARRAY_ENDINGS[ending])(path, variable)
     if values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
     return values
+
+
+def read_npy(path: Path, variable: str | None) -> np.ndarray:
+    """The array of a .npy file, read as it is used."""
+    try:
+        return np.load(path, mmap_mode="c", allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path} is not a whole .npy file: {error}") from error
+
+
+def read_matlab(path: Path, variable: str | None) -> np.ndarray:
+    """An array of a MATLAB file, v7.3 (HDF5) or before."""
+    if h5py.is_hdf5(path):
+        return read_hdf5(path, variable).T
+    chosen = _pick([name for name, _, _ in _mat5(whosmat, path)], variable, path)
+    return np.asarray(_mat5(loadmat, path, variable_names=[chosen])[chosen])
+
+
+def read_hdf5(path: Path, variable: str | None) -> np.ndarray:
+    """An array of an HDF5 file."""
+    with open_file(path) as file:
+        names = [k for k, v in file.items() if isinstance(v, h5py.Dataset)]
+        return np.asarray(file[_pick(names, variable, path)][()])
 
 
 def _mat5(function: Callable[..., Any], path: Path, **options: Any) -> Any:
@@ -140,6 +150,39 @@ def plane_from_array(
     )
 
 
+def read_array_plane(
+    path: str | Path, variable: str | None = None, *, axes: Any, velocity_units: Any,
+    sampling_rate: Any, towards_liner: bool = False, x: str | None = None, z: str | None = None,
+    y: str | None = None, row: int | None = None, length_units: str = "m",
+) -> VelocityPlane:  # fmt: skip
+    """The plane in a file of arrays: ``torchliner convert --layout array``.
+
+    Args:
+        path, variable: as for ``read_array``.
+        axes: names separated by commas.
+        x, z, y: FILE or FILE:VARIABLE.
+        velocity_units, ...: as for ``plane_from_array``.
+    Raises:
+        ValueError: axes, unit or rate is None; as ``read_array`` and ``plane_from_array``.
+    """
+    needed = {"axes": axes, "velocity_units": velocity_units, "sampling_rate": sampling_rate}
+    for name, value in needed.items():
+        if value is None:
+            raise ValueError(
+                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
+            )
+    coordinates = {}
+    for name, where in (("x", x), ("z", z), ("y", y)):
+        if where is not None:
+            file, _, inside = where.partition(":")
+            coordinates[name] = read_array(file, inside or None)
+    return plane_from_array(
+        read_array(path, variable), axes.split(","), velocity_units, sampling_rate,
+        towards_liner=towards_liner, row=row, length_units=length_units, name=str(path),
+        **coordinates,
+    )  # fmt: skip
+
+
 def _one_height(
     values: np.ndarray, axes: Sequence[str], y: Any, row: int | None, name: str
 ) -> tuple[np.ndarray, list[str], float | None]:
@@ -151,8 +194,8 @@ def _one_height(
     axis = list(axes).index("y")
     count = values.shape[axis]
     if row is None or not 0 <= row < count:
-        said = "which is not stated" if row is None else f"not {row}"
-        raise ValueError(f"{name} has {count} heights; row is 0 to {count - 1}, {said}")
+        stated = "which is not stated" if row is None else f"not {row}"
+        raise ValueError(f"{name} has {count} heights; row is 0 to {count - 1}, {stated}")
     heights = None if y is None else np.asarray(y, float).reshape(-1)
     if heights is not None and len(heights) != count:
         raise ValueError(f"{name} has {count} heights, y has {len(heights)} values")

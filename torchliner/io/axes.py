@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import h5py
 import numpy as np
@@ -11,80 +11,129 @@ from torch import Tensor
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
-    read_number,
+    factor_to,
+    get_dataset,
+    place,
+    read_references,
     read_si,
     text_attribute,
-    write_dimension,
+    write_index,
+    write_references,
     write_variable,
+)
+from torchliner.io.tables import (
+    FileKind,
+    Table,
+    numbers,
+    plain,
+    read_variables,
+    write_variables,
 )
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
-FLUID = {
-    "sound_speed": ("velocity", "m/s"),
-    "density": ("density", "kg/m3"),
-    "dynamic_viscosity": ("viscosity", "Pa s"),
-    "heat_capacity_ratio": ("number", "1"),
-    "prandtl": ("number", "1"),
-}
+FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
+               "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
+FLUID = numbers(FLUID_UNITS)
 
 
-class Probes(Protocol):
-    """Where a record has its probes."""
+def write_coordinates(
+    file: h5py.File, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
+    line: bool = True,
+) -> tuple[str, ...]:  # fmt: skip
+    """Coordinate variables and dimensions of probes.
 
-    @property
-    def probe_shape(self) -> tuple[int, ...]:
-        """(z, x), (x) or (probe), or ()."""
-        ...
-
-    @property
-    def x(self) -> Tensor | None:
-        """m."""
-        ...
-
-    @property
-    def z(self) -> Tensor | None:
-        """m."""
-        ...
-
-
-def write_coordinates(file: h5py.File, plane: Probes) -> tuple[str, ...]:
-    """Coordinate variables; returns the dimensions after time."""
-    shape = plane.probe_shape
+    Args:
+        file: to write into.
+        shape: of the probes, (z, x), (probe,) or ().
+        x, z: m; None where unknown.
+        line: probes in the order of x, without z, lie along a dimension x and not ``probe``.
+    Returns:
+        Names of the dimensions.
+    """
+    known = {name: plain(values) for name, values in (("x", x), ("z", z)) if values is not None}
     if len(shape) == 2:
-        for name, values, count in (("z", plane.z, shape[0]), ("x", plane.x, shape[1])):
-            known = values is not None
-            write_dimension(
-                file, name, values if known else np.arange(count), "m" if known else "1"
-            )
+        for name, count in zip(("z", "x"), shape, strict=True):
+            if name in known:
+                write_variable(file, name, known[name], "m", (name,))
+            else:
+                write_index(file, name, count)
         return ("z", "x")
-    if len(shape) == 0:
-        for name in ("x", "z"):
-            if getattr(plane, name) is not None:
-                write_variable(file, name, float(getattr(plane, name)), "m")
-        return ()
-    if plane.z is None and plane.x is not None and bool((plane.x.diff() > 0).all()):
-        write_dimension(file, "x", plane.x, "m")
-        return ("x",)
-    write_dimension(file, "probe", np.arange(shape[0]), "1")
-    for name in ("x", "z"):
-        if getattr(plane, name) is not None:
-            write_variable(file, name, getattr(plane, name), "m", ("probe",))
-    return ("probe",)
+    dims: tuple[str, ...] = ("probe",) if shape else ()
+    if shape and line and list(known) == ["x"] and bool((np.diff(known["x"]) > 0).all()):
+        dims = ("x",)
+    elif shape:
+        write_index(file, "probe", shape[0])
+    for name, values in known.items():
+        write_variable(file, name, values if shape else values.item(), "m", dims)
+    return dims
 
 
-def write_fluid(file: h5py.File, fluid: Fluid) -> None:
-    """The gas as scalar variables."""
-    for key, (_, unit) in FLUID.items():
-        write_variable(file, key, float(getattr(fluid, key)), unit)
+def write_case(file: h5py.File, record: Any, table: Table) -> None:
+    """What describes a measurement: the variables of a table, the gas, reference impedances."""
+    write_variables(file, record, table)
+    write_variables(file, record.fluid, FLUID)
+    write_references(file, record.reference)
 
 
-def read_fluid(file: h5py.File, path: Path) -> Fluid:
-    """The gas; air at 20 C where the file says nothing."""
-    values = {k: read_number(file, k, q, path) for k, (q, _) in FLUID.items() if k in file}
+def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict[str, Any]:
+    """What ``write_case`` wrote and the attributes of the file, as fields of a record.
+
+    The gas is air at 20 C where the file says nothing, the title the name of the file.
+
+    Raises:
+        ValueError: as ``read_variables``; no gas is like that.
+    """
+    found = {**kind.read_head(file, path), **read_variables(file, table, path)}
+    if "title" in found:
+        found["title"] = found["title"] or path.stem
     try:
-        return Fluid(**values)
+        found["fluid"] = Fluid(**read_variables(file, FLUID, path))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    return {**found, "reference": read_references(file, path)}
+
+
+def write_times(file: h5py.File, samples: int, sampling_rate: float) -> None:
+    """The dimension ``time`` of uniform samples, from 0 s."""
+    write_variable(file, "time", np.arange(samples) / sampling_rate, "s", ("time",))
+
+
+def require_times(samples: int, name: str) -> None:
+    """Refuse a record whose sampling rate a file cannot tell: a file states times.
+
+    Raises:
+        ValueError: a single sample.
+    """
+    if samples < 2:
+        raise ValueError(f"{name} has 1 sample; at least two times are needed in a file")
+
+
+def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
+    """Factor from the units of a signal to an SI unit.
+
+    Raises:
+        ValueError: it is missing, is not floating-point, or has no unit of this quantity.
+    """
+    dataset = get_dataset(file, key, path)
+    if dataset.dtype.kind != "f":
+        raise ValueError(
+            f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed"
+        )
+    return factor_to(unit, file, key, path)
+
+
+def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
+    """A signal in an SI unit, time last, float32 or float64 as in the file.
+
+    Raises:
+        As ``float_factor`` and ``find_time_axis``.
+    """
+    factor = float_factor(file, key, unit, path)
+    axis = find_time_axis(file[key], samples, path)
+    values = np.asarray(file[key][()])
+    values = values if values.dtype in (np.float32, np.float64) else values.astype(np.float32)
+    moved = np.ascontiguousarray(np.moveaxis(values, axis, -1))
+    return moved if factor == 1 else moved * moved.dtype.type(factor)
 
 
 def read_times(file: h5py.File, path: Path) -> tuple[float, int]:
@@ -93,7 +142,7 @@ def read_times(file: h5py.File, path: Path) -> tuple[float, int]:
     Raises:
         ValueError: the times are missing, not finite or not uniform.
     """
-    time = read_si(file, "time", "time", path)
+    time = read_si(file, "time", "s", path)
     name = f"{path}:/time"
     if time.ndim != 1 or len(time) < 2:
         raise ValueError(f"{name} has shape {time.shape}; a list of at least two times is needed")
@@ -155,7 +204,7 @@ def read_coordinate(
     """x or z, m; None if the file has none."""
     if key not in file or text_attribute(file[key], "units") == "1":
         return None
-    values = read_si(file, key, "length", path).reshape(-1)
+    values = read_si(file, key, "m", path).reshape(-1)
     wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
     if len(values) != wanted:
         raise ValueError(

@@ -9,43 +9,45 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 
-from torchliner.io.axes import read_fluid, write_fluid
+from torchliner.io.axes import read_case, write_case
 from torchliner.io.burst_csv import write_burst_csv
+from torchliner.io.burst_format import BurstFormat, Place
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
     place,
-    read_references,
-    read_scalars,
     read_si,
     text_attribute,
     to_json,
-    write_dimension,
-    write_references,
-    write_scalars,
+    write_index,
+    write_texts,
     write_variable,
-    written_whole,
 )
-from torchliner.io.plane_file import SCALARS as PLANE_SCALARS
+from torchliner.io.plane_file import UNITS as PLANE_UNITS
+from torchliner.io.tables import FileKind, numbers, plain, read_variables, real, write_variables
 from torchliner.records import BurstRecord
 
-SCHEMA = "torchliner bursts 1"
-# field of the record -> name in the file, quantity, unit
-ARRAYS = {
-    "arrival_time": ("arrival_time", "time", "s"),
-    "transit_time": ("transit_time", "time", "s"),
-    "wall_normal": ("wall_normal_velocity", "velocity", "m/s"),
-    "streamwise": ("streamwise_velocity", "velocity", "m/s"),
-}
+KIND = FileKind(
+    "torchliner bursts 1", "file of bursts", {"source_side": "unknown", "liner": ""},
+    (("Conventions", "CF-1.8"), ("featureType", "timeSeries")),
+)  # fmt: skip
+ARRAYS = (
+    real("arrival_time", "s", ("burst",), optional=True),
+    real("transit_time", "s", ("burst",), optional=True),
+    real("wall_normal_velocity", "m/s", ("burst",), field="wall_normal", optional=True,
+         attributes={"positive": "away from the liner"}),
+    real("streamwise_velocity", "m/s", ("burst",), field="streamwise", optional=True),
+)  # fmt: skip
 PLACES = ("x", "y", "z")
-SCALARS = {name: kind for name, kind in PLANE_SCALARS.items() if name != "height"}
-TEXTS = ("source_side", "liner")
-SHARED = (*SCALARS, *TEXTS, "fluid", "reference")  # one value for the whole file
+UNITS = {name: unit for name, unit in PLANE_UNITS.items() if name != "height"}
+NUMBERS = numbers(UNITS)
+SHARED = (*UNITS, *KIND.attributes, "fluid", "reference")  # one value for the whole file
 LISTS: dict[str, Any] = {"dropped": {}, "provenance": {}, "notes": []}  # per station, as JSON
 
 
@@ -70,17 +72,10 @@ def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path)
         write_burst_csv(records[0], path)
         return
     _require_one_case(records)
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["featureType"] = "timeSeries"
-        file.attrs["schema"] = SCHEMA
-        for key in TEXTS:
-            file.attrs[key] = getattr(records[0], key)
+    with KIND.created(path, records[0]) as file:
         _write_stations(file, records)
         _write_arrays(file, records)
-        write_scalars(file, records[0], SCALARS)
-        write_fluid(file, records[0].fluid)
-        write_references(file, records[0].reference)
+        write_case(file, records[0], NUMBERS)
 
 
 def _require_one_case(records: Sequence[BurstRecord]) -> None:
@@ -95,38 +90,36 @@ def _require_one_case(records: Sequence[BurstRecord]) -> None:
 
 
 def _write_stations(file: h5py.File, records: Sequence[BurstRecord]) -> None:
-    write_dimension(file, "station", np.arange(len(records)), "1")
+    write_index(file, "station", len(records))
     counts = np.array([record.bursts for record in records])
     write_variable(file, "burst_count", counts, "1", ("station",))
     file["burst_count"].attrs["sample_dimension"] = "burst"
     for key in PLACES:
         values = [getattr(record, key) for record in records]
         if any(value is not None for value in values):
-            numbers = np.array([np.nan if value is None else value for value in values])
-            write_variable(file, key, numbers, "m", ("station",))
-    texts = {"station_name": [record.title or record.name for record in records]}
-    texts |= {f"station_{k}": [to_json(getattr(r, k)) for r in records] for k in LISTS}
-    for key, lines in texts.items():
-        file.create_dataset(key, data=lines, dtype=h5py.string_dtype())
-        file[key].dims[0].attach_scale(file["station"])
+            known = np.array([np.nan if value is None else value for value in values])
+            write_variable(file, key, known, "m", ("station",))
+    write_texts(file, "station_name", [each.title or each.name for each in records], "station")
+    for key in LISTS:
+        texts = [to_json(getattr(record, key)) for record in records]
+        write_texts(file, f"station_{key}", texts, "station")
 
 
 def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
-    total = sum(record.bursts for record in records)
-    write_dimension(file, "burst", np.arange(total), "1")
-    for field, (name, _, unit) in ARRAYS.items():
-        parts = [getattr(record, field) for record in records]
-        if any(part is not None for part in parts):
-            values = [
-                np.full(record.bursts, np.nan) if part is None else part.detach().cpu().numpy()
-                for record, part in zip(records, parts, strict=True)
-            ]
-            write_variable(
-                file, name, np.concatenate(values), unit, ("burst",),
-                compression="gzip", compression_opts=4, shuffle=True,
-            )  # fmt: skip
-    if ARRAYS["wall_normal"][0] in file:
-        file[ARRAYS["wall_normal"][0]].attrs["positive"] = "away from the liner"
+    """The bursts of all stations, nan where a station lacks what another has."""
+    write_index(file, "burst", sum(record.bursts for record in records))
+    joined: dict[str, Any] = {}
+    for row in ARRAYS:
+        parts = [getattr(record, row.field) for record in records]
+        if all(part is None for part in parts):
+            joined[row.field] = None
+            continue
+        joined[row.field] = np.concatenate([
+            np.full(record.bursts, np.nan) if part is None else plain(part)
+            for record, part in zip(records, parts, strict=True)
+        ])  # fmt: skip
+    storage: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+    write_variables(file, SimpleNamespace(**joined), ARRAYS, attributes_last=True, **storage)
 
 
 def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:
@@ -144,32 +137,25 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
     with open_file(path) as file:
         ends, places = _layout(file, path)
         counts = np.diff(ends, prepend=0)
-        if ARRAYS["arrival_time"][0] not in file:
-            get_dataset(file, ARRAYS["arrival_time"][0], path)  # says what is there instead
-        for name, _, _ in ARRAYS.values():
-            if name in file:
-                _require_length(file, name, int(ends[-1]), path)
-        common: dict[str, Any] = {
-            **read_scalars(file, SCALARS, path),
-            "source_side": text_attribute(file, "source_side") or "unknown",
-            "liner": text_attribute(file, "liner") or "",
-            "fluid": read_fluid(file, path),
-            "reference": read_references(file, path),
-        }
+        get_dataset(file, "arrival_time", path)
+        for row in ARRAYS:
+            if row.names[0] in file:
+                _require_length(file, row.names[0], int(ends[-1]), path)
+        common = read_case(file, KIND, NUMBERS, path)
         texts = _texts(file, len(counts), path)
         records = []
         for i in range(len(counts)) if only is None else [only]:
-            own: dict[str, Any] = {k: None if np.isnan(v[i]) else float(v[i])
-                                   for k, v in places.items()}  # fmt: skip
             part = slice(int(ends[i] - counts[i]), int(ends[i]))
-            own |= {field: _known(read_si(file, name, quantity, path, part))
-                    for field, (name, quantity, _) in ARRAYS.items() if name in file}  # fmt: skip
+            # A quantity that a station lacks is nan throughout.
+            own = read_variables(file, ARRAYS, path, part)
+            own = {key: None if bool(v.isnan().all()) else v for key, v in own.items()}
+            own |= {k: None if np.isnan(v[i]) else float(v[i]) for k, v in places.items()}
             own |= {key: lines[i] for key, lines in texts.items()}
             records.append(BurstRecord(**own, **common, name=f"{path}, station {i}"))
     return records
 
 
-def station_places(path: str | Path) -> list[tuple[float | None, float | None, float | None]]:
+def station_places(path: str | Path) -> list[Place]:
     """(x, y, z) of each station of a file, m; None where unknown. Bursts are not read.
 
     Raises:
@@ -186,16 +172,16 @@ def station_places(path: str | Path) -> list[tuple[float | None, float | None, f
 def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Where the bursts of each station end, and the stations' coordinates that are stated."""
     schema = text_attribute(file, "schema")
-    if schema != SCHEMA:
-        raise ValueError(f"{path} holds no bursts: its schema is {schema!r}, not {SCHEMA!r}")
-    counts = read_si(file, "burst_count", "number", path).astype(np.int64).reshape(-1)
+    if schema != KIND.schema:
+        raise ValueError(f"{path} holds no bursts: its schema is {schema!r}, not {KIND.schema!r}")
+    counts = read_si(file, "burst_count", "1", path).astype(np.int64).reshape(-1)
     if len(counts) == 0 or (counts < 1).any():
         raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; at least 1 a station")
     places = {}
     for key in PLACES:
         if key in file:
             _require_length(file, key, len(counts), path)
-            places[key] = read_si(file, key, "length", path).reshape(-1)
+            places[key] = read_si(file, key, "m", path).reshape(-1)
     return np.cumsum(counts), places
 
 
@@ -203,11 +189,6 @@ def _require_length(file: h5py.File, name: str, count: int, path: Path) -> None:
     found = get_dataset(file, name, path).size
     if found != count:
         raise ValueError(f"{place(file, name, path)} has {found} values; /burst_count says {count}")
-
-
-def _known(values: np.ndarray) -> np.ndarray | None:
-    """A quantity that a station lacks is nan throughout."""
-    return None if np.isnan(values).all() else values
 
 
 def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
@@ -228,3 +209,11 @@ def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
                 f"{path}: {len(values)} stations have a {key}, /burst_count says {count}"
             )
     return found
+
+
+FORMAT = BurstFormat(
+    recognises=lambda path, _: bool(h5py.is_hdf5(path)),
+    places=station_places,
+    read=lambda path, number, *_: read_burst_file(path, number)[0],
+    own_fields=True,
+)

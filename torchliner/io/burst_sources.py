@@ -10,20 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import h5py
-
-from torchliner.io.burst_csv import is_burst_csv, read_burst_csv, stated_place
-from torchliner.io.burst_file import read_burst_file, station_places
-from torchliner.io.burst_text import read_burst_columns
-from torchliner.io.dantec import HEADER_LINES, is_dantec, read_dantec, read_header
+from torchliner.io.burst_format import Place, burst_format, format_of
 from torchliner.records import BurstRecord
-from torchliner.text_columns import read_lines
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres
-HEAD = 1 << 16  # bytes of a text file that hold all that stands before the bursts
-
-Place = tuple[float | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -32,8 +23,9 @@ class StationSource:
 
     Args:
         path: file.
-        number: of the station in an HDF5 file; None for a text file.
+        number: of the station in a file that can hold several; None elsewhere.
         place: (x, y, z), m; None where unknown.
+        format: of the file, a key of ``names.BURST_FORMATS``.
         options: how the file is read.
         about: further fields of the record.
     """
@@ -41,6 +33,7 @@ class StationSource:
     path: Path
     number: int | None
     place: Place
+    format: str
     options: Mapping[str, Any] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
 
@@ -55,23 +48,15 @@ class StationSource:
         Raises:
             FileNotFoundError, OSError, ValueError: as the readers of the formats.
         """
-        if self.number is not None:
-            return read_burst_file(self.path, self.number)[0]
-        if is_dantec(self.path):
-            chosen = {key: self.options.get(key) for key in ("components", "coincidence_window")}
-            return read_dantec(self.path, **chosen, **self.about)
-        if self.options.get("columns") is not None and not is_burst_csv(_head(self.path)):
-            return read_burst_columns(
-                self.path, self.options["columns"], self.options["separator"], **self.about
-            )
-        return read_burst_csv(self.path, **self.about)
+        read = burst_format(self.format).read
+        return read(self.path, self.number or 0, self.options, self.about)
 
     def digest(self) -> str:
         """SHA-256 of the file and of how it is read."""
-        said = f"{self.number} {sorted(self.options.items())} {sorted(self.about.items())}"
+        how = f"{self.number} {sorted(self.options.items())} {sorted(self.about.items())}"
         status = self.path.stat()
         content = _content(self.path, status.st_size, status.st_mtime_ns)
-        return hashlib.sha256(f"{content} {said}".encode()).hexdigest()
+        return hashlib.sha256(f"{content} {how}".encode()).hexdigest()
 
 
 @functools.lru_cache(maxsize=4)
@@ -124,39 +109,16 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _sources(path: Path, options: dict[str, Any], about: dict[str, Any]) -> list[StationSource]:
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if h5py.is_hdf5(path):
+    name = format_of(path, options)
+    places = burst_format(name).places(path)
+    if burst_format(name).own_fields:
         if about:
             raise ValueError(
                 f"{path} states its own {', '.join(about)}; change them there, or leave them out"
             )
-        return [StationSource(path, i, place) for i, place in enumerate(station_places(path))]
-    return [StationSource(path, None, _place(path, options, about), options, about)]
-
-
-def _head(path: Path) -> list[str]:
-    """Lines before the bursts, and some of them."""
-    return read_lines(path, HEAD)
-
-
-def _place(path: Path, options: dict[str, Any], about: dict[str, Any]) -> Place:
-    """Where a text file says it was measured; its bursts are not read."""
-    lines = _head(path)
-    stated: dict[str, float] = {}
-    if is_dantec(path):
-        position = read_header(lines[: HEADER_LINES + 1], path).position
-        stated = dict(zip("xyz", position, strict=True))
-    elif is_burst_csv(lines):
-        stated = stated_place(lines, path)
-    elif options["columns"] is None:
-        raise ValueError(
-            f"{path} begins with {lines[0].strip()[:40]!r}: neither 'DXEX v3' or 'DXEX v5' nor a "
-            "header with 'arrival_time [ms]'. If it is columns without a header, state them, e.g. "
-            "--columns 'row, arrival_time [ms], transit_time [us], streamwise [m/s], "
-            "wall_normal [m/s]'"
-        )
-    return tuple(about.get(key, stated.get(key)) for key in "xyz")  # type: ignore[return-value]
+        return [StationSource(path, i, place, name) for i, place in enumerate(places)]
+    x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
+    return [StationSource(path, None, (x, y, z), name, options, about)]
 
 
 def sort_stations(sources: Sequence[StationSource]) -> list[StationSource]:
@@ -191,10 +153,10 @@ def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
     for i, j in pairwise(order):
         both = list(zip(places[i], places[j], strict=True))
         if all(abs(a - b) <= SAME_PLACE for a, b in both):  # type: ignore[operator]
-            said = ", ".join(f"{1e3 * value:.4g}" for value, _ in both)  # type: ignore[operator]
+            where = ", ".join(f"{1e3 * value:.4g}" for value, _ in both)  # type: ignore[operator]
             raise ValueError(
-                f"{names[i]} and {names[j]} have the same position, ({said}) mm; take one away, or "
-                "put repeated measurements into folders of their own"
+                f"{names[i]} and {names[j]} have the same position, ({where}) mm; take one away, "
+                "or put repeated measurements into folders of their own"
             )
     return order
 

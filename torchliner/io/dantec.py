@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchliner.io.burst_text import Array, Column, read_columns, record_of
+from torchliner.io.burst_format import BurstFormat, read_head
+from torchliner.io.burst_text import QUANTITIES, read_bursts_of, record_of
 from torchliner.names import did_you_mean
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
 from torchliner.signals.burst_validation import pair_coincident
-from torchliner.text_columns import read_lines
+from torchliner.text_columns import Array, Column, read_lines
 from torchliner.units import si_factor
 
 VERSIONS = ("3", "5")
@@ -74,9 +75,9 @@ def read_dantec(
     lines = read_lines(path)
     header = read_header(lines, path)
     groups, chosen = _channels(header.columns, components, path)
-    body = lines[HEADER_LINES:]
-    padded = len(groups) > 1
-    read = [read_columns(body, HEADER_LINES + 1, group, path, "\t", padded) for group in groups]
+    padded, count = len(groups) > 1, len(header.columns)
+    read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, count, "\t", padded)
+            for group in groups]  # fmt: skip
     if padded:
         _require_equal(read, path)
     columns, notes, dropped = _joined(read, coincidence_window, path)
@@ -149,8 +150,9 @@ def _channels(
             continue
         index, unit = there[key]
         sign = -1.0 if name.startswith("-") else 1.0
-        group = groups.setdefault(key[2], _times(there, key[2], listed, path))
-        group.append(Column(name.lstrip("-"), index, unit or "", sign))
+        if key[2] not in groups:
+            groups[key[2]] = _times(there, key[2], listed, path)
+        groups[key[2]].append(_column(name.lstrip("-"), index, unit, path, sign))
     chosen = {f"LDA{key[1]}": name for key, name in zip(channels, meant, strict=True)}
     return list(groups.values()), chosen
 
@@ -163,8 +165,13 @@ def _times(
     if ("AT", "", group) not in there:
         raise ValueError(f"{path}: column 'AT{suffix} [ms]' is missing; there are: {listed}")
     pairs = (("AT", "arrival_time"), ("TT", "transit_time"))
-    return [Column(name, there[key, "", group][0], there[key, "", group][1] or "")
+    return [_column(name, *there[key, "", group], path)
             for key, name in pairs if (key, "", group) in there]  # fmt: skip
+
+
+def _column(name: str, index: int, unit: str | None, path: str | Path, sign: float = 1.0) -> Column:
+    factor = si_factor(QUANTITIES[name], unit or "", f"{path}: column {name!r}")
+    return Column(name, index, sign * factor)
 
 
 def _meanings(
@@ -241,3 +248,12 @@ def _joined(
     joined |= {n: v[partner.numpy()] for n, v in other.items() if n in COMPONENTS}
     # The wall-normal channel is the record; what it misses is what was dropped.
     return joined, (), {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}
+
+
+FORMAT = BurstFormat(
+    recognises=lambda path, _: is_dantec(path),
+    places=lambda path: [read_header(read_head(path)[: HEADER_LINES + 1], path).position],
+    read=lambda path, _, options, about: read_dantec(
+        path, options["components"], options["coincidence_window"], **about
+    ),
+)

@@ -1,20 +1,17 @@
-"""What our HDF5 files share: opening, units, dimension scales, atomic writing."""
+"""What our HDF5 files share: opening, datasets in SI units, JSON, reference impedances."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from torchliner.units import si_factor
+from torchliner.units import SI_QUANTITY, si_factor
 
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
 
@@ -72,33 +69,37 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def require_schema(group: h5py.Group, schema: str, what: str, path: str | Path) -> None:
-    """Refuse a file, or a group of one, that holds something else.
+def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float:
+    """Factor from the units of a dataset to an SI unit of the same quantity.
 
     Raises:
-        ValueError: it does.
+        ValueError: the dataset is missing, or has no unit of this quantity.
     """
-    found = text_attribute(group, "schema")
-    if found != schema:
-        where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
-        raise ValueError(f"{where} is no {what}: its schema is {found!r}, not {schema!r}")
+    dataset = get_dataset(group, key, path)
+    return si_factor(SI_QUANTITY[unit], text_attribute(dataset, "units"), place(group, key, path))
 
 
 def read_si(
-    group: h5py.Group, key: str, quantity: str, path: str | Path, part: slice | None = None
+    group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None
 ) -> np.ndarray:
-    """A small dataset, or a part of one along its only axis, in SI units, float64."""
-    dataset = get_dataset(group, key, path)
-    name = place(group, key, path)
-    factor = si_factor(quantity, text_attribute(dataset, "units"), name)
+    """A dataset in an SI unit, or a part of it along its first axis; real numbers as stored.
+
+    float64 where the file has another unit than ``unit``.
+
+    Raises:
+        ValueError: it is missing, has no unit of this quantity, or holds no real numbers.
+    """
+    factor = factor_to(unit, group, key, path)
+    dataset = group[key]
     if dataset.dtype.kind not in "fiu":
-        raise ValueError(f"{name} is {dataset.dtype}; numbers are needed")
-    return np.asarray(dataset[() if part is None else part], dtype=np.float64) * factor
+        raise ValueError(f"{place(group, key, path)} is {dataset.dtype}; numbers are needed")
+    values = np.asarray(dataset[() if part is None else part])
+    return values if factor == 1 else values.astype(np.float64) * factor
 
 
-def read_number(group: h5py.Group, key: str, quantity: str, path: str | Path) -> float:
-    """One number in SI units; an array of one counts."""
-    values = read_si(group, key, quantity, path)
+def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> float:
+    """One number in an SI unit; an array of one counts."""
+    values = read_si(group, key, unit, path)
     if values.size != 1:
         raise ValueError(
             f"{place(group, key, path)} has shape {values.shape}; one number is needed"
@@ -106,19 +107,44 @@ def read_number(group: h5py.Group, key: str, quantity: str, path: str | Path) ->
     return float(values.reshape(()))
 
 
-Scalars = Mapping[str, tuple[str, str]]  # name in file and record: quantity, unit
+def write_variable(
+    group: h5py.Group, name: str, values: Any, units: str, dims: Sequence[str] = (), **storage: Any
+) -> h5py.Dataset:
+    """A netCDF-4 variable: data, units, and its dimension scales, which must exist.
+
+    A variable whose dimension bears its own name is that dimension's scale.
+    """
+    dataset = group.create_dataset(name, data=values, **storage)
+    if name in dims:
+        dataset.make_scale(name)
+    dataset.attrs["units"] = units
+    attach_scales(dataset, group, dims)
+    return dataset
 
 
-def write_scalars(file: h5py.File, record: Any, scalars: Scalars) -> None:
-    """Numbers of a record that are not None, as variables with units."""
-    for key, (_, unit) in scalars.items():
-        if getattr(record, key) is not None:
-            write_variable(file, key, float(getattr(record, key)), unit)
+def attach_scales(dataset: h5py.Dataset, group: h5py.Group, dims: Sequence[str]) -> None:
+    """Name the axes of a dataset by dimension scales of its group."""
+    for axis, dim in enumerate(dims):
+        if group[dim] != dataset:
+            dataset.dims[axis].attach_scale(group[dim])
 
 
-def read_scalars(file: h5py.File, scalars: Scalars, path: str | Path) -> dict[str, Any]:
-    """Those that the file states, in SI units."""
-    return {k: read_number(file, k, q, path) for k, (q, _) in scalars.items() if k in file}
+def write_index(group: h5py.Group, name: str, count: int) -> None:
+    """A dimension without coordinates: 0, 1, ..."""
+    write_variable(group, name, np.arange(count), "1", (name,))
+
+
+def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
+    """A list of texts along a dimension."""
+    attach_scales(
+        group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,)
+    )
+
+
+def tiles(shape: Sequence[int], rows: int, columns: int = 64) -> dict[str, Any]:
+    """Storage of a compressed variable: gzip in tiles of at most ``rows`` along the first axis."""
+    chunks = tuple(min(n, columns if axis else rows) for axis, n in enumerate(shape))
+    return {"compression": "gzip", "compression_opts": 9, "shuffle": True, "chunks": chunks}
 
 
 def to_json(value: Any) -> str:
@@ -128,7 +154,7 @@ def to_json(value: Any) -> str:
     )
 
 
-def read_json(file: h5py.File, key: str, path: str | Path, default: Any) -> Any:
+def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any:
     """A JSON attribute, or ``default`` if there is none."""
     text = text_attribute(file, key)
     try:
@@ -145,10 +171,8 @@ def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
         stem = "reference_" + re.sub(r"\W+", "_", label)
         if f"{stem}_resistance" in file:
             stem = f"{stem}_{number}"
-        for part, amount in (
-            ("resistance", complex(value).real),
-            ("reactance", complex(value).imag),
-        ):
+        parts = {"resistance": complex(value).real, "reactance": complex(value).imag}
+        for part, amount in parts.items():
             write_variable(file, f"{stem}_{part}", amount, "1").attrs["label"] = label
 
 
@@ -159,58 +183,7 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
         if key.startswith("reference_") and key.endswith("_resistance"):
             stem = key.removesuffix("resistance")
             label = text_attribute(file[key], "label") or stem[10:-1].replace("_", " ")
-            found[label] = complex(
-                read_number(file, key, "number", path),
-                read_number(file, stem + "reactance", "number", path),
-            )
+            parts = (read_number(file, stem + part, "1", path)
+                     for part in ("resistance", "reactance"))  # fmt: skip
+            found[label] = complex(*parts)
     return found
-
-
-@contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside ``path``, renamed onto it when the block ends well.
-
-    A crash or an interrupt leaves the old file as it was.
-
-    Raises:
-        OSError: the folder is missing or cannot be written to.
-    """
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise OSError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise OSError(f"{path} is a folder; name a file")
-    try:
-        handle, temporary = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.name}.", suffix=".part"
-        )
-    except OSError as error:
-        raise OSError(f"{path} cannot be written: {error.strerror}") from error
-    os.close(handle)
-    try:
-        yield Path(temporary)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def write_variable(
-    file: h5py.File, name: str, values: Any, units: str, dims: tuple[str, ...] = (), **extra: Any
-) -> h5py.Dataset:
-    """A netCDF-4 variable: data, units, and its dimension scales, which must exist."""
-    dataset = file.create_dataset(name, data=values, **extra)
-    dataset.attrs["units"] = units
-    for axis, dim in enumerate(dims):
-        if dim != name:
-            dataset.dims[axis].attach_scale(file[dim])
-    return dataset
-
-
-def write_dimension(file: h5py.File, name: str, values: Any, units: str) -> None:
-    """A coordinate variable that is its own dimension scale."""
-    file.create_dataset(name, data=values).make_scale(name)
-    file[name].attrs["units"] = units

@@ -11,35 +11,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID
-from torchliner.io.hdf5 import written_whole
+from torchliner.io.axes import FLUID_UNITS
+from torchliner.io.stated_lines import read_stated, write_stated
+from torchliner.io.whole_file import written_whole
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import (
+    Array,
     header_line,
-    named_columns,
     read_lines,
-    si_value,
-    stated_text,
-    stated_values,
+    read_table,
 )
 
-Array = NDArray[np.float64]
-SCALARS = {
-    "duct_height": ("length", "m"),
-    "duct_width": ("length", "m"),
-    "mach": ("number", "1"),
-    "liner_start": ("length", "m"),
-    "liner_end": ("length", "m"),
-}
-TEXTS = ("title", "source_side", "liner")
+UNITS = {"duct_height": "m", "duct_width": "m", "mach": "1", "liner_start": "m", "liner_end": "m"}
+TEXTS = dict.fromkeys(("title", "source_side", "liner"), "text")
 COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}
 EXAMPLE = "x [mm], frequency [Hz], SPL [dB], phase [deg]"
 SAME_X = 1e-9  # m
-STATED = {**SCALARS, **FLUID, "frequency": ("frequency", "Hz"), "temperature": ("temperature", "K")}
+STATED = {**UNITS, **FLUID_UNITS, "frequency": "Hz", "temperature": "K", **TEXTS}
 
 
 def write_microphone_csv(line: MicrophoneLine, path: str | Path) -> None:
@@ -53,14 +43,9 @@ def write_microphone_csv(line: MicrophoneLine, path: str | Path) -> None:
             f"{path}: a .csv holds one line, not {tuple(line.pressure.shape[:-2])}; write .h5"
         )
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-        for key, (_, unit) in SCALARS.items():
-            if getattr(line, key) is not None:
-                file.write(f"# {key} = {plain_number(getattr(line, key))!r} {unit}\n")
-        for key, (_, unit) in FLUID.items():
-            file.write(f"# {key} = {plain_number(getattr(line.fluid, key))!r} {unit}\n")
-        for key in TEXTS:
-            if getattr(line, key):
-                file.write(stated_text(key, getattr(line, key), path))
+        write_stated(file, line, UNITS, path)
+        write_stated(file, line.fluid, FLUID_UNITS, path)
+        write_stated(file, line, TEXTS, path)
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["frequency [Hz]", "x [mm]", "SPL [dB]", "phase [deg]"])
         level, phase = line.level.detach().cpu(), line.phase.detach().cpu()
@@ -86,11 +71,9 @@ def read_microphone_csv(path: str | Path, **about: Any) -> MicrophoneLine:
     """
     path = Path(path)
     lines = read_lines(path)
-    start = header_line(lines, path)
-    stated = _stated(lines[:start], path)
-    columns = named_columns(
-        lines[start:], start + 1, COLUMNS, path, example=EXAMPLE, optional=["frequency"]
-    )
+    stated = read_stated(lines[: header_line(lines, path)], STATED, path)
+    stated = _with_fluid(stated, path)
+    columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["frequency"])
     single = stated.pop("frequency", None)
     if single is not None and "frequency" in columns:
         raise ValueError(f"{path} states a frequency above a column of frequencies; keep one")
@@ -126,27 +109,19 @@ def _grid(columns: dict[str, Array], path: Path) -> tuple[Array, Array, Array, A
     return x[:, 0], level, phase, frequency
 
 
-def _stated(lines: list[str], path: Path) -> dict[str, Any]:
-    """What the lines before the header say, as fields of the record and ``frequency``."""
-    said: dict[str, Any] = {}
-    for key, value, label in stated_values(lines, [*STATED, *TEXTS], path):
-        said[key] = value if key in TEXTS else si_value(value, STATED[key][0], label)
-    return _with_fluid(said, path)
-
-
-def _with_fluid(said: dict[str, Any], path: Path) -> dict[str, Any]:
+def _with_fluid(stated: dict[str, Any], path: Path) -> dict[str, Any]:
     """The gas, from its properties or from a temperature."""
-    gas = {key: said.pop(key) for key in FLUID if key in said}
-    temperature = said.pop("temperature", None)
+    gas = {key: stated.pop(key) for key in FLUID_UNITS if key in stated}
+    temperature = stated.pop("temperature", None)
     if temperature is not None and gas:
         raise ValueError(
             f"{path} states a temperature and {', '.join(gas)}; state one or the other"
         )
     try:
         if temperature is not None:
-            said["fluid"] = Fluid.from_temperature(temperature)
+            stated["fluid"] = Fluid.from_temperature(temperature)
         elif gas:
-            said["fluid"] = Fluid(**gas)
+            stated["fluid"] = Fluid(**gas)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return said
+    return stated

@@ -14,31 +14,38 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import find_time_axis, read_fluid, read_times, write_fluid
+from torchliner.io.axes import find_time_axis, read_case, read_times, write_case, write_times
 from torchliner.io.hdf5 import (
     get_dataset,
     open_file,
-    place,
-    read_json,
-    read_references,
-    read_scalars,
     read_si,
-    require_schema,
-    text_attribute,
-    to_json,
-    write_dimension,
-    write_references,
-    write_scalars,
+    write_index,
     write_variable,
-    written_whole,
 )
-from torchliner.io.microphone_csv import SCALARS, TEXTS, read_microphone_csv, write_microphone_csv
+from torchliner.io.microphone_csv import UNITS, read_microphone_csv, write_microphone_csv
+from torchliner.io.tables import (
+    FileKind,
+    Variable,
+    numbers,
+    read_variables,
+    real,
+    write_variables,
+)
 from torchliner.records import MicrophoneLine
 from torchliner.signals.reference_coherence import RejectedFlow, reject_flow_noise
-from torchliner.units import si_factor
 
-SCHEMA = "torchliner microphones 1"
-PARTS = ("pressure_real", "pressure_imag")
+KIND = FileKind(
+    "torchliner microphones 1", "line of microphones",
+    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
+)  # fmt: skip
+DUCT = (real("x", "m", ("microphone",)), *numbers(UNITS))
+FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
+AMPLITUDES = (
+    Variable("pressure", ("pressure_real", "pressure_imag"), "Pa",
+             ("draws", "microphone", "frequency"),
+             attributes={"amplitude": "peak, exp(+j omega t)"}),
+    real("coherence", "1", ("microphone", "frequency"), optional=True),
+)  # fmt: skip
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
 
 
@@ -52,22 +59,14 @@ def write_microphones(line: MicrophoneLine, path: str | Path) -> None:
     if Path(path).suffix.lower() in TEXT_ENDINGS:
         write_microphone_csv(line, path)
         return
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        _write_head(file, line)
-        write_dimension(file, "frequency", line.frequency.numpy(), "Hz")
-        dims = ["microphone", "frequency"]
+    with KIND.created(path, line) as file:
+        _write_duct(file, line)
+        write_variables(file, line, FREQUENCY)
+        draws = []
         for axis, count in enumerate(line.pressure.shape[:-2]):
-            name = "draw" if axis == 0 else f"draw_{axis}"
-            write_dimension(file, name, np.arange(count), "1")
-            dims.insert(axis, name)
-        values = line.pressure.detach().cpu().numpy()
-        for name, part in zip(PARTS, (values.real, values.imag), strict=True):
-            write_variable(file, name, part, "Pa", tuple(dims))
-            file[name].attrs["amplitude"] = "peak, exp(+j omega t)"
-        if line.coherence is not None:
-            write_variable(
-                file, "coherence", line.coherence.numpy(), "1", ("microphone", "frequency")
-            )
+            draws.append("draw" if axis == 0 else f"draw_{axis}")
+            write_index(file, draws[-1], count)
+        write_variables(file, line, AMPLITUDES, {"draws": draws})
 
 
 def write_signals(
@@ -90,26 +89,18 @@ def write_signals(
             f"{path}: pressure has shape {signals.shape}, reference {channel.shape}; "
             f"({line.microphones}, T) and (T,) are needed"
         )
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        _write_head(file, line)
-        write_dimension(file, "time", np.arange(len(channel)) / sampling_rate, "s")
-        write_dimension(file, "frequency", line.frequency.numpy(), "Hz")
+    with KIND.created(path, line) as file:
+        _write_duct(file, line)
+        write_times(file, len(channel), sampling_rate)
+        write_variables(file, line, FREQUENCY)
         write_variable(file, "pressure", signals, "Pa", ("microphone", "time"))
         write_variable(file, "reference", channel, "1", ("time",))
 
 
-def _write_head(file: h5py.File, line: MicrophoneLine) -> None:
-    file.attrs["Conventions"] = "CF-1.8"
-    file.attrs["schema"] = SCHEMA
-    for key in TEXTS:
-        file.attrs[key] = getattr(line, key)
-    file.attrs["provenance"] = to_json(dict(line.provenance))
-    file.attrs["notes"] = to_json(list(line.notes))
-    write_dimension(file, "microphone", np.arange(line.microphones), "1")
-    write_variable(file, "x", line.x.numpy(), "m", ("microphone",))
-    write_scalars(file, line, SCALARS)
-    write_fluid(file, line.fluid)
-    write_references(file, line.reference)
+def _write_duct(file: h5py.File, line: MicrophoneLine) -> None:
+    """Where the microphones are, and what the duct and its flow are."""
+    write_index(file, "microphone", line.microphones)
+    write_case(file, line, DUCT)
 
 
 def read_microphones(
@@ -142,29 +133,18 @@ def read_microphones(
         return _selected(read_microphone_csv(path, **about), frequency, signals)
     with open_file(path) as file:
         if "schema" in file.attrs:
-            require_schema(file, SCHEMA, "line of microphones", path)
-        head: dict[str, Any] = {
-            "x": read_si(file, "x", "length", path).reshape(-1),
-            **read_scalars(file, SCALARS, path),
-            **{key: text_attribute(file, key) or "" for key in TEXTS},
-            "fluid": read_fluid(file, path),
-            "reference": read_references(file, path),
-            "provenance": read_json(file, "provenance", path, {}),
-            "notes": tuple(read_json(file, "notes", path, [])),
-            "name": str(path),
-        }
-        head["source_side"] = head["source_side"] or "unknown"
-        head["title"] = head["title"] or path.stem
+            KIND.require(file, path)
+        head = {**read_case(file, KIND, DUCT, path), "name": str(path)}
         if "duct_height" not in head | about:
             get_dataset(file, "duct_height", path)  # says what is there instead
-        wanted = read_si(file, "frequency", "frequency", path) if "frequency" in file else None
-        if PARTS[0] in file:
-            head["frequency"] = wanted
-            head["pressure"] = _complex_pressure(file, path)
-            if "coherence" in file:
-                head["coherence"] = read_si(file, "coherence", "number", path)
+        amplitudes = AMPLITUDES[0].names[0] in file
+        if amplitudes or "frequency" in file:
+            head |= read_variables(file, FREQUENCY, path)
+        if amplitudes:
+            head |= read_variables(file, AMPLITUDES, path)
             return _selected(MicrophoneLine(**{**head, **about}), frequency, signals)
-        head["frequency"] = wanted if frequency is None else frequency
+        if frequency is not None:
+            head["frequency"] = frequency
         head |= _from_signals(file, path, head, **signals)
     return MicrophoneLine(**{**head, **about})
 
@@ -178,37 +158,25 @@ def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> 
     return line if frequency is None else line.at(frequency)
 
 
-def _complex_pressure(file: h5py.File, path: Path) -> np.ndarray:
-    get_dataset(file, "frequency", path)
-    real, imaginary = (read_si(file, name, "pressure", path) for name in PARTS)
-    if real.shape != imaginary.shape:
-        raise ValueError(
-            f"{place(file, PARTS[1], path)} has shape {imaginary.shape}, {PARTS[0]} {real.shape}; "
-            "they are two parts of one array"
-        )
-    return np.asarray(real + 1j * imaginary)
-
-
 def _from_signals(
     file: h5py.File, path: Path, head: dict[str, Any], **options: Any
 ) -> dict[str, Any]:
     """Pressure, coherence, provenance and notes from signals."""
     dataset = get_dataset(file, "pressure", path)
-    get_dataset(file, "reference", path)
+    channel = get_dataset(file, "reference", path)
     rate, samples = read_times(file, path)
-    if head["frequency"] is None:
+    if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
-    factor = si_factor("pressure", text_attribute(dataset, "units"), f"{path}:/pressure")
     axis = find_time_axis(dataset, samples, path)
-    signals = np.moveaxis(np.asarray(dataset[()], dtype=np.float64), axis, -1) * factor
-    if signals.shape[:-1] != head["x"].shape:
+    signals = np.moveaxis(read_si(file, "pressure", "Pa", path), axis, -1).astype(np.float64)
+    if signals.shape[:-1] != tuple(head["x"].shape):
         raise ValueError(
             f"{path}:/pressure has {signals.shape[:-1]} microphones, /x {len(head['x'])} values"
         )
-    channel = np.asarray(file["reference"][()], dtype=np.float64).reshape(-1)
-    frequency = torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1)
     found = reject_flow_noise(
-        torch.from_numpy(np.ascontiguousarray(signals)), torch.from_numpy(channel), frequency,
+        torch.from_numpy(np.ascontiguousarray(signals)),
+        torch.from_numpy(np.asarray(channel[()], dtype=np.float64).reshape(-1)),
+        torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
         rate, name=str(path), **options,
     )  # fmt: skip
     return {

@@ -18,41 +18,35 @@ from torch import Tensor
 
 from torchliner.io.axes import (
     find_time_axis,
+    float_factor,
+    read_case,
     read_coordinate,
-    read_fluid,
     read_times,
+    require_times,
+    write_case,
     write_coordinates,
-    write_fluid,
+    write_times,
 )
 from torchliner.io.hdf5 import (
+    attach_scales,
     get_dataset,
     open_file,
-    read_json,
-    read_references,
-    read_scalars,
     text_attribute,
-    to_json,
-    write_dimension,
-    write_references,
-    write_scalars,
-    written_whole,
+    tiles,
 )
+from torchliner.io.tables import FileKind, numbers
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
-from torchliner.units import si_factor
 
-SCHEMA = "torchliner plane 1"
+KIND = FileKind(
+    "torchliner plane 1", "velocity plane",
+    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
+)  # fmt: skip
 VELOCITY, STREAMWISE = "wall_normal_velocity", "streamwise_velocity"
 COMPRESSED_ROWS = 256  # samples of a compressed tile
-
-# name -> (quantity, units): scalar variables of the file and attributes of the record
-SCALARS = {
-    "height": ("length", "m"),
-    "frequency": ("frequency", "Hz"),
-    "incident_level": ("level", "dB"),
-    "mach": ("number", "1"),
-    "displacement_thickness": ("length", "m"),
-}
+UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
+         "displacement_thickness": "m"}  # fmt: skip
+NUMBERS = numbers(UNITS)
 
 
 def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) -> None:
@@ -65,38 +59,27 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
     Raises:
         ValueError: a single sample: a file's sampling rate is that of its times.
     """
-    if plane.samples < 2:
-        raise ValueError(f"{plane.name} has 1 sample; at least two times are needed in a file")
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["schema"] = SCHEMA
-        for key in ("title", "source_side", "liner"):
-            file.attrs[key] = getattr(plane, key)
-        file.attrs["provenance"] = to_json(dict(plane.provenance))
-        write_dimension(file, "time", np.arange(plane.samples) / plane.sampling_rate, "s")
-        dims = write_coordinates(file, plane)
+    require_times(plane.samples, plane.name)
+    with KIND.created(path, plane) as file:
+        write_times(file, plane.samples, plane.sampling_rate)
+        dims = write_coordinates(file, plane.probe_shape, plane.x, plane.z)
         _write_velocity(file, VELOCITY, plane, dims, compress)
         file[VELOCITY].attrs["positive"] = "away from the liner"
         if plane.streamwise is not None:
             stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
             _write_velocity(file, STREAMWISE, stream, dims, compress)
-        write_scalars(file, plane, SCALARS)
-        write_fluid(file, plane.fluid)
-        write_references(file, plane.reference)
+        write_case(file, plane, NUMBERS)
 
 
 def _write_velocity(
     file: h5py.File, name: str, plane: VelocityPlane, dims: tuple[str, ...], compress: bool
 ) -> None:
+    """Slab by slab, as the plane may be larger than memory."""
     shape = (plane.samples, *(len(file[dim]) for dim in dims))
-    extra: dict[str, Any] = {}
-    if compress:
-        chunk = (min(plane.samples, COMPRESSED_ROWS), *(min(n, 64) for n in shape[1:]))
-        extra = {"compression": "gzip", "compression_opts": 9, "shuffle": True, "chunks": chunk}
-    dataset = file.create_dataset(name, shape, numpy_kind(plane.velocity), **extra)
+    storage = tiles(shape, COMPRESSED_ROWS) if compress else {}
+    dataset = file.create_dataset(name, shape, numpy_kind(plane.velocity), **storage)
     dataset.attrs["units"] = "m/s"
-    for axis, dim in enumerate(("time", *dims)):
-        dataset.dims[axis].attach_scale(file[dim])
+    attach_scales(dataset, file, ("time", *dims))
     for begin, end in slab_bounds(plane.samples, plane.probes, COMPRESSED_ROWS):
         dataset[begin:end] = (
             plane.read(begin, end).detach().cpu().numpy().reshape(end - begin, *shape[1:])
@@ -125,7 +108,6 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
         velocity = get_dataset(file, VELOCITY, path)
         rate, samples = read_times(file, path)
         axis = find_time_axis(velocity, samples, path)
-        shape = velocity.shape[1:] if axis == 0 else velocity.shape[:-1]
         stored = _stored(file, VELOCITY, axis, path)
         stream = None
         if STREAMWISE in file:
@@ -135,31 +117,20 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
                     f"{velocity.shape}; they share probes and times"
                 )
             stream = _stored(file, STREAMWISE, axis, path)
-        coordinates: dict[str, Any] = {k: read_coordinate(file, k, shape, path) for k in ("x", "z")}
         plane = VelocityPlane(
             stored,
             sampling_rate=rate,
+            x=read_coordinate(file, "x", stored.shape[:-1], path),
+            z=read_coordinate(file, "z", stored.shape[:-1], path),
             streamwise=stream if lazy or stream is None else stream.load(),
-            fluid=read_fluid(file, path),
-            **coordinates,
-            **read_scalars(file, SCALARS, path),
-            source_side=text_attribute(file, "source_side") or "unknown",
-            liner=text_attribute(file, "liner") or "",
-            title=text_attribute(file, "title") or path.stem,
-            reference=read_references(file, path),
-            provenance=read_json(file, "provenance", path, {}),
             name=f"{path}:/{VELOCITY}",
+            **read_case(file, KIND, NUMBERS, path),
         )
     return plane if lazy else plane.load()
 
 
 def _stored(file: h5py.File, key: str, axis: int, path: Path) -> H5Velocity:
-    dataset, name = file[key], f"{path}:/{key}"
-    if dataset.dtype.kind != "f":
-        raise ValueError(f"{name} is {dataset.dtype}; floating-point m/s are needed")
-    return H5Velocity(
-        path, key, axis, si_factor("velocity", text_attribute(dataset, "units"), name)
-    )
+    return H5Velocity(path, key, axis, float_factor(file, key, "m/s", path))
 
 
 def numpy_kind(out: Tensor) -> type:

@@ -7,15 +7,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import h5py
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.io.hdf5 import to_json, write_dimension, write_variable, written_whole
+from torchliner.io.axes import write_times
+from torchliner.io.hdf5 import attach_scales, write_index, write_variable
+from torchliner.io.tables import FileKind
 from torchliner.records import VelocityPlane
 
-SCHEMA = "torchliner reflected 1"
+KIND = FileKind("torchliner reflected 1", "reflected signal", {"title": "", "choices": {}})
 
 
 class ReflectedFile:
@@ -33,29 +34,23 @@ class ReflectedFile:
         choices: dict[str, Any],
     ) -> None:
         """``used``: probes that were not left out, (P,); the others are written as nan."""
-        self.path, self.plane, self.incident, self.choices = path, plane, incident, choices
+        self.path, self.plane, self.incident = path, plane, incident
+        self.title, self.choices = plane.title, choices
         self.used = used.cpu()
         self.stack = ExitStack()
 
     def __enter__(self) -> ReflectedFile:
         plane = self.plane
-        file = self.stack.enter_context(
-            h5py.File(self.stack.enter_context(written_whole(self.path)), "w")
-        )
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["schema"] = SCHEMA
-        file.attrs["title"] = plane.title
-        file.attrs["choices"] = to_json(self.choices)
-        write_dimension(file, "time", np.arange(plane.samples) / plane.sampling_rate, "s")
-        write_dimension(file, "probe", np.arange(plane.probes), "1")
+        file = self.stack.enter_context(KIND.created(self.path, self))
+        write_times(file, plane.samples, plane.sampling_rate)
+        write_index(file, "probe", plane.probes)
         for name, values in zip(("x", "z"), plane.probe_coordinates(), strict=True):
             if values is not None:
                 write_variable(file, name, values.numpy(), "m", ("probe",))
         write_variable(file, "incident", self.incident.numpy(), "1", ("time",))
         self.data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
         self.data.attrs["units"] = "1"
-        for axis, name in enumerate(("time", "probe")):
-            self.data.dims[axis].attach_scale(file[name])
+        attach_scales(self.data, file, ("time", "probe"))
         return self
 
     def __exit__(

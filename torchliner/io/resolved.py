@@ -20,13 +20,13 @@ def resolved_cases(path: str | Path) -> dict[str, list[float]]:
     """Cases of a resolved-liner file and the heights (m) of their lines or planes."""
     with open_file(path) as file:
         return {
-            name: [round(float(y), 9) for y in read_si(group, "y_lines", "length", path)]
+            name: [round(float(y), 9) for y in read_si(group, "y_lines", "m", path)]
             for name, group in file.items()
             if isinstance(group, h5py.Group) and "y_lines" in group
         }
 
 
-def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> VelocityPlane:
+def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1) -> VelocityPlane:
     """One height of one case of a resolved liner, with its own true impedance.
 
     Args:
@@ -39,6 +39,8 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         ValueError: no such case or line.
     """
     cases = resolved_cases(path)
+    if case is None:
+        raise ValueError(f"--layout resolved needs --case; {path} holds {', '.join(cases)}")
     require_case(path, case, cases)
     if not 0 <= line < len(cases[case]):
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")
@@ -50,15 +52,15 @@ def read_resolved(path: str | Path, case: str, line: int, stride: int = 1) -> Ve
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
             stream = time_last(group, "u_x", (whole, line), path)
-        time = read_si(group, "time", "time", path)
+        time = read_si(group, "time", "s", path)
         truth = "insitu" if three else "wave"
         other = ("top row", "top") if three else ("in situ", "insitu")
         return VelocityPlane(
             velocity,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
             height=cases[case][line],
-            x=read_si(group, "x", "length", path)[::stride],
-            z=read_si(group, "z", "length", path) if three else None,
+            x=read_si(group, "x", "m", path)[::stride],
+            z=read_si(group, "z", "m", path) if three else None,
             streamwise=stream,
             fluid=resolved_fluid(group, path),
             frequency=read_attribute(group, "frequency_Hz", path),
@@ -134,32 +136,32 @@ def time_last(
 
 
 def read_channel(
-    path: str | Path, plane: int, length: float = 1.0, velocity: float = 1.0
+    path: str | Path, line: int, length: float = 1.0, velocity: float = 1.0
 ) -> VelocityPlane:
     """One plane of the turbulent channel (hard wall, no sound), rescaled to a duct.
 
     Args:
         path: file with ``v`` (plane, time, z, x), ``t``, ``x``, ``y``, ``z``.
-        plane: index of the plane.
+        line: index of the plane.
         length, velocity: factors on lengths and velocities; times scale by their ratio.
     Raises:
         ValueError: no such plane.
     """
     with open_file(path) as file:
-        heights = read_si(file, "y", "length", path)
-        if not 0 <= plane < len(heights):
-            raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {plane}")
-        time = read_si(file, "t", "time", path)
-        values = time_last(file, "v", plane, path)
+        heights = read_si(file, "y", "m", path)
+        if not 0 <= line < len(heights):
+            raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {line}")
+        time = read_si(file, "t", "s", path)
+        values = time_last(file, "v", line, path)
         stream = None
-        if "u_plane1" in file and plane == 1:
+        if "u_plane1" in file and line == 1:
             stream = time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
             values,
             sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
-            height=float(heights[plane]),
-            x=read_si(file, "x", "length", path),
-            z=read_si(file, "z", "length", path),
+            height=float(heights[line]),
+            x=read_si(file, "x", "m", path),
+            z=read_si(file, "z", "m", path),
             streamwise=stream,
             source_side="none",
             liner="hard wall",
@@ -169,7 +171,7 @@ def read_channel(
                 "scale_length": length,
                 "scale_velocity": velocity,
             },
-            name=f"{path}:/v[{plane}]",
+            name=f"{path}:/v[{line}]",
         )
     scaled = raw.scaled(length, velocity)
     title = f"channel LES over a hard wall, y = {1e3 * (scaled.height or 0):.3g} mm"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,10 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.liners.model import LinerModel
+from torchliner.text_columns import read_lines, read_table
+
+COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "number",
+           "reactance": "number"}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,20 +84,18 @@ class TabulatedLiner(LinerModel):
             ValueError: a missing column, a value that is no number (with its line), a gap or a
                 repetition in the grid.
         """
-        rows = _read_rows(Path(path))
         options.setdefault("name", Path(path).stem)
-        if "speed" not in rows[0]:
-            rows.sort(key=lambda row: row["frequency"])
-            return cls(
-                [row["frequency"] for row in rows],
-                [complex(row["resistance"], row["reactance"]) for row in rows],
-                **options,
-            )
-        frequency = sorted({row["frequency"] for row in rows})
-        speed = sorted({row["speed"] for row in rows})
-        found = {
-            (r["frequency"], r["speed"]): complex(r["resistance"], r["reactance"]) for r in rows
-        }
+        columns = read_table(
+            read_lines(path), COLUMNS, path, optional=["speed"], others=None, bare=True,
+            example="frequency, [speed,] resistance, reactance (Hz, m/s, rho c)",
+        )  # fmt: skip
+        wall = columns["resistance"] + 1j * columns["reactance"]
+        if "speed" not in columns:
+            order = columns["frequency"].argsort(kind="stable")
+            return cls(columns["frequency"][order], wall[order], **options)
+        rows = list(zip(columns["frequency"].tolist(), columns["speed"].tolist(), strict=True))
+        frequency, speed = (sorted(set(axis)) for axis in zip(*rows, strict=True))
+        found = dict(zip(rows, wall.tolist(), strict=True))
         if len(found) < len(rows):
             raise ValueError(
                 f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed"
@@ -134,39 +134,6 @@ class TabulatedLiner(LinerModel):
         """What a result should record."""
         low, high = self.frequency_range
         return {"model": "table", "name": self.name, "low": low, "high": high}
-
-
-def _read_rows(path: Path) -> list[dict[str, float]]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        dialect = ";" if ";" in (first := file.readline()) else ","
-        file.seek(0)
-        reader = csv.DictReader(file, delimiter=dialect, skipinitialspace=True)
-        names = [name.strip() for name in reader.fieldnames or []]
-        reader.fieldnames = names
-        for needed in ("frequency", "resistance", "reactance"):
-            if needed not in names:
-                raise ValueError(
-                    f"{path}: no column {needed!r}; the header is {first.strip()!r}, it needs "
-                    "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
-                )
-        rows: list[dict[str, float]] = []
-        wanted = [n for n in ("frequency", "speed", "resistance", "reactance") if n in names]
-        for row in reader:
-            where = f"{path}, line {reader.line_num}"
-            rows.append({name: _number(row[name], f"{where}: {name}") for name in wanted})
-    if not rows:
-        raise ValueError(f"{path} has a header and no rows")
-    return rows
-
-
-def _number(text: str | None, name: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{name} is {text!r}, not a finite number")
-    return value
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:

@@ -202,16 +202,16 @@ def _label_heights(
 def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = None) -> Any:
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
     profiles = [velocity_along_x(plane) for plane in sorted(planes, key=lambda p: p.height or 0.0)]
-    names = ["v0 (m/s)", "v' rms (m/s)", "u' rms (m/s)"]
-    labels = ["$v_0$ (m s$^{-1}$)", "$v'_{rms}$ (m s$^{-1}$)", "$u'_{rms}$ (m s$^{-1}$)"]
-    kept = [i for i, n in enumerate(names) if any(n in p.values for p in profiles)]
+    labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": "$v'_{rms}$ (m s$^{-1}$)",
+              "u' rms (m/s)": "$u'_{rms}$ (m s$^{-1}$)"}  # fmt: skip
+    kept = [name for name in labels if any(name in profile.values for profile in profiles)]
     figure, axes = subplots(1, len(kept), 2.7)
-    for axis, i in zip(axes[0], kept, strict=True):
-        for j, profile in enumerate(profiles):
-            if names[i] in profile.values:
-                draw_curve(axis, profile, names[i], COLOURS[j], 1e3)
-        label_axes(axis, "$x$ (mm)", labels[i])
-        if i != 0:
+    for axis, name in zip(axes[0], kept, strict=True):
+        for profile, colour in zip(profiles, COLOURS, strict=False):
+            if name in profile.values:
+                draw_curve(axis, profile, name, colour, 1e3)
+        label_axes(axis, "$x$ (mm)", labels[name])
+        if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
     return finish(figure, path, case_title(planes[0]), legend=ONE_ROW)
 

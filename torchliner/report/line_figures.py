@@ -62,8 +62,8 @@ def _draw_line(axis: Any, line: ImpedanceLine, part: str, f: int, i: int, label:
     wide = PAPER_WIDTHS * part_of(line.segment_spread[:, f], part)
     draw_band(axis, x, middle - wide, middle + wide, colour, 0.18)
     if line.interval is not None:
-        ends = (part_of(end[:, f], part) for end in (line.interval.low, line.interval.high))
-        draw_band(axis, x, *ends, colour, 0.5)
+        low, high = (part_of(end[:, f], part) for end in (line.interval.low, line.interval.high))
+        draw_band(axis, x, low, high, colour, 0.5)
     axis.plot(x, middle, color=colour, linewidth=0.8, marker=MARKERS[i],
               markersize=2.5 if len(x) > 40 else 4, label=label)  # fmt: skip
     left_out = ~line.used.numpy()

@@ -10,7 +10,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.hdf5 import written_whole
+from torchliner.io.whole_file import written_whole
 
 Of = str | Callable[[Any], Any]
 GAP = "  "  # between the columns of a text table

@@ -20,9 +20,9 @@ from torchliner.report.table import (
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
+FIT = ["standard_error", "end_reflection", "rise", "rise_error"]  # of a fit of the field
 UNKNOWN: dict[str, Any] = dict.fromkeys(
-    ("low", "high", "deviation", "wavenumber", "singular_values", "standard_error", "misfit",
-     "end_reflection", "rise", "rise_error")
+    ("low", "high", "deviation", "wavenumber", "singular_values", "misfit", *FIT)
 ) | {"failed": 0}  # fmt: skip
 Educed = WallEduction | FieldFit
 Row = dict[str, Any]
@@ -43,14 +43,13 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
             f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one"
         )
     head = {"line": line.title or line.name, "source": found.source_side, "method": found.method}
-    own = ("frequency", "impedance", "residual")
-    if isinstance(found, WallEduction):
-        values: dict[str, Any] = {name: getattr(found, name) for name in (*own, "wavenumber")}
-        if found.singular_values is not None:
-            values["singular_values"] = (found.singular_values / found.singular_values[0]).T
-    else:
-        own = (*own, "standard_error", "end_reflection", "rise", "rise_error")
-        values = {name: getattr(found, name) for name in own} | {"misfit": found.misfit**0.5}
+    names = ["frequency", "impedance", "residual"]
+    names += ["wavenumber"] if isinstance(found, WallEduction) else FIT
+    values: dict[str, Any] = {name: getattr(found, name) for name in names}
+    if isinstance(found, FieldFit):
+        values["misfit"] = found.misfit**0.5
+    elif found.singular_values is not None:
+        values["singular_values"] = (found.singular_values / found.singular_values[0]).T
     if found.draws is not None:
         low, high = found.interval(LEVEL)
         values |= {"low": low, "high": high, "failed": found.failed,

@@ -1,0 +1,55 @@
+"""Results as rows of CSV: one a place and frequency, from columns that broadcast."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.io.whole_file import written_whole
+
+Rows = list[dict[str, Any]]
+
+
+def rows_of(columns: Mapping[str, Any], shape: Sequence[int]) -> Rows:
+    """One row for each element of ``shape``, the last axis fastest.
+
+    Args:
+        columns: by heading, tensors or lists that broadcast to ``shape``; texts and None stand in
+            every row.
+        shape: of the table, as (places, frequencies).
+    """
+    flat = []
+    for values in columns.values():
+        if values is None or isinstance(values, str):
+            flat.append([values] * (shape[0] * shape[1]))
+        else:
+            there = torch.as_tensor(values).detach().cpu()
+            flat.append(there.broadcast_to(*shape).reshape(-1).tolist())
+    return [dict(zip(columns, row, strict=True)) for row in zip(*flat, strict=True)]
+
+
+def write_rows(rows: Rows, path: str | Path, number: str = "", end: str = "\r\n") -> None:
+    """A CSV file with the headings of the first row, whole or not at all.
+
+    Args:
+        rows: at least one.
+        path: file.
+        number: format of numbers, as ".9g"; default: as many digits as they have.
+        end: of lines.
+    """
+    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator=end)
+        writer.writerow(rows[0])
+        for row in rows:
+            writer.writerow([v if isinstance(v, str) or v is None or not number
+                             else format(float(v), number) for v in row.values()])  # fmt: skip
+
+
+def parts_of(values: Tensor, real: str, imaginary: str) -> dict[str, Tensor]:
+    """Two columns of a complex one."""
+    return {real: values.real, imaginary: values.imag}

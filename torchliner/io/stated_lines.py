@@ -1,0 +1,86 @@
+"""Lines '# key = value unit' above the header of a CSV file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from torchliner.names import did_you_mean
+from torchliner.units import SI_QUANTITY, si_factor
+
+
+def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
+    """What the lines '# key = value' say; other lines are remarks.
+
+    Args:
+        lines: those before the header.
+        known: by key the SI unit of a number, "text", or "json" for an object.
+        path: for messages.
+    Raises:
+        ValueError: a key that is not ``known``, or is stated twice; a value that cannot be read.
+    """
+    found: dict[str, Any] = {}
+    for number, line in enumerate(lines, 1):
+        match = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
+        if match is None:
+            continue
+        key, value = match.groups()
+        if key not in known:
+            raise ValueError(
+                f"{path}: line {number} states {key!r}{did_you_mean(key, list(known))}; known are "
+                f"{', '.join(known)}"
+            )
+        if key in found:
+            raise ValueError(f"{path}: line {number} states {key!r} a second time; keep one")
+        found[key] = _stated_value(value, known[key], f"{path}: line {number}, {key}")
+    return found
+
+
+def _stated_value(text: str, kind: str, label: str) -> Any:
+    if kind == "text":
+        return text
+    if kind != "json":
+        return si_value(text, SI_QUANTITY[kind], label)
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise ValueError(f"{label} is {text!r}; it cannot be read, counts by reason are needed")
+    return found
+
+
+def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str | Path) -> None:
+    """The lines that ``read_stated`` reads, of what is neither None nor empty.
+
+    Raises:
+        ValueError: a text of several lines, or with blanks around it, which would not come back.
+    """
+    for key, kind in known.items():
+        value = getattr(record, key)
+        if value is None or (kind in ("text", "json") and not value):
+            continue
+        if kind == "text" and (value != value.strip() or len(value.splitlines()) > 1):
+            raise ValueError(
+                f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks around it"
+            )
+        text = value if kind == "text" else json.dumps(dict(value)) if kind == "json" else (
+            f"{float(value)!r} {kind}")  # fmt: skip
+        file.write(f"# {key} = {text}\n")
+
+
+def si_value(text: str, quantity: str, label: str) -> float:
+    """A number and its unit, as ``50 mm``, in SI.
+
+    Raises:
+        ValueError: no number, or no unit of the quantity.
+    """
+    parts = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)", text)
+    try:
+        amount = float(parts.group(1) if parts else text)
+    except ValueError as error:
+        raise ValueError(f"{label} is {text!r}; it cannot be read") from error
+    return amount * si_factor(quantity, parts.group(2) if parts else "", label)

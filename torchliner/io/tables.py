@@ -1,0 +1,227 @@
+"""One writer and one reader of HDF5 files, from a table of the variables of each kind of file."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.fluid import Fluid
+from torchliner.io.hdf5 import (
+    read_json,
+    read_number,
+    read_si,
+    text_attribute,
+    to_json,
+    write_variable,
+)
+from torchliner.io.whole_file import written_whole
+
+IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One row of a table: a field of a record and how it stands in the file.
+
+    Args:
+        field: of the record.
+        names: of the variable; two for a complex field, its real and its imaginary part.
+        unit: SI, of record and file; the reader converts other units of the same quantity.
+        dims: names of the dimensions, () for one number. "time" is first in files and last in
+            records. A key of the writer's ``axes`` stands for the dimensions that it leads to.
+        optional: may be None in the record and absent from the file.
+        derived: follows from other fields: written, not read.
+        flag: True and False in the record, 1 and 0 in the file, as netCDF has no booleans.
+        attributes: beside ``units``; "{part}" becomes the part of an impedance, "{words}" those
+            given to the writer.
+    """
+
+    field: str
+    names: tuple[str, ...]
+    unit: str = "1"
+    dims: tuple[str, ...] = ()
+    optional: bool = False
+    derived: bool = False
+    flag: bool = False
+    attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+Table = Sequence[Variable]
+
+
+def real(name: str, unit: str, dims: Sequence[str], **about: Any) -> Variable:
+    """A real variable, named as its field or as ``about`` says."""
+    return Variable(about.pop("field", name), (name,), unit, tuple(dims), **about)
+
+
+def numbers(units: Mapping[str, str]) -> tuple[Variable, ...]:
+    """Optional scalars, named as their fields, by unit."""
+    return tuple(Variable(name, (name,), unit, optional=True) for name, unit in units.items())
+
+
+def impedance(field: str, stem: str, dims: Sequence[str], **about: Any) -> Variable:
+    """A complex field as ``<stem>resistance`` and ``<stem>reactance``; "{}" marks their place."""
+    place = stem if "{}" in stem else stem + "{}"
+    return Variable(field, tuple(map(place.format, IMPEDANCE)), "1", tuple(dims), **about)
+
+
+def cartesian(field: str, stem: str, dims: Sequence[str], **about: Any) -> Variable:
+    """A complex field as ``<stem>_real`` and ``<stem>_imaginary``."""
+    names = tuple(f"{stem}_{part}" for part in CARTESIAN)
+    return Variable(field, names, about.pop("unit", "1"), tuple(dims), **about)
+
+
+def write_variables(
+    group: h5py.Group, record: Any, table: Table, axes: Mapping[str, Sequence[str]] | None = None,
+    words: str = "", attributes_last: bool = False, **storage: Any,
+) -> None:  # fmt: skip
+    """Fields of a record that are not None, in the order of the table.
+
+    Args:
+        group: a file or a group of one, with the dimensions that are used.
+        record: whose attributes the fields are.
+        table: of the variables.
+        axes: dimensions that stand behind one name of ``Variable.dims``.
+        words: see ``Variable.attributes``.
+        attributes_last: after all variables, not each beside its own; the order shows in the bytes
+            of a file, which stay as they are.
+        storage: of ``h5py.Group.create_dataset``, as ``compression``.
+    """
+    later = []
+    for row in table:
+        value = getattr(record, row.field)
+        if value is None and row.optional:
+            continue
+        dims = [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
+        values = plain(value) if row.dims else float(value)
+        if dims[:1] == ["time"]:
+            values = np.moveaxis(values, -1, 0)
+        parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
+        for name, part, label in zip(row.names, parts, IMPEDANCE, strict=False):
+            write_variable(group, name, part, row.unit, dims, **storage)
+            texts = {k: v.format(part=label, words=words) for k, v in row.attributes.items()}
+            if attributes_last:
+                later.append((name, texts))
+            else:
+                group[name].attrs.update(texts)
+    for name, texts in later:
+        group[name].attrs.update(texts)
+
+
+def plain(value: Any) -> Any:
+    """A tensor or list as an array; booleans become 0 and 1."""
+    values = value.detach().cpu().numpy() if isinstance(value, Tensor) else np.asarray(value)
+    return values.astype(np.int8) if values.dtype == np.bool_ else values
+
+
+def read_variables(
+    group: h5py.Group, table: Table, path: str | Path, part: slice | None = None
+) -> dict[str, Any]:
+    """Fields of a record from the variables that are there, tensors or numbers, in SI units.
+
+    Args:
+        group, table: as for ``write_variables``.
+        path: for messages.
+        part: of the first axis; None for all.
+    Raises:
+        ValueError: a variable is missing that is not optional, has a wrong unit, or holds no
+            numbers; two parts differ in shape. The message names FILE:/variable.
+    """
+    found: dict[str, Any] = {}
+    for row in table:
+        if row.derived or (row.optional and row.names[0] not in group):
+            continue
+        if not row.dims:
+            found[row.field] = read_number(group, row.names[0], row.unit, path)
+            continue
+        parts = [_tensor(read_si(group, name, row.unit, path, part)) for name in row.names]
+        if len({one.shape for one in parts}) > 1:
+            shapes = ", ".join(f"{name} {tuple(one.shape)}"
+                               for name, one in zip(row.names, parts, strict=True))  # fmt: skip
+            raise ValueError(f"{path}: two parts of one array differ in shape: {shapes}")
+        value = parts[0] if len(parts) == 1 else torch.complex(*parts)
+        found[row.field] = value.to(torch.bool) if row.flag else value
+    return found
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    """float32, float64 and integers of this machine as they are, others of their kind widened."""
+    kept = values.dtype.isnative and values.dtype.kind + str(values.dtype.itemsize) in KEPT
+    wide = np.float64 if values.dtype.kind == "f" else np.int64
+    return torch.from_numpy(values if kept else values.astype(wide))
+
+
+KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """What a kind of file says of itself, and the attributes it has beside its variables.
+
+    Args:
+        schema: of the file.
+        noun: what it holds, for messages.
+        attributes: fields of the record that are attributes of the file, in order, and their
+            values where the file has none: texts as they are, all else as JSON.
+        constants: attributes that every such file has.
+    """
+
+    schema: str
+    noun: str
+    attributes: Mapping[str, Any]
+    constants: tuple[tuple[str, str], ...] = (("Conventions", "CF-1.8"),)
+
+    @contextmanager
+    def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
+        """A new file with its attributes; an old one is replaced when the new one is whole."""
+        with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+            for key, text in self.constants:
+                file.attrs[key] = text
+            self.write_head(file, record)
+            yield file
+
+    def write_head(self, group: h5py.Group, record: Any) -> None:
+        """Schema and attributes."""
+        group.attrs["schema"] = self.schema
+        for key in self.attributes:
+            value = getattr(record, key)
+            value = dataclasses.asdict(value) if isinstance(value, Fluid) else value
+            value = dict(value) if isinstance(value, Mapping) else value
+            group.attrs[key] = value if isinstance(value, str) else to_json(value)
+
+    def read_head(self, group: h5py.Group, path: str | Path) -> dict[str, Any]:
+        """The attributes, as fields of a record."""
+        found: dict[str, Any] = {}
+        for key, default in self.attributes.items():
+            if isinstance(default, str):
+                found[key] = text_attribute(group, key) or default
+                continue
+            value = read_json(group, key, path, default)
+            if isinstance(default, tuple):  # JSON has lists alone
+                value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
+            elif isinstance(default, Fluid) and value is not default:
+                value = Fluid(**value)
+            found[key] = value
+        return found
+
+    def require(self, group: h5py.Group, path: str | Path) -> None:
+        """Refuse a file, or a group of one, that holds something else.
+
+        Raises:
+            ValueError: it does.
+        """
+        found = text_attribute(group, "schema")
+        if found != self.schema:
+            where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
+            raise ValueError(
+                f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}"
+            )
