@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from common import RESULTS, options_of, parser_of
 from studies.jet_figures import draw_jets, exponent_lines, height_over_mach, height_over_velocity
-from torchliner.heights.jets import jet_scaling
+from studies.jet_scaling import jet_scaling
 
 SHEARS = (0.05, 0.1)  # the paper's, and that of its duct computations
 

@@ -133,29 +133,22 @@ def test_closed_forms_against_quadrature(turns):
     frequency = turns / (2 * math.pi)
     line = mean(lambda b, f: (f * math.cos(turns * b) + b * math.cos(turns * f)) / (b + f))
     assert float(poisson_attenuation(frequency, 1.0).real) == pytest.approx(line, abs=1e-6)
-    power = mean(
-        lambda b, f: (f * f + b * b + 2 * f * b * math.cos(turns * (b + f))) / (b + f) ** 2
-    )
-    assert float(poisson_power(frequency, 1.0)) == pytest.approx(power, abs=1e-6)
 
 
 @pytest.mark.parametrize("method", ["linear", "hold"])
 @pytest.mark.parametrize("rate", [6e3, 15e3, 40e3])
 @quiet
 def test_actual_arrivals_average_to_the_closed_form(method, rate):
-    """Over 200 draws, to four standard errors; powers of the rebuilt tone as well."""
-    factors, powers = [], []
-    for seed in range(200):
+    """Over 80 draws, to four standard errors."""
+    factors = []
+    for seed in range(80):
         times = poisson(rate, 0.05, seed)
         found = tone_attenuation(times, FREQUENCY, 60e3, method, "boxcar")
         factors.append(complex(found.factor[0, 0]))
-        rebuilt = interpolate(times, tone(times, 0.5), found.grid, method)
-        quarter = interpolate(times, tone(times, 0.5j), found.grid, method)
-        powers.append(float((rebuilt**2 + quarter**2).mean()))
+    closed = complex(poisson_attenuation(FREQUENCY, rate, method))
     for drawn, wanted in (
-        (np.real(factors), float(poisson_attenuation(FREQUENCY, rate, method).real)),
-        (np.imag(factors), float(poisson_attenuation(FREQUENCY, rate, method).imag)),
-        (np.array(powers), float(poisson_power(FREQUENCY, rate, method))),
+        (np.real(factors), closed.real),
+        (np.imag(factors), closed.imag),
     ):
         error = drawn.std(ddof=1) / math.sqrt(len(drawn))
         assert abs(drawn.mean() - wanted) < 4 * error + 1e-9
@@ -198,9 +191,9 @@ def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
 @pytest.mark.parametrize("method", GRID_METHODS)
 @quiet
 def test_corrected_tone_has_no_bias(method):
-    """Over 200 draws of arrivals and noise; without the correction linear and hold are off."""
+    """Over 60 draws of arrivals and noise; without the correction linear and hold are off."""
     amplitude, drawn, raw = 0.6 + 0.4j, [], []
-    for seed in range(200):
+    for seed in range(60):
         times = poisson(RATE, 0.05, seed)
         found = onto_grid(times, tone(times, amplitude) + normal(len(times), seed), 30e3, method)
         factors = tone_attenuation(times, FREQUENCY, grid=found.grid, method=method)
@@ -334,8 +327,8 @@ def test_study_runs(tmp_path, monkeypatch):
     """At two rates: linear interpolation lowers rms and resistance, the correction returns most."""
     study = load_script("ldv_interpolation")
     monkeypatch.setattr(study, "RATES", (15e3, 60e3))
-    monkeypatch.setattr(study, "LONG", 0.3)
-    assert study.main(["-o", str(tmp_path), "--draws", "8"]) == 0
+    monkeypatch.setattr(study, "LONG", 0.15)
+    assert study.main(["-o", str(tmp_path), "--draws", "4"]) == 0
     assert len(list(tmp_path.glob("*.png"))) == 3
     with (tmp_path / "ldv_effects.csv").open() as file:
         low, high = ({k: float(v) for k, v in row.items()} for row in csv.DictReader(file))

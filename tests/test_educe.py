@@ -236,7 +236,8 @@ def test_drives(liner):
 def test_running_rms_against_a_plain_loop(liner, window):
     """The streamed running rms is the centred mean square, cut at the ends."""
     from torchliner.records.slabs import bounds_of
-    from torchliner.replay.drive import DriveSpeed, ProbeVelocity
+    from torchliner.replay.drive import DriveSpeed
+    from torchliner.replay.probe_velocity import ProbeVelocity
     from torchliner.replay.survey import survey
 
     v = turbulence((2, 130), seed=12)
@@ -400,14 +401,14 @@ def test_few_segments_are_noted(liner):
 
 def test_many_cells_are_averaged_like_few(liner, monkeypatch):
     """The matrix for few cells and the scattered sums for many give the same averages."""
-    from torchliner.replay import drive
+    from torchliner.replay import probe_velocity
 
     small = liner.replace(cell_pitch=2e-3, orifice_diameter=1e-3)
     v = turbulence((9, 11, 300), seed=21)
     plane = plane_of(v, x=np.arange(11) * 1e-3, z=np.arange(9) * 1e-3)
     wanted = tl.educe(plane, small)
-    assert 1 < len(wanted.cell_x) <= drive.FEW_CELLS
-    monkeypatch.setattr(drive, "FEW_CELLS", 0)
+    assert 1 < len(wanted.cell_x) <= probe_velocity.FEW_CELLS
+    monkeypatch.setattr(probe_velocity, "FEW_CELLS", 0)
     found = tl.educe(plane, small)
     change = found.cell_reflection_velocity_first - wanted.cell_reflection_velocity_first
     assert float(change.abs().max()) < 1e-13

@@ -12,8 +12,9 @@ from conftest import load_script
 from scipy.integrate import quad
 
 import torchliner as tl
+from studies.jet_scaling import fit_exponent, jet_scaling
 from torchliner.flow_profiles import TanhProfile
-from torchliner.heights.jets import fit_exponent, jet_scaling, jet_velocity, penetration_height
+from torchliner.heights.jets import jet_velocity, penetration_height
 
 HEIGHT = 50e-3
 

@@ -34,7 +34,7 @@ def test_slotting_is_the_sum_over_pairs():
 def test_slotted_spectrum_of_an_exponential_correlation():
     """Ornstein-Uhlenbeck noise, exact at random times; uncorrelated noise on top does not enter."""
     scale, spread = 1e-3, 2.0
-    times = poisson(20e3, 5.0)
+    times = poisson(20e3, 3.0)
     decay = torch.exp(-times.diff() / scale)
     kicks = spread * torch.sqrt(1 - decay**2) * normal(len(times))[1:]
     values = np.empty(len(times))

@@ -55,7 +55,7 @@ def test_block_means_are_means_of_the_response(noisy, liner, kind):
         warnings.simplefilter("ignore")  # of the compiler itself
     plane = dataclasses.replace(noisy, velocity=turbulence((6, 1500)))  # no whole slabs, blocks
     ready = prepare([plane], model, [FREQUENCY, 900.0], Choices(edge="silent", **choices))[0]
-    found = replay(ready).sums.blocks
+    found = replay(ready, every_rule=True).sums.blocks
     time = torch.arange(plane.samples, dtype=torch.float64) / RATE
     for f, frequency in enumerate((FREQUENCY, 900.0)):
         if kind == "kernel":
@@ -191,7 +191,7 @@ def test_deviations_are_the_slope_of_the_rule(liner, rule):
     sums, means = replayed.sums, replayed.means
     known = replayed.rule(rule, 0.7 if rule == "given" else None)
     moved = block_deviations(ready, sums.blocks, known, means, slice(0, 3))
-    blocks, seen, step, block = sums.blocks, ready.seen.blocks, 1e-6, 5
+    blocks, seen, step, block = sums.blocks, ready.survey.blocks, 1e-6, 5
 
     def reflection(amount: float) -> torch.Tensor:
         def push(series: torch.Tensor) -> torch.Tensor:
@@ -218,7 +218,7 @@ def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     v = noisy.velocity
     square, mean = (v**2).mean(1), v.mean(1)
     step = 1e-5
-    own = ready.seen.blocks
+    own = ready.survey.blocks
     change = (own.mean_square[3] - own.mean_square.mean(0))[:6]
     change = change - 2 * mean * (own.mean[3] - own.mean.mean(0))[:6]
     assert own.mean_square[3, :6] == pytest.approx((v[:, begin:end] ** 2).mean(1), rel=1e-12)

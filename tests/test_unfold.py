@@ -80,9 +80,9 @@ def test_lines_of_tones_are_those_of_direct(kernels, method, edge, start):
 class Grouped(HeldSpeed):
     """The same columns in three groups and slabs of 70 samples."""
 
-    @property
-    def widths(self):
-        return (2, 1, self.speed.shape[0] - 3)
+    def __init__(self, speed):
+        super().__init__(speed)
+        self.widths = (2, 1, speed.shape[0] - 3)
 
     def bounds(self):
         return bounds_of(self.samples, 70)

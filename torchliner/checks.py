@@ -51,6 +51,13 @@ def require_positive(name: str, value: Any) -> None:
         raise ValueError(f"{name} is {number:g}; it must be finite and above 0")
 
 
+def require_positive_where_stated(record: Any, *labels: str) -> None:
+    """Refuse attributes of a record that are stated but not above zero."""
+    for label in labels:
+        if getattr(record, label) is not None:
+            require_positive(f"{record.name}: {label}", getattr(record, label))
+
+
 def require_complex(name: str, value: Tensor) -> None:
     """Refuse a real tensor where a complex one is meant."""
     if not (isinstance(value, Tensor) and value.is_complex()):

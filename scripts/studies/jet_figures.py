@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from torchliner.heights.jets import JetScaling, fit_exponent
+from studies.jet_scaling import JetScaling, fit_exponent
 from torchliner.report.curves import Array, Curves
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 

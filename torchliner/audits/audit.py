@@ -18,16 +18,17 @@ import torch
 from torch import Tensor
 
 from torchliner.audits.rows import Audit, AuditRow
-from torchliner.audits.variants import Variant, VariantMaker
+from torchliner.audits.variants import CannotApply, VariantMaker
 from torchliner.checks import tell
 from torchliner.liners.model import Liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
-from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.replay.drive import DriveSpeed, with_smaller_slabs
+from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.incident import LineSums
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -75,8 +76,11 @@ def audit(
     work.lines()
     work.phases()
     work.drives()
-    work.lengths()
-    work.heights()
+    for factor, vary in (("averaging length", work.lengths), ("height", work.heights)):
+        try:
+            vary()
+        except CannotApply as reason:
+            work.skipped[factor] = str(reason)
     tell(work.found.notes)
     return work.result(order)
 
@@ -144,14 +148,11 @@ class _Work:
                 "wall; lower or leave out wall_filter"
             )
         for i, variant in enumerate(variants, len(base)):
-            self._add_variant(variant, LineSums(_column(sums, i), None))
-        self._add(
-            "averaging order", ORDERS[1 - self.order], _in_both_orders(self.found)[1 - self.order]
-        )
-
-    def _add_variant(self, variant: Variant, sums: LineSums) -> None:
-        quiet = dataclasses.replace(variant.ready, blocks=None)
-        self._add(variant.factor, variant.name, self._value(Replayed(quiet, sums).map("averaged")))
+            quiet = dataclasses.replace(variant.ready, blocks=None)
+            found = Replayed(quiet, LineSums(_column(sums, i), None)).map("averaged")
+            self._add(variant.factor, variant.name, self._value(found))
+        other = 1 - self.order
+        self._add("averaging order", ORDERS[other], _in_both_orders(self.found)[other])
 
     def _of_pass(self, ready: Prepared) -> complex:
         """Another pass over data, without error bars."""
@@ -166,7 +167,9 @@ class _Work:
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
-        quiet = Replayed(dataclasses.replace(self.replayed.ready, blocks=None), self.replayed.sums)
+        quiet = Replayed(
+            dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
+        )
         for name in PHASE_RULES:
             if phase_rule(name).takes_phase:
                 self._stated_phases(quiet, name)
@@ -200,7 +203,7 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.seen, ready.drive.running_samples
+                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples
             )
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
@@ -213,21 +216,18 @@ class _Work:
         ready, plane = self.ready, self.ready.plane
         pitch = ready.liner.cell_pitch
         if pitch is None:
-            self.skipped["averaging length"] = "the liner states no cell_pitch"
-            return
+            raise CannotApply("the liner states no cell_pitch")
         try:
             grid = grid_of(plane)
         except ValueError as reason:
-            self.skipped["averaging length"] = str(reason)
-            return
+            raise CannotApply(str(reason)) from None
         used = ready.used.reshape(grid.rows, grid.columns)
         shares = [s for s in LENGTHS if grid.spacing <= s * pitch <= grid.length * (1 + 1e-6)]
         if not shares:
-            self.skipped["averaging length"] = (
+            raise CannotApply(
                 f"none of {', '.join(f'{s:g}' for s in LENGTHS)} cells lies between the spacing, "
                 f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
             )
-            return
         cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
         averaged = averaged_planes(plane, cut)
         self.readings += 1
@@ -244,7 +244,7 @@ class _Work:
     def heights(self) -> None:
         """The other planes."""
         if not self.others:
-            self.skipped["height"] = "one plane is given; name the other heights too"
+            raise CannotApply("one plane is given; name the other heights too")
         for other in self.others:
             value = self._of_pass(other)
             self.readings += 1
@@ -258,28 +258,17 @@ class _Work:
         for row in self.rows:
             size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
         rows = sorted(self.rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))
-        interval = self._interval()
-        found = self.found
+        found, known = self.found, self.found.uncertainty
+        low = high = level = None
+        if known is not None:
+            interval = known.liner if self.order == 0 else known.liner_velocity_first
+            low, high = complex(interval.low[0]), complex(interval.high[0])
+            level = self.ready.chosen.interval
         return Audit(
-            title=found.title or self.ready.plane.name,
-            frequency=float(self.ready.frequency[0]),
-            order=order,
-            base=self.base,
-            low=None if interval is None else complex(interval.low[0]),
-            high=None if interval is None else complex(interval.high[0]),
-            level=None if interval is None else self.ready.chosen.interval,
-            rows=tuple(rows),
-            skipped=self.skipped,
-            readings=self.readings,
-            choices=dict(found.choices),
-            notes=found.notes,
-        )
-
-    def _interval(self) -> Interval | None:
-        known = self.found.uncertainty
-        if known is None:
-            return None
-        return known.liner if self.order == 0 else known.liner_velocity_first
+            found.title or self.ready.plane.name, float(self.ready.frequency[0]), order,
+            self.base, low, high, level, tuple(rows), self.skipped, self.readings,
+            dict(found.choices), found.notes,
+        )  # fmt: skip
 
 
 def _in_both_orders(found: ImpedanceMap) -> tuple[complex, complex]:

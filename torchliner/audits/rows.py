@@ -35,7 +35,7 @@ class Audit:
         skipped: factors that cannot be varied with these data, and why.
         readings: how often the velocity was read through, over all planes.
         choices: behind the base.
-        notes: doubts about the base.
+        notes: warnings about the base.
     """
 
     title: str

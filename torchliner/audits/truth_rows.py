@@ -42,7 +42,7 @@ class TruthRow:
         case, height: of the plane; height in m.
         drive, mean, phase, order: the rule.
         educed, true: Z.
-        in_situ: what the file states for the in situ method, nan if nothing.
+        in_situ: what the file states for the in situ method, nan if it states none.
         low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the
             replay did not keep the blocks that the rule needs (``self-consistent``).
     """

@@ -45,7 +45,7 @@ class Variant:
     line: AnyLine
 
 
-class CannotApply(Exception):
+class CannotApply(ValueError):
     """A factor that cannot be varied here; the text says why."""
 
 
@@ -82,7 +82,7 @@ class VariantMaker:
             try:
                 for variant in make():
                     found.append(variant)
-            except (CannotApply, ValueError) as reason:  # a liner's table may be too narrow
+            except ValueError as reason:  # a liner's table may be too narrow
                 skipped[factor] = str(reason)
         return found, skipped
 
@@ -108,7 +108,7 @@ class VariantMaker:
         rate = ready.record.sampling_rate
         key = (id(ready.liner), grid, rate, kind)
         if key not in self.kernels:
-            band = kernel_band(ready.liner, [ready], ready.chosen)
+            band = kernel_band(ready.liner, ready.frequency, ready.chosen)
             self.kernels[key] = build_kernels(ready.liner, grid, rate, kind=kind, band=band)
         return self.kernels[key]
 
@@ -162,11 +162,7 @@ class VariantMaker:
     def _readings(
         self, factor: str, of: Callable[[SDoFLiner], dict[str, SDoFLiner]]
     ) -> Iterator[Variant]:
-        try:
-            others = of(self._sdof())
-        except ValueError as reason:
-            raise CannotApply(str(reason)) from None
-        for name, liner in others.items():
+        for name, liner in of(self._sdof()).items():
             yield self._variant(factor, name, dataclasses.replace(self.ready, liner=liner))
 
     def _halves(self) -> Iterator[Variant]:

@@ -14,6 +14,8 @@ from torchliner.liners.model import Number
 from torchliner.names import LIMITS, ORDERS
 from torchliner.units import parse_tolerance
 
+OF_PLACES = ("probes", "cells", "cells_velocity_first")  # and not of the whole liner
+
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
@@ -108,7 +110,7 @@ def budget_of(
     Args:
         numbers: parameters by name, n of them.
         slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
-            ``probes``, ``cells``, ``cells_velocity_first``.
+            ``OF_PLACES``.
         tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
     """
     factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
@@ -136,7 +138,7 @@ def budget_of(
         stated, half_widths, standard, limits, matrix,
         {order: changes[order] for order in ORDERS},
         {order: covariance[order] for order in ORDERS},
-        *(standard_of(covariance[name]) for name in ("probes", "cells", "cells_velocity_first")),
+        **{name: standard_of(covariance[name]) for name in OF_PLACES},
     )  # fmt: skip
 
 

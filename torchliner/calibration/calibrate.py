@@ -2,7 +2,7 @@
 
 The data enter once (``level_weights``); what is then varied is the liner alone, so that the fit,
 its exact Jacobian and thousands of posterior draws cost no further pass. Whole replays at the
-values found make the fit exact: they are repeated until nothing moves.
+values found make the fit exact: they are repeated until the values settle.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class Calibration:
     Args:
         parameters: names, n of them.  values: best, SI, (n,).  low, high: bounds, (n,).
         liners: calibrated, one a plane.
-        covariance: Gauss-Newton, (n, n), scaled as ``scaling`` says; nan where nothing says.
+        covariance: Gauss-Newton, (n, n), scaled as ``scaling`` says; nan for unknown noise.
         scaling: ``stated noise``, or ``residual``: the noise is what the fit leaves.
         degrees_of_freedom: data and priors less parameters.
         chi_square: sum of squared residuals over their uncertainties; with ``residual`` the plain
             sum of squares.
-        posterior: draws in SI; None without draws, or where nothing says how wide it is.
+        posterior: draws in SI; None without draws, or where the noise is unknown.
         interval: 95 % of the posterior, (2, n).
         singular_values: of the Jacobian per box width and standard uncertainty, falling, (n,).
         unseen: sets of parameters that the data cannot tell apart.
@@ -160,6 +160,8 @@ def calibrate(
             f"{chosen.engine!r}, {chosen.phase!r}"
         )
     names, low, high = bounds_of(parameters, models[0])
+    for liner in models[1:]:
+        named_numbers(liner, names)
     known = prior_of(prior, names, noise is not None)
     ready = [
         prepare([plane], liner, frequency, chosen)[0]
@@ -175,8 +177,6 @@ def calibrate(
         )
     weights = [level_weights(one, order) for one in ready]
     misfit = Misfit(weights, models, names, low, high, wanted, spread, known)
-    for liner in models[1:]:
-        named_numbers(liner, names)
     start = values_of(named_numbers(models[0], names))
     share = ((start - low) / (high - low)).clamp(*START)
     fit = fit_misfit(misfit, share, noise is not None)

@@ -52,7 +52,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Variance of a residual: 1, or what is left; nan where nothing is."""
+        """Variance of a residual: 1, or that of the residuals; nan without a degree of freedom."""
         if self.stated:
             return 1.0
         return self.chi_square / self.freedom if self.freedom else float("nan")
@@ -77,7 +77,7 @@ class Fit:
 
     @property
     def unseen(self) -> tuple[tuple[str, ...], ...]:
-        """Parameters of directions of which the data say nothing, or less than the bounds do."""
+        """Parameters of directions that the data do not determine, or less than the bounds do."""
         singular, axes = self._svd
         limit = UNSEEN * float(singular[0])
         if self.scale == self.scale:
@@ -130,7 +130,7 @@ class Fit:
         return Posterior(misfit.values(found.draws), found.weights), notes
 
     def warnings(self) -> list[str]:
-        """Bounds, directions unseen, noise that does not fit, by name and with a remedy."""
+        """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
         notes = []
         for name in self.on_bound:
             i = self.misfit.names.index(name)
@@ -165,7 +165,7 @@ class Fit:
 
 
 def fit_misfit(misfit: Misfit, share: Tensor, stated: bool) -> Fit:
-    """Fit, replay at what was found, fit again, until nothing moves.
+    """Fit, replay at what was found, fit again, until the values settle.
 
     Args:
         misfit: of the planes; anchored here.

@@ -18,19 +18,19 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.calibration.budget import Budget, budget_of, values_of
+from torchliner.calibration.budget import OF_PLACES, Budget, budget_of, values_of
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.edges import EdgeTable, Reach
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import impedance_of, reflection_at_levels
 from torchliner.replay.levels import interpolate
 from torchliner.replay.lines import Line, plan_lines
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import with_liner
@@ -38,7 +38,13 @@ from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.replayed import Replayed
 
-FIELDS = ("probes", "cells", "cells_velocity_first", "liner", "liner_velocity_first")
+FIELDS = {  # of the sensitivities, by that of the map which they differentiate
+    "probes": "impedance",
+    "cells": "cell_impedance",
+    "cells_velocity_first": "cell_impedance_velocity_first",
+    "liner": "liner_impedance",
+    "liner_velocity_first": "liner_impedance_velocity_first",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +131,7 @@ class Sensitivities:
         """
         slopes = {
             **{order: self.of_liner(order) for order in ORDERS},
-            **{name: getattr(self, name) for name in ("probes", "cells", "cells_velocity_first")},
+            **{name: getattr(self, name) for name in OF_PLACES},
         }
         return budget_of(self.numbers, slopes, tolerances, limits, correlation)
 
@@ -206,7 +212,7 @@ def _tangent_lines(
     """Lines of dR/dp, and the largest relative error of its interpolation between levels."""
     record, grid, liner = ready.record, ready.grid, ready.liner
     middle = ((grid.speeds[1:] + grid.speeds[:-1]) / 2)[:, None]
-    lines, errors, reach = [], [], None
+    lines, errors = [], []
     with forward_ad.dual_level():
         value = torch.tensor(at_value, dtype=torch.float64)
         moved = liner.with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
@@ -214,7 +220,6 @@ def _tangent_lines(
         if kernels is not None:
             # Taps, response and edge tables are linear in R: its tangent in, theirs out.
             kernels = dataclasses.replace(kernels, taps=_tangent(kernels.taps))
-            reach = Reach(record, kernels.taps.shape[1])
         for frequency in ready.frequency.tolist():
             at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
             table = _tangent(reflection_at_levels(moved, at, grid))
@@ -233,8 +238,7 @@ def _tangent_lines(
                 table = kernels.response(at)
             if record.needs_table(frequency):
                 assert kernels is not None
-                assert reach is not None
-                edges = EdgeTable(kernels, reach, frequency)
+                edges = EdgeTable(kernels, Reach(record, kernels.taps.shape[1]), frequency)
             lines.append(Line(frequency, record, None, table, edges, backward))
     return lines, max(errors)
 
@@ -248,30 +252,19 @@ def _assemble(
 ) -> Sensitivities:
     """Averages and phase rule, differentiated along each parameter's tangent of the sums."""
     phase, count = ready.chosen.phase, len(ready.frequency)
-
-    def part(i: int, value: Tensor | None) -> Tensor | None:
-        return None if value is None else value[:, i * count : (i + 1) * count]
-
-    def both(i: int) -> tuple[Tensor, Tensor | None]:
-        first = part(i, sums.forward)
-        assert first is not None
-        return first, part(i, sums.backward)
-
+    forward = sums.forward.split(count, dim=1)
+    backward = None if sums.backward is None else sums.backward.split(count, dim=1)
     rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
-    forward, backward = both(0)
     for i in range(1, len(numbers) + 1):
         with forward_ad.dual_level():
-            slope, slope_backward = both(i)
             moved = LineSums(
-                forward_ad.make_dual(forward, slope),
-                None if backward is None else forward_ad.make_dual(backward, slope_backward),
+                forward_ad.make_dual(forward[0], forward[i]),
+                None if backward is None else forward_ad.make_dual(backward[0], backward[i]),
             )
             found = Replayed(ready, moved).map(phase, reference_phase)
-            rows["probes"].append(_tangent(found.impedance))
-            rows["cells"].append(_tangent(found.cell_impedance))
-            rows["cells_velocity_first"].append(_tangent(found.cell_impedance_velocity_first))
-            rows["liner"].append(_tangent(found.liner_impedance))
-            rows["liner_velocity_first"].append(_tangent(found.liner_impedance_velocity_first))
-    nominal = Replayed(ready, LineSums(forward, backward)).map(phase, reference_phase)
-    stacked = {name: torch.stack(parts) for name, parts in rows.items()}
+            for name, field in FIELDS.items():
+                rows[name].append(_tangent(getattr(found, field)))
+    at_values = LineSums(forward[0], None if backward is None else backward[0])
+    nominal = Replayed(ready, at_values).map(phase, reference_phase)
+    stacked = {name: torch.stack(each) for name, each in rows.items()}
     return Sensitivities(numbers, **stacked, level_error=level_error, found=nominal)

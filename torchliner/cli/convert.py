@@ -7,21 +7,21 @@ from dataclasses import replace
 from inspect import signature
 from typing import TYPE_CHECKING
 
-from torchliner import names
 from torchliner.cli.files import check_files
 from torchliner.cli.options import CASE, dest, stated
+from torchliner.names import PLANE_LAYOUTS, resolve
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
 
+MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text) in PLANE_LAYOUTS.items())
 OPTIONS = {
     "": {
         "source SOURCE": ".npy, .mat, .h5, or a simulation file",
         "--output FILE": {"required": True, "help": "plane file to write"},
         "--layout": {
-            "choices": list(names.PLANE_LAYOUTS), "default": "array", "help": "array: one "
-            "variable, all stated here; resolved, channel: a simulation file of the project; "
-            "default array"},
+            "choices": list(PLANE_LAYOUTS), "default": "array",
+            "help": f"{MEANINGS}; default array"},
         "--compress": "gzip: smaller, slower to read",
     },
     "resolved, channel": {
@@ -50,8 +50,6 @@ OPTIONS = {
         "--scale-velocity FACTOR": {"default": 1.0, "help": "of velocities; default 1"},
     },
 }  # fmt: skip
-
-
 ABOUT = ["height", *map(dest, CASE)]
 
 
@@ -60,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.plane_file import write_plane
 
     check_files(options, [options.source])
-    read = names.resolve(names.PLANE_LAYOUTS[options.layout])
+    read = resolve(PLANE_LAYOUTS[options.layout][0])
     wanted = {name: getattr(options, name) for name in signature(read).parameters
               if name in options}  # fmt: skip
     plane: VelocityPlane = read(options.source, **wanted)

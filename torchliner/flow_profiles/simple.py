@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from torchliner.checks import require_positive
-from torchliner.flow_profiles.mean_flow import SymmetricProfile, inside_duct
+from torchliner.flow_profiles.mean_flow import SymmetricProfile
 
 
 @dataclass(frozen=True)
-class UniformProfile:
+class UniformProfile(SymmetricProfile):
     """One velocity from wall to wall, at the walls too; 0 is a duct without flow.
 
     Args:
@@ -37,22 +37,15 @@ class UniformProfile:
                 "other direction)"
             )
 
+    def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ones_like(t)
+
+    def _shape_slope(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.zeros_like(t)  # the step at the walls is left to the wall law
+
     @property
-    def displacement_thickness(self) -> float:
-        """0 m: there is no boundary layer."""
-        return 0.0
-
-    def velocity(self, y: ArrayLike) -> NDArray[np.float64]:
-        """U, m/s, at y (m, 0 to H, any shape)."""
-        return self.sound_speed * self.mach(y)
-
-    def mach(self, y: ArrayLike) -> NDArray[np.float64]:
-        """M, at y (m, 0 to H, any shape)."""
-        return np.full_like(inside_duct(y, self.duct_height), self.bulk_mach)
-
-    def mach_slope(self, y: ArrayLike) -> NDArray[np.float64]:
-        """0 1/m, at y (m, 0 to H, any shape): the step at the walls is left to the wall law."""
-        return np.zeros_like(inside_duct(y, self.duct_height))
+    def _bulk_share(self) -> float:
+        return 1.0
 
 
 @dataclass(frozen=True)

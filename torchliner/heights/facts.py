@@ -78,21 +78,13 @@ def facts_of_plane(
     """
     assert plane.height is not None
     rms = seen.velocity_rms.detach().cpu()
-    (fluctuation, steady, stream), notes = _imprints(
-        plane, rms, seen.mean_velocity.detach().cpu(), pitch
-    )
-    speed, height, why = _jet(plane, complex(seen.liner_impedance[0]), liner, flow)
+    (waves, steady, stream), notes = _imprints(plane, rms, seen.mean_velocity.detach().cpu(), pitch)
+    speed, reach, reason = _jet(plane, complex(seen.liner_impedance[0]), liner, flow)
     facts = HeightFacts(
-        height=plane.height,
-        coherence=float(seen.coherence[..., 0].nanmedian()),
-        velocity_rms=float((rms**2).nanmean().sqrt()),
-        imprint=fluctuation,
-        mean_imprint=steady,
-        streamwise_imprint=stream,
-        jet_velocity=speed,
-        jet_height=height,
-    )
-    return facts, notes + why
+        plane.height, float(seen.coherence[..., 0].nanmedian()),
+        float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
+    )  # fmt: skip
+    return facts, notes if reason is None else [*notes, f"no jet height: {reason}"]
 
 
 def _imprints(
@@ -128,32 +120,26 @@ def _over_z(values: Tensor) -> NDArray[np.float64]:
 
 def _jet(
     plane: VelocityPlane, impedance: complex, liner: LinerModel, flow: JetFlow
-) -> tuple[float | None, float | None, list[str]]:
-    """U_j, H_j and why one of them is not known."""
-    porosity, diameter = liner.surface_porosity, liner.hole_diameter
+) -> tuple[float | None, float | None, str | None]:
+    """U_j, H_j, and why one of them is not known."""
     if plane.liner == "hard wall":
-        return None, None, ["no jet height: there are no holes in a hard wall"]
-    lacking = [
-        name
-        for name, value in (
-            ("level of the sound", plane.incident_level), ("Mach number", plane.mach),
-            ("porosity", porosity), ("hole diameter", diameter),
-        )
-        if value is None
-    ]  # fmt: skip
-    if lacking:
-        return None, None, [f"no jet height: {' and '.join(lacking)} not stated"]
-    assert plane.incident_level is not None
+        return None, None, "there are no holes in a hard wall"
+    level, mach = plane.incident_level, plane.mach
+    porosity, diameter = liner.surface_porosity, liner.hole_diameter
+    stated = {"level of the sound": level, "Mach number": mach, "porosity": porosity,
+              "hole diameter": diameter}  # fmt: skip
+    if level is None or mach is None or porosity is None or diameter is None:
+        lacking = [name for name, value in stated.items() if value is None]
+        return None, None, f"{' and '.join(lacking)} not stated"
     if not 0 < abs(impedance) < float("inf"):
-        return None, None, [f"no jet height at an impedance of {impedance}"]
-    speed = jet_velocity(plane.incident_level, plain_number(porosity), impedance, plane.fluid)
-    if not plane.mach:
-        return speed, None, ["no jet height: without a mean flow A.2 sets no limit to a jet"]
+        return None, None, f"the impedance is {impedance}"
+    speed = jet_velocity(level, plain_number(porosity), impedance, plane.fluid)
+    if not mach:
+        return speed, None, "without a mean flow A.2 sets no limit to a jet"
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: said once, by JetFlow
-        profile = flow.profile(plane.mach, float(plane.fluid.sound_speed))
+        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: JetFlow has warned
+        profile = flow.profile(mach, float(plane.fluid.sound_speed))
     try:
-        reach = penetration_height(speed, plain_number(diameter), profile)
+        return speed, float(penetration_height(speed, diameter, profile)), None
     except ValueError as error:
-        return speed, None, [f"no jet height: {error}"]
-    return speed, float(reach), []
+        return speed, None, str(error)

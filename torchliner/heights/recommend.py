@@ -11,6 +11,11 @@ from torchliner.heights.facts import HeightFacts
 from torchliner.heights.study import HeightStudy, LengthRow
 
 ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1)
+CRITERIA = {
+    "imprint": "imprint of the cells on v'",
+    "orders": "the two orders of averaging differ by",
+    "change": "to the next height Z changes by",
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class Limits:
     change: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("imprint", "orders", "change"):
+        for name in CRITERIA:
             require_positive(f"limit on {name}", getattr(self, name))
 
 
@@ -98,19 +103,16 @@ def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recomm
 def _judge(
     row: LengthRow, following: LengthRow | None, facts: HeightFacts, limits: Limits
 ) -> list[Judgement]:
-    imprint = None if facts.imprint is None else facts.imprint.relative
-    orders = _relative(row.probes_first, row.velocity_first)
-    change = None
+    values: dict[str, float | None] = dict.fromkeys(CRITERIA)
+    if facts.imprint is not None:
+        values["imprint"] = facts.imprint.relative
+    values["orders"] = _relative(row.probes_first, row.velocity_first)
     if following is not None:
-        change = max(
+        values["change"] = max(
             _relative(following.probes_first, row.probes_first),
             _relative(following.velocity_first, row.velocity_first),
         )
-    return [
-        Judgement(row.height, "imprint", imprint, limits.imprint),
-        Judgement(row.height, "orders", orders, limits.orders),
-        Judgement(row.height, "change", change, limits.change),
-    ]
+    return [Judgement(row.height, n, value, getattr(limits, n)) for n, value in values.items()]
 
 
 def _relative(found: complex, wanted: complex) -> float:
@@ -130,11 +132,7 @@ def _answer(study: HeightStudy, rows: Sequence[LengthRow], chosen: int | None) -
 
 
 def _words(one: Judgement) -> str:
-    label = {
-        "imprint": "imprint of the cells on v'",
-        "orders": "the two orders of averaging differ by",
-        "change": "to the next height Z changes by",
-    }[one.name]
+    label = CRITERIA[one.name]
     if one.value is None:
         return f"{label}: not known"
     sign = "within" if one.passed else "ABOVE"

@@ -69,7 +69,7 @@ class HeightStudy:
             harmonic in m/s; None with fewer than three heights.
         reference: independent impedances, for comparison alone.
         choices: of the eduction.
-        notes: doubts, and what is not known.
+        notes: warnings, and what is not known.
     """
 
     title: str
@@ -157,18 +157,18 @@ def study_heights(
         rows += _rows_at(length, ordered, grids, maps, educe)
         if progress is not None:
             progress(1)
-    known = [
-        facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
-        for plane, seen in zip(ordered, maps, strict=True)
-    ]
-    said = [note for seen in maps for note in seen.notes] + [n for _, some in known for n in some]
-    tell(dict.fromkeys(said))
-    facts = tuple(one for one, _ in known)
+    notes, facts = [note for seen in maps for note in seen.notes], []
+    for plane, seen in zip(ordered, maps, strict=True):
+        one, unknown = facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
+        facts.append(one)
+        notes += unknown
+    notes = list(dict.fromkeys(notes))
+    tell(notes)
     return HeightStudy(
         ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
-        tuple(sorted(rows, key=lambda row: (row.height, row.length))), facts,
+        tuple(sorted(rows, key=lambda row: (row.height, row.length))), tuple(facts),
         *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
-        tuple(dict.fromkeys(said)),
+        tuple(notes),
     )  # fmt: skip
 
 
@@ -237,16 +237,10 @@ def _rows_at(
         (z_probes, s_probes), (z_velocity, s_velocity) = _average(probes), _average(velocity)
         rows.append(
             LengthRow(
-                height=plane.height or 0.0,
-                length=length,
-                probes=windows.width * windows.height,
-                windows=windows.count,
-                probes_first=z_probes,
-                velocity_first=z_velocity,
-                probes_first_spread=s_probes,
-                velocity_first_spread=s_velocity,
+                plane.height or 0.0, length, windows.width * windows.height, windows.count,
+                z_probes, z_velocity, s_probes, s_velocity,
             )
-        )
+        )  # fmt: skip
     return rows
 
 

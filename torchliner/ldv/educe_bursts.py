@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.checks import tell
-from torchliner.io.burst_sources import Place, StationSource, list_stations, order_of
+from torchliner.io.burst_format import Place
+from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.ldv.join_stations import join_lines
 from torchliner.ldv.line_average import average_line

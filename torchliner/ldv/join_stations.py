@@ -38,9 +38,7 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
         elif isinstance(value, Tensor) and name not in SHARED:
             joined[name] = torch.cat(values)
     intervals = [line.interval for line in lines if line.interval is not None]
-    joined["interval"] = None if len(intervals) < len(lines) else Interval(*(
-        torch.cat([getattr(each, name) for each in intervals]) for name in vars(intervals[0])
-    ))  # fmt: skip
+    joined["interval"] = Interval.joined(intervals) if len(intervals) == len(lines) else None
     return dataclasses.replace(first, average=None, notes=(), **joined)
 
 

@@ -81,7 +81,7 @@ def educe_station(
     )
     segments = len(cut.start)
     reflection = rule.reflection(replayed.means)[:segments].cpu()
-    coherence = ready.seen.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
+    coherence = ready.survey.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
     notes = (
         *cut.notes, *ready.notes, *rule.notes(segments),
         *_warnings_of(ready, cut, tone, choices),
@@ -148,7 +148,7 @@ def _warnings_of(
     left = _mean_amplitude(ready, clock_phases(cut, ready.frequency, None)).abs() / size.clamp(
         min=1e-300
     )
-    has_tone = ready.seen.coherence[segments].cpu().mean(0) > choices.minimum_coherence / 2
+    has_tone = ready.survey.coherence[segments].cpu().mean(0) > choices.minimum_coherence / 2
     for i, f in enumerate(ready.frequency.tolist()):
         if bool(cut.corrected[i]) and float(left[i]) < WANDERS and bool(has_tone[i]):
             notes.append(

@@ -117,8 +117,7 @@ class LinerModel:
     def describe(self) -> dict[str, Any]:
         """The model and all its arguments as plain values, for provenance and liner files."""
         plain: dict[str, Any] = {"model": self.model or type(self).__name__}
-        names = [f.name for f in dataclasses.fields(self)] if dataclasses.is_dataclass(self) else []
-        for name in names:
+        for name in getattr(self, "__dataclass_fields__", ()):
             value = getattr(self, name)
             if isinstance(value, Tensor):
                 value = value.detach().item()

@@ -132,19 +132,20 @@ class SDoFLiner(LinerModel):
         wanted = real_tensor(frequency)
         frequency_tensor(wanted)
         omega = 2 * torch.pi * wanted
-        radius = real_tensor(self.orifice_diameter).to(omega.device) / 2
-        porosity = real_tensor(self.porosity).to(omega.device)
-        alpha = real_tensor(self.open_area_fraction).to(omega.device)
-        depth = real_tensor(self.cavity_depth).to(omega.device)
-        hydraulic = real_tensor(self.cavity_hydraulic_radius).to(omega.device)
-        thickness = real_tensor(self.facesheet_thickness).to(omega.device)
-        linear = facesheet_impedance(omega, thickness, radius, porosity, self.fluid)
-        cavity = cavity_impedance(omega, depth, hydraulic, self.fluid)
-        linear = (linear + cavity / self.cavity_porosity) / alpha + self.impedance_offset
-        contraction = real_tensor(self.vena_contracta).to(omega.device)
-        a, b, c, d = speed_law_coefficients(omega, radius, porosity, contraction, self.fluid)
+        number = {n: real_tensor(getattr(self, n)).to(omega.device) for n in NUMBERS}
+        radius, porosity = number["orifice_diameter"] / 2, number["porosity"]
+        alpha, k = number["open_area_fraction"], number["velocity_gain"]
+        linear = facesheet_impedance(
+            omega, number["facesheet_thickness"], radius, porosity, self.fluid
+        )
+        cavity = cavity_impedance(
+            omega, number["cavity_depth"], number["cavity_hydraulic_radius"], self.fluid
+        )
+        linear = (linear + cavity / number["cavity_porosity"]) / alpha + self.impedance_offset
+        a, b, c, d = speed_law_coefficients(
+            omega, radius, porosity, number["vena_contracta"], self.fluid
+        )
         # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
-        k = real_tensor(self.velocity_gain).to(omega.device)
         k = k / alpha if self.velocity_reading == "conserved" else k
         return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
 

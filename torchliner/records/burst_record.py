@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_choice, require_positive
+from torchliner.checks import plain_number, require_choice, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
@@ -39,7 +39,7 @@ class BurstRecord(Written):
         displacement_thickness: delta*, m.  liner: name of the liner below.
         reference: independent impedances of the same case, normalised, by name.
         title, provenance: where the data come from.
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
         name: how messages call it (a file's name).
     Raises:
         TypeError: an array is not real floating point.
@@ -74,9 +74,7 @@ class BurstRecord(Written):
             value = getattr(self, label)
             if value is not None and not abs(plain_number(value)) < float("inf"):
                 raise ValueError(f"{self.name}: {label} is {value}; a finite number is needed")
-        for label in ("frequency", "displacement_thickness"):
-            if getattr(self, label) is not None:
-                require_positive(f"{self.name}: {label}", getattr(self, label))
+        require_positive_where_stated(self, "frequency", "displacement_thickness")
         require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
         for reason, count in self.dropped.items():
             if count < 0:
@@ -157,9 +155,9 @@ class BurstRecord(Written):
             raise ValueError(f"{self.name}: {count} bursts are masked, {dict(dropped)} counted")
         if count == 0:
             return self
-        said = {reason: number for reason, number in dropped.items() if number}
+        counted = {reason: number for reason, number in dropped.items() if number}
         if count == self.bursts:
-            raise ValueError(f"{self.name}: all {count} bursts would be dropped: {said}")
+            raise ValueError(f"{self.name}: all {count} bursts would be dropped: {counted}")
         arrays = {n: v[mask] for n in UNITS if (v := getattr(self, n)) is not None}
-        total = {r: self.dropped.get(r, 0) + said.get(r, 0) for r in [*self.dropped, *said]}
+        total = {r: self.dropped.get(r, 0) + counted.get(r, 0) for r in [*self.dropped, *counted]}
         return replace(self, **arrays, dropped=total)

@@ -4,27 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.records.probes import AtProbes
 
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
-
-
-class HasProbes(Protocol):
-    """What is known of a record's probes here."""
-
-    @property
-    def probes(self) -> int:
-        """P."""
-        ...
-
-    def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
-        """x and z, m, each (P,) or None."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -62,7 +49,7 @@ class Cells:
         return reflection_from_admittance(average)
 
 
-def sort_into_cells(plane: HasProbes, pitch: float | None) -> Cells:
+def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:
     """Cells of a plane, or of pressures on it: square tiles of side ``pitch`` (m) counted from the
     liner's edge.
 

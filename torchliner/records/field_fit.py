@@ -41,7 +41,7 @@ class FieldFit(DrawnImpedance):
         converged: whether the last step was below the tolerance, (..., F).
         source_side: ``upstream`` or ``downstream``.
         draws: the same fit over draws of the errors, (D, ..., F); None without.
-        choices: every option.  notes: doubts, with numbers.
+        choices: every option.  notes: warnings, with numbers.
     """
 
     method: str

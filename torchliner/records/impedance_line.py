@@ -75,8 +75,8 @@ class ImpedanceLine(Drawn):
         used: whether a station counts in averages, bool, (N,).
         wall: stations that count there with admittance 0, bool, (N, F); None without a wall filter.
         interval: statistical, of the mean over segments (5.1), (N, F); None without any.
-        names, flags, dropped, station_notes: of each station: title; doubts about the bursts;
-            bursts left out, by reason; doubts about the eduction.
+        names, flags, dropped, station_notes: of each station: title; warnings about the bursts;
+            bursts left out, by reason; warnings about the eduction.
         average: over the stations; None before they are joined.
         goodrich, reference, fluid, ...: as in a map.
     """

@@ -44,7 +44,7 @@ class ImpedanceMap(Drawn):
         wall: probes that counted as wall, admittance 0, in the averages over probes, bool,
             (..., F); None without a wall filter.
         choices: every option and what followed from it (kernel error, levels, versions).
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
         alongside: what other methods found for the same case, such as ``in_situ``.
     """

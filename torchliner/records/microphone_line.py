@@ -24,7 +24,8 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
-from torchliner.records.unit_checks import unit_doubts
+from torchliner.records.probes import finite_places
+from torchliner.records.unit_checks import unit_warnings
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 LOUDEST = 194.0  # dB: a peak of one atmosphere
@@ -48,7 +49,7 @@ class MicrophoneLine(Written):
         coherence: squared, with the reference channel, 0 to 1, (N, F), if one was recorded.
         fluid: gas of the data.  liner: name of the liner.
         reference: independent impedances of the same case, normalised, by name.
-        title, provenance: where the data come from.  notes: doubts, with numbers.
+        title, provenance: where the data come from.  notes: warnings, with numbers.
         name: how messages call it (a file's name).
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
@@ -128,7 +129,7 @@ class MicrophoneLine(Written):
             )
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
-        notes = unit_doubts(
+        notes = unit_warnings(
             name, levels, phases.reshape(line.pressure.shape),
             line.frequency / line.fluid.sound_speed, float(line.x[-1] - line.x[0]),
         )  # fmt: skip
@@ -136,11 +137,9 @@ class MicrophoneLine(Written):
         return replace(line, notes=line.notes + notes)
 
     def _check_places(self) -> None:
-        x = torch.as_tensor(np.asarray(self.x, dtype=np.float64)).reshape(-1)
+        x = finite_places(self.x, "x", self.name)
         if len(x) < 2:
             raise ValueError(f"{self.name}: {len(x)} microphone is given; at least two make a line")
-        if not bool(torch.isfinite(x).all()):
-            raise ValueError(f"{self.name}: x holds values that are not finite")
         back = (x.diff() <= 0).nonzero()
         if len(back):
             i = int(back[0])

@@ -29,7 +29,7 @@ class PointImpedances(Written):
         point_x, point_z: m, (P,); nan where unknown.
         point_impedance: (P, F); nan where a point belongs to no cell.
         choices: every option.
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
     Raises:
         TypeError: an impedance is not complex.
         ValueError: shapes disagree.

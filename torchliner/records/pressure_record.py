@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive
+from torchliner.checks import require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.records.outlets import Written
-from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
+from torchliner.records.probes import AtProbes, checked_coordinate, finite_places, signal_tensor
 
 SIGNALS = {
     "facesheet": "Pa",
@@ -90,9 +90,9 @@ class PressureRecord(Written, AtProbes):
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
-        for label in ("cavity_depth", "cavity_hydraulic_radius", "cell_pitch", "frequency"):
-            if getattr(self, label) is not None:
-                require_positive(f"{self.name}: {label}", getattr(self, label))
+        require_positive_where_stated(
+            self, "cavity_depth", "cavity_hydraulic_radius", "cell_pitch", "frequency"
+        )
         require_positive(f"{self.name}: cavity_porosity", self.cavity_porosity)
         if self.cavity_porosity > 1:
             raise ValueError(
@@ -172,11 +172,9 @@ class PressureRecord(Written, AtProbes):
         count = len(self.microphones)
         if self.microphone_y is None:
             raise ValueError(f"{self.name}: microphone_y is missing, the {count} distances in m")
-        places = torch.as_tensor(np.asarray(self.microphone_y, dtype=np.float64)).reshape(-1)
+        places = finite_places(self.microphone_y, "microphone_y", self.name)
         if len(places) != count:
             raise ValueError(f"{self.name}: microphone_y has {len(places)} values for {count}")
-        if not bool(torch.isfinite(places).all()):
-            raise ValueError(f"{self.name}: microphone_y holds values that are not finite")
         velocity = self.microphone_velocity
         if velocity is not None:
             velocity = velocity[None] if velocity.ndim == 1 else velocity

@@ -74,6 +74,18 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     return tensor
 
 
+def finite_places(value: Any, label: str, name: str) -> Tensor:
+    """Coordinates as float64, (N,).
+
+    Raises:
+        ValueError: values that are not finite.
+    """
+    values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError(f"{name}: {label} holds values that are not finite")
+    return values
+
+
 def checked_coordinate(
     value: Any, label: str, probe_shape: tuple[int, ...], name: str
 ) -> Tensor | None:
@@ -84,13 +96,11 @@ def checked_coordinate(
     """
     if value is None:
         return None
-    values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
+    values = finite_places(value, label, name)
     probes = int(np.prod(probe_shape, dtype=np.int64))
     wanted = probes if len(probe_shape) < 2 else probe_shape[-1] if label == "x" else probe_shape[0]
     if len(values) != wanted:
         raise ValueError(
             f"{name}: {label} has {len(values)} values; probes of shape {probe_shape} need {wanted}"
         )
-    if not bool(torch.isfinite(values).all()):
-        raise ValueError(f"{name}: {label} holds values that are not finite")
     return values

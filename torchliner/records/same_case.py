@@ -1,4 +1,4 @@
-"""Whether records speak of one and the same case."""
+"""Whether several records belong to the same case."""
 
 from __future__ import annotations
 

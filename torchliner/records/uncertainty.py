@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import torch
 from torch import Tensor
 
 
@@ -28,6 +29,16 @@ class Interval:
     standard_error: Tensor
     runs: Tensor
     bias: Tensor
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Interval:
+        """The same with every field put through a function."""
+        return Interval(*(function(value) for value in vars(self).values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Interval]) -> Interval:
+        """Several, one after another along the first axis."""
+        names = vars(parts[0])
+        return cls(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)

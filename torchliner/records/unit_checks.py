@@ -1,4 +1,4 @@
-"""Levels that look like pascals and phases that look like radians: only a person knows for sure."""
+"""Levels that look like pascals and phases that look like radians."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ WHOLE = math.pi
 NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
 
 
-def unit_doubts(
+def unit_warnings(
     name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float
 ) -> tuple[str, ...]:
-    """What makes the units of a table doubtful, in words.
+    """Why the units of a table may not be what they should be.
 
     Args:
         name: of the record.

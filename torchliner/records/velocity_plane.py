@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
-from torchliner.checks import require_positive
+from torchliner.checks import require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
@@ -91,9 +91,7 @@ class VelocityPlane(Written, AtProbes):
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
-        for label in ("height", "frequency"):
-            if getattr(self, label) is not None:
-                require_positive(f"{self.name}: {label}", getattr(self, label))
+        require_positive_where_stated(self, "height", "frequency")
         if self.source_side not in SOURCE_SIDES:
             raise ValueError(
                 f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"

@@ -33,7 +33,7 @@ class WallEduction(DrawnImpedance):
         singular_values: of the prediction matrix, Pa, (..., L, F); None for fits.
         rank, order: K and L; None for fits.
         draws: the same eduction over draws of the measurement error, (D, ..., F) and so on.
-        choices: every option.  notes: doubts, with numbers.
+        choices: every option.  notes: warnings, with numbers.
     Raises:
         TypeError: wavenumber or impedance is not complex.
         ValueError: shapes disagree.

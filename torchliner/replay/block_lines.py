@@ -94,7 +94,7 @@ def plan_block_lines(
     *,
     backward: bool = True,
 ) -> list[BlockLine]:
-    """How the block means at each frequency (Hz) are had.
+    """What the engine needs for the block means at each frequency (Hz).
 
     Args:
         liner: with ``speed_law`` it is evaluated in place, else tabulated over ``grid``.

@@ -139,7 +139,7 @@ def compile_loop(shape: Shape) -> Loop | None:
         reason = str(error).strip().splitlines()[0][:120] if str(error).strip() else repr(error)
         if not failures:
             warnings.warn(
-                f"torch.compile is not to be had ({type(error).__name__}: {reason}); the eager "
+                f"torch.compile is not available ({type(error).__name__}: {reason}); the eager "
                 "path gives the same numbers, some ten times slower on large planes",
                 RuntimeWarning,
                 stacklevel=2,

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
-from torchliner.replay.drive import ProbeVelocity
+from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.survey import Survey, moments, survey
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1

@@ -73,7 +73,7 @@ def plan_lines(
     of_kernel: bool = False,
     backward: bool = True,
 ) -> list[Line]:
-    """How the line at each frequency (Hz) is had.
+    """What the engine needs for the line at each frequency (Hz).
 
     Args:
         liner: with ``speed_law`` it is evaluated in place, else tabulated over ``grid``.

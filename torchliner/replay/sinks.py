@@ -40,7 +40,7 @@ class ToneSink:
         return self.kept[begin, end]
 
     def flush(self) -> None:
-        """All columns have had these samples."""
+        """All columns have been given these samples."""
         self.kept = {}
 
     def sums(self, backward: bool) -> LineSums:
@@ -117,7 +117,7 @@ class CrossSpectra:
         return self.kept[key]
 
     def flush(self) -> None:
-        """All columns of the pass have had these samples: what is complete is dropped."""
+        """All columns of the pass have been given these samples: drop what is complete."""
         length = len(self.weights)
         self.open = {k: v for k, v in self.open.items() if self.starts[k] + length > self.ended}
         self.kept = {}

@@ -51,71 +51,39 @@ class Columns:
 
 
 class SpeedSource(Protocol):
-    """Velocity of P columns in groups, n samples of it, on one device."""
+    """Velocity of P columns in groups, on one device."""
 
-    @property
-    def samples(self) -> int:
-        """n."""
-        ...
+    samples: int
+    widths: tuple[int, ...]  # columns of each group
+    dtype: torch.dtype  # precision of the work
+    device: torch.device
 
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """Columns of each group."""
-        ...
-
-    @property
-    def dtype(self) -> torch.dtype:
-        """Precision of the work."""
-        ...
-
-    @property
-    def device(self) -> torch.device:
-        """Where the work is done."""
+    def bounds(self) -> Bounds:
+        """Slabs that suit the memory and the file."""
         ...
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
         """The groups of each slab (begin, end); a slab lives until the next is asked for."""
         ...
 
-    def bounds(self) -> Bounds:
-        """Slabs that suit the memory and the file."""
-        ...
 
-
-@dataclass(frozen=True)
 class HeldSpeed:
     """Velocity, or |v|, in memory, (P, n), as a source of one group."""
 
-    speed: Tensor
+    def __init__(self, speed: Tensor) -> None:
+        self.speed = speed
+        self.widths: tuple[int, ...]
+        self.widths, self.samples = (speed.shape[0],), speed.shape[1]
+        self.dtype, self.device = speed.dtype, speed.device
 
-    @property
-    def samples(self) -> int:
-        """n."""
-        return self.speed.shape[1]
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """One group of P columns."""
-        return (self.speed.shape[0],)
-
-    @property
-    def dtype(self) -> torch.dtype:
-        """That of the data."""
-        return self.speed.dtype
-
-    @property
-    def device(self) -> torch.device:
-        """Where the data are."""
-        return self.speed.device
+    def bounds(self) -> Bounds:
+        """``SLAB_ROWS`` at once."""
+        return bounds_of(self.samples, SLAB_ROWS)
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Columns]]:
         """Views."""
         for begin, end in bounds:
             yield [Columns(self.speed[:, begin:end].T)]
-
-    def bounds(self) -> Bounds:
-        """``SLAB_ROWS`` at once."""
-        return bounds_of(self.samples, SLAB_ROWS)
 
 
 def weighted_sums(weights: Tensor, values: Tensor) -> Tensor:

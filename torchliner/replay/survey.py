@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from torchliner.records import VelocityPlane
-from torchliner.records.slabs import Bounds, slab_bounds
+from torchliner.records.slabs import slab_bounds
+from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
 from torchliner.replay.survey_blocks import VelocityBlocks, VelocityBlockSums
 from torchliner.signals.blocks import Blocks
@@ -19,22 +19,6 @@ from torchliner.signals.tones import line_sums, waves
 
 PERIODS_PER_SEGMENT = 2.0
 TOGETHER = 1 << 17  # samples times columns of coherence segments that are added at once
-
-
-class VelocitySource(Protocol):
-    """Velocity in groups of columns, P in all, read by slabs."""
-
-    samples: int
-    widths: tuple[int, ...]
-    device: torch.device
-
-    def bounds(self) -> Bounds:
-        """Slabs that suit the memory and the file."""
-        ...
-
-    def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:
-        """The groups of each slab, m/s, (t, P_g)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -71,7 +55,7 @@ class Survey:
 
 
 def survey(
-    source: VelocitySource,
+    source: ProbeVelocity,
     frequency: Tensor,
     sampling_rate: float,
     weights: Tensor,

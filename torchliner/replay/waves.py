@@ -3,13 +3,17 @@
 All are pressures (or velocities: only ratios matter) of the incident wave at the liner. The engines
 ask for values at sample indices that may lie outside the record: there tones go on, sweeps and
 noise repeat the record's, a recorded signal is zero.
+
+A new kind is a class like these: ``edge`` and ``window`` that suit it, ``label`` for messages,
+``band`` (Hz, None if unknown), ``sampled`` on a record (float64, (n,)) and ``emission``, the same
+with what it is before and after the record.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,31 +23,6 @@ from torchliner.checks import frequency_tensor, real_tensor, require_choice, req
 from torchliner.replay.emissions import Emission, Sent, SteadyTones
 
 SWEEPS = ("linear", "logarithmic")
-
-
-class IncidentSignal(Protocol):
-    """A real incident signal that can be sampled for any record."""
-
-    edge: str  # the rule that suits it
-    window: str  # and the window, over the whole record
-
-    @property
-    def label(self) -> str:
-        """For messages and results."""
-        ...
-
-    @property
-    def band(self) -> tuple[float, float] | None:
-        """Hz that it covers; None if unknown."""
-        ...
-
-    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
-        """Its values on a record, float64, (samples,)."""
-        ...
-
-    def emission(self, samples: int, sampling_rate: float) -> Emission:
-        """The same, with what it is before and after the record."""
-        ...
 
 
 def _below_nyquist(label: str, highest: float, sampling_rate: float) -> None:
@@ -148,7 +127,7 @@ class Sweep(_Banded):
         low, high: Hz, at the first sample and one after the last.
         spacing: ``linear`` or ``logarithmic``.
 
-    Each frequency passes once: Z at f then hangs on |v| around that moment alone. For a Z of the
+    Each frequency passes once: Z at f then depends on |v| around that moment alone. For a Z of the
     whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
     """
 

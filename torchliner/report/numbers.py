@@ -58,7 +58,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     if low.ndim != 2 or len(low) != points:  # probes that share an x
         return None
     order = torch.arange(points) if result.x is None else result.x.argsort()
-    return Interval(*(value.cpu()[order] for value in vars(found.probes).values()))
+    return found.probes.map(lambda value: value.cpu()[order])
 
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:

@@ -9,22 +9,22 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.grazing import goodrich_resistance
-from torchliner.records import ImpedanceMap, Interval, Uncertainty
+from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.replay.kernels import impedance_of
 from torchliner.replay.lines import interpolation_error
 from torchliner.tdibc.prepared import Prepared
 from torchliner.version import __version__
 
 
-def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
+def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     """Every choice, and what followed from it."""
 
-    plane, chosen, kernels = ready.plane, ready.chosen, ready.kernels
+    plane, chosen, kernels = prepared.plane, prepared.chosen, prepared.kernels
     facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
-    facts["liner"] = ready.liner.describe()
+    facts["liner"] = prepared.liner.describe()
     facts |= {
-        "velocity_max": ready.grid.maximum,
-        "coherence_segments": ready.seen.segments,
+        "velocity_max": prepared.grid.maximum,
+        "coherence_segments": prepared.survey.segments,
         "sampling_rate": plane.sampling_rate,
         "samples": plane.samples,
         "source": plane.name,
@@ -34,27 +34,28 @@ def facts_of(ready: Prepared, phase: str) -> dict[str, Any]:
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
-    if facts["response"] == "kernel" or ready.liner.speed_law(ready.frequency) is None:
+    if facts["response"] == "kernel" or prepared.liner.speed_law(prepared.frequency) is None:
         with torch.no_grad():
             facts["level_error"] = max(
-                interpolation_error(ready.liner, f, ready.grid) for f in ready.frequency.tolist()
+                interpolation_error(prepared.liner, f, prepared.grid)
+                for f in prepared.frequency.tolist()
             )
     return facts
 
 
-def goodrich_of(ready: Prepared) -> Tensor | None:
+def goodrich_of(prepared: Prepared) -> Tensor | None:
     """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
-    plane, porosity = ready.plane, ready.liner.surface_porosity
-    diameter = ready.liner.hole_diameter
+    plane, porosity = prepared.plane, prepared.liner.surface_porosity
+    diameter = prepared.liner.hole_diameter
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
     added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter)
     with torch.no_grad():
-        return impedance_of(ready.liner, ready.frequency, torch.zeros(1)) + added
+        return impedance_of(prepared.liner, prepared.frequency, torch.zeros(1)) + added
 
 
 def assemble(
-    ready: Prepared,
+    prepared: Prepared,
     phase: str,
     reflection: Tensor,
     held: Tensor,
@@ -66,17 +67,17 @@ def assemble(
     """The map.
 
     Args:
-        ready: prepared plane.
+        prepared: prepared plane.
         phase: rule that was used.
         reflection: R of probes and cell averages, (P + C, F).
         held: whether the rule held there, (P + C, F).
         peak: complex peak amplitude of v into the liner, (P + C, F).
-        notes: all doubts.
+        notes: all warnings.
         uncertainty: intervals, of the probes as (P, F).
         wall: probes that count as wall in averages over probes, (P, F).
     """
-    plane, cells, seen = ready.plane, ready.cells, ready.seen
-    kept = ready.used.to(reflection.device)
+    plane, cells, seen = prepared.plane, prepared.cells, prepared.survey
+    kept = prepared.used.to(reflection.device)
 
     def on_probes(value: Tensor) -> Tensor:
         """The probes' part, on the plane's axes; nan where a probe was left out."""
@@ -91,10 +92,9 @@ def assemble(
 
     probes = reflection[: plane.probes]
     if uncertainty is not None:
-        parts = {name: on_probes(value) for name, value in vars(uncertainty.probes).items()}
-        uncertainty = dataclasses.replace(uncertainty, probes=Interval(**parts))
+        uncertainty = dataclasses.replace(uncertainty, probes=uncertainty.probes.map(on_probes))
     return ImpedanceMap(
-        frequency=ready.frequency,
+        frequency=prepared.frequency,
         reflection=on_probes(probes),
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
@@ -113,9 +113,9 @@ def assemble(
         mach=plane.mach,
         incident_level=plane.incident_level,
         source_side=plane.source_side,
-        goodrich=goodrich_of(ready),
+        goodrich=goodrich_of(prepared),
         title=plane.title,
-        choices=facts_of(ready, phase),
+        choices=facts_of(prepared, phase),
         notes=tuple(notes),
         uncertainty=uncertainty,
         wall=None if wall is None else on_probes(wall),

@@ -14,37 +14,37 @@ RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 
 
 def block_deviations(
-    ready: Prepared, blocks: LineSums | None, rule: PhaseRule, means: Means, columns: slice
+    prepared: Prepared, blocks: LineSums | None, rule: PhaseRule, means: Means, columns: slice
 ) -> Tensor:
     """dR of some probes and cell averages, complex128, (S, columns, F).
 
     Args:
-        ready: prepared plane.
+        prepared: prepared plane.
         blocks: means over the blocks; not needed for the drive ``rms``, which holds |v| constant,
             so that R moves with the mean square alone.
         rule: phase rule.
         means: over the whole record.
         columns: a slice of P + C.
     """
-    if ready.chosen.drive == "rms":
-        return _of_rms(ready, columns)
+    if prepared.chosen.drive == "rms":
+        return _of_rms(prepared, columns)
     assert blocks is not None
     da, db, dv = _away(blocks.forward[:, columns]), None, None
     if rule.needs_backward:
         assert blocks.backward is not None
         db = _away(blocks.backward[:, columns])
     if rule.needs_velocity:
-        assert ready.seen.blocks is not None
-        dv = -_away(ready.seen.blocks.line[:, columns])  # v into the liner is -v
+        assert prepared.survey.blocks is not None
+        dv = -_away(prepared.survey.blocks.line[:, columns])  # v into the liner is -v
     return rule.deviation(means, columns, da, db, dv)
 
 
-def _of_rms(ready: Prepared, columns: slice) -> Tensor:
-    seen = ready.seen.blocks
+def _of_rms(prepared: Prepared, columns: slice) -> Tensor:
+    seen = prepared.survey.blocks
     assert seen is not None
-    square, mean = ready.seen.mean_square[columns], ready.seen.mean[columns]
+    square, mean = prepared.survey.mean_square[columns], prepared.survey.mean[columns]
     change = _away(seen.mean_square[:, columns])
-    if ready.chosen.mean == "removed":
+    if prepared.chosen.mean == "removed":
         square = square - mean**2
         change = change - 2 * mean * _away(seen.mean[:, columns])
     square = square.clamp(min=0).cpu()
@@ -52,7 +52,7 @@ def _of_rms(ready: Prepared, columns: slice) -> Tensor:
     with torch.no_grad():
         for factor in (1 - RMS_STEP, 1 + RMS_STEP):
             speed = (square * factor).sqrt()
-            z = impedance_of(ready.liner, ready.frequency, speed[:, None])
+            z = impedance_of(prepared.liner, prepared.frequency, speed[:, None])
             ends.append((z - 1) / (z + 1))
     slope = (ends[1] - ends[0]) / (2 * RMS_STEP * square.clamp(min=1e-300))[:, None]
     return change[..., None] * slope.to(change.device)

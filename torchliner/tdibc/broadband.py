@@ -18,7 +18,7 @@ from torch import Tensor
 from torchliner.io.reflected_file import ReflectedFile
 from torchliner.records import ImpedanceMap
 from torchliner.replay.direct import replay_direct
-from torchliner.replay.drive import with_smaller_slabs
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.sinks import CrossSpectra, WholeSignal
 from torchliner.replay.unfold import Sink
 from torchliner.signals.segments import segment_starts
@@ -31,79 +31,79 @@ LOWEST_ENERGY = 1e-6  # of the strongest line: 60 dB below it a line is leakage,
 
 
 def educe_signal(
-    ready: Prepared, reflected: str | Path | None, progress: Progress | None
+    prepared: Prepared, reflected: str | Path | None, progress: Progress | None
 ) -> ImpedanceMap:
     """Map of a plane replayed with the incident signal of its choices.
 
     Args:
-        ready: prepared plane.
+        prepared: prepared plane.
         reflected: file for the reflected signal, or None.
         progress: called with numbers of samples done.
     Raises:
         ValueError: the signal has no energy at a frequency asked for, or the segment does not fit.
     """
-    chosen, start, rate = ready.chosen, ready.record.start, ready.plane.sampling_rate
-    sent = ready.sent
+    chosen, start, rate = prepared.chosen, prepared.record.start, prepared.plane.sampling_rate
+    sent = prepared.sent
     assert sent is not None
-    starts, length = segment_starts(ready.plane.samples, start, chosen.segment, rate)
+    starts, length = segment_starts(prepared.plane.samples, start, chosen.segment, rate)
     weights = make_window(chosen.window, length).weights
-    columns, device = sum(ready.drive.widths), ready.drive.device
+    columns, device = sum(prepared.drive.widths), prepared.drive.device
 
     def run() -> CrossSpectra:
-        spectra = CrossSpectra(sent, weights, starts, ready.frequency, rate, columns, device)
-        _require_energy(ready, spectra, weights, starts)
-        _run(ready, [spectra], reflected, progress)
+        spectra = CrossSpectra(sent, weights, starts, prepared.frequency, rate, columns, device)
+        _require_energy(prepared, spectra, weights, starts)
+        _run(prepared, [spectra], reflected, progress)
         return spectra
 
-    spectra, notes = with_smaller_slabs(ready.drive.velocity, run)
-    ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
+    spectra, notes = with_smaller_slabs(prepared.drive.velocity, run)
+    prepared = dataclasses.replace(prepared, notes=(*prepared.notes, *notes))
     reflection = spectra.reflection()
     held = torch.ones(reflection.shape, dtype=torch.bool, device=device)
-    amplitude = ready.velocity_amplitude
-    return assemble(ready, "signal", reflection, held, 2 * amplitude, list(ready.notes))
+    amplitude = prepared.velocity_amplitude
+    return assemble(prepared, "signal", reflection, held, 2 * amplitude, list(prepared.notes))
 
 
 def _run(
-    ready: Prepared, sinks: list[Sink], reflected: str | Path | None, progress: Progress | None
+    prepared: Prepared, sinks: list[Sink], reflected: str | Path | None, progress: Progress | None
 ) -> None:
     if reflected is None:
-        _replay(ready, sinks, progress)
+        _replay(prepared, sinks, progress)
         return
-    assert ready.sent is not None
+    assert prepared.sent is not None
     with ReflectedFile(
-        reflected, ready.plane, ready.sent, ready.used, facts_of(ready, "signal")
+        reflected, prepared.plane, prepared.sent, prepared.used, facts_of(prepared, "signal")
     ) as file:
-        _replay(ready, [*sinks, WholeSignal(file.store)], progress)
+        _replay(prepared, [*sinks, WholeSignal(file.store)], progress)
 
 
-def _replay(ready: Prepared, sinks: list[Sink], progress: Progress | None) -> None:
-    chosen, drive = ready.chosen, ready.drive
-    assert ready.kernels is not None
-    emission = chosen.incident.emission(drive.samples, ready.plane.sampling_rate)
+def _replay(prepared: Prepared, sinks: list[Sink], progress: Progress | None) -> None:
+    chosen, drive = prepared.chosen, prepared.drive
+    assert prepared.kernels is not None
+    emission = chosen.incident.emission(drive.samples, prepared.plane.sampling_rate)
     if chosen.engine == "direct":
-        signal = replay_direct(ready.whole_speed(), ready.kernels, emission, ready.record)
+        signal = replay_direct(prepared.whole_speed(), prepared.kernels, emission, prepared.record)
         for sink in sinks:
             sink.add(signal, slice(0, signal.shape[1]), 0)
             sink.flush()
         if progress is not None:
             progress(drive.samples)
         return
-    unfold_into(ready, emission, sinks, progress)
+    unfold_into(prepared, emission, sinks, progress)
 
 
 def _require_energy(
-    ready: Prepared, spectra: CrossSpectra, weights: Tensor, starts: list[int]
+    prepared: Prepared, spectra: CrossSpectra, weights: Tensor, starts: list[int]
 ) -> None:
     """Refuse frequencies at which the incident signal has next to no energy."""
-    assert ready.sent is not None
+    assert prepared.sent is not None
     length = len(weights)
-    whole = torch.stack([ready.sent[s : s + length] * weights for s in starts])
+    whole = torch.stack([prepared.sent[s : s + length] * weights for s in starts])
     strongest = float(torch.fft.rfft(whole).abs().square().sum(0).max())
     here = spectra.sent.abs().square().sum(0)
-    label = ready.chosen.incident.label
+    label = prepared.chosen.incident.label
     if strongest == 0:
         raise ValueError(f"incident signal {label} is zero throughout")
-    for f, power in zip(ready.frequency.tolist(), here.tolist(), strict=True):
+    for f, power in zip(prepared.frequency.tolist(), here.tolist(), strict=True):
         if power < LOWEST_ENERGY * strongest:
             below = "-inf" if power == 0 else f"{10 * math.log10(power / strongest):.0f}"
             raise ValueError(

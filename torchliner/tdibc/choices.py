@@ -28,6 +28,12 @@ from torchliner.replay.waves import parse_signal
 
 MOST_DRAWS = 100_000
 FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
+NAMED = {
+    "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
+    "kernel": KERNELS, "response": RESPONSES, "missing": MISSING, "compile": COMPILE,
+    "resample": RESAMPLED,
+}  # fmt: skip
+CALLED = {"phase": "phase rule", "edge": "edge rule"}
 PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
@@ -76,8 +82,8 @@ class Choices:
             Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
         compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
             ``always``; the numbers stay the same.
-        interval: level of the statistical intervals, 0 to 1; None for no intervals. They are had
-            for tones; an incident signal has none.
+        interval: level of the statistical intervals, 0 to 1; None for no intervals.
+            Available for tones only.
         draws, seed: of the moving-block bootstrap behind them.
         resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
             z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
@@ -118,15 +124,9 @@ class Choices:
 
     def __post_init__(self) -> None:
         self._fill_in()
-        require_choice("engine", self.engine, ENGINES)
-        require_choice("phase rule", self.phase, PHASE_RULES)
-        require_choice("edge rule", self.edge, EDGE_RULES)
-        require_choice("drive", self.drive, DRIVES)
-        require_choice("mean", self.mean, MEANS)
-        require_choice("kernel", self.kernel, KERNELS)
-        require_choice("missing", self.missing, MISSING)
-        if self.response is not None:
-            require_choice("response", self.response, RESPONSES)
+        for name, known in NAMED.items():
+            if name != "response" or self.response is not None:
+                require_choice(CALLED.get(name, name), getattr(self, name), known)
         if self.response == "model" and (self.kernel == "causal" or self.engine != "spectral"):
             raise ValueError(
                 f"response='model' bypasses the kernel, which engine={self.engine!r}, "
@@ -136,23 +136,19 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        require_choice("compile", self.compile, COMPILE)
         for name in ("velocity_max", "running_window", "rank_tolerance", "segment"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
-        if not 0 <= self.minimum_coherence <= 1:
-            raise ValueError(f"minimum_coherence is {self.minimum_coherence:g}; it is 0 to 1")
-        if self.wall_filter is not None and not 0 <= self.wall_filter <= 1:
-            raise ValueError(
-                f"wall_filter is {self.wall_filter:g}; it is a squared coherence, 0 to 1"
-            )
+        for name in ("minimum_coherence", "wall_filter"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= 1:
+                raise ValueError(f"{name} is {value:g}; it is a squared coherence, 0 to 1")
         self._check_resampling()
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)
 
     def _check_resampling(self) -> None:
-        require_choice("resample", self.resample, RESAMPLED)
         if self.interval is None:
             return
         require_positive("interval", self.interval)
@@ -172,7 +168,7 @@ class Choices:
             )
 
     def _fill_in(self) -> None:
-        """Defaults that hang on the incident signal, and what does not go with one."""
+        """Defaults that depend on the incident signal, and what does not go with one."""
         wave = self.incident
         if isinstance(wave, str):
             wave = parse_signal(wave)
@@ -186,21 +182,19 @@ class Choices:
             raise TypeError(
                 f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)"
             )
-        if wave is not None and self.engine == "spectral":
-            raise ValueError(
-                "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"
-            )
-        if wave is not None and self.phase != "averaged":
-            raise ValueError(
-                f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"
-            )
-        if wave is not None and self.wall_filter is not None:
-            raise ValueError(
-                "wall_filter asks for the coherence of v with a tone; with an incident signal "
-                "there is none, leave it out"
-            )
-        if wave is None and self.segment is not None:
-            raise ValueError("segment is only used with an incident signal")
+        for wrong, reason in (
+            (wave is not None and self.engine == "spectral",
+             "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"),
+            (wave is not None and self.phase != "averaged",
+             f"phase {self.phase!r} is a rule for tones; an incident signal has its own phase"),
+            (wave is not None and self.wall_filter is not None,
+             "wall_filter asks for the coherence of v with a tone; with an incident signal there "
+             "is none, leave it out"),
+            (wave is None and self.segment is not None,
+             "segment is only used with an incident signal"),
+        ):  # fmt: skip
+            if wrong:
+                raise ValueError(reason)
         defaults = {
             "engine": "spectral" if wave is None else "unfold",
             "edge": "finite" if wave is None else wave.edge,

@@ -9,8 +9,8 @@ from typing import Any
 from torchliner.checks import tell
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.replay.drive import with_smaller_slabs
 from torchliner.replay.phase_rule import phase_rule
+from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import tone_sums
@@ -71,11 +71,11 @@ def educe(
     chosen = Choices(**choices)
     _check_signal_output(chosen, reference_phase, reflected, len(planes))
     found = []
-    for ready in prepare(planes, liner, frequency, chosen, progress):
+    for prepared in prepare(planes, liner, frequency, chosen, progress):
         if chosen.incident is not None:
-            result = educe_signal(ready, reflected, progress)
+            result = educe_signal(prepared, reflected, progress)
         else:
-            result = replay(ready, progress=progress).map(chosen.phase, reference_phase)
+            result = replay(prepared, progress=progress).map(chosen.phase, reference_phase)
         tell(result.notes)
         found.append(result)
     return found if several else found[0]
@@ -94,17 +94,17 @@ def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, 
 
 
 def replay(
-    ready: Prepared, *, every_rule: bool = False, progress: Progress | None = None
+    prepared: Prepared, *, every_rule: bool = False, progress: Progress | None = None
 ) -> Replayed:
     """The pass over the data that ``educe`` makes for tones.
 
     Args:
-        ready: of ``prepare``.
+        prepared: of ``prepare``.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
         progress: called with numbers of samples done.
     """
-    backward = every_rule or phase_rule(ready.chosen.phase).needs_backward
+    backward = every_rule or phase_rule(prepared.chosen.phase).needs_backward
     sums, notes = with_smaller_slabs(
-        ready.drive.velocity, lambda: tone_sums(ready, backward, progress)
+        prepared.drive.velocity, lambda: tone_sums(prepared, backward, progress)
     )
-    return Replayed(dataclasses.replace(ready, notes=(*ready.notes, *notes)), sums)
+    return Replayed(dataclasses.replace(prepared, notes=(*prepared.notes, *notes)), sums)

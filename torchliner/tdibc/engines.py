@@ -18,63 +18,63 @@ from torchliner.replay.unfold import Sink, replay_unfold
 from torchliner.tdibc.prepared import Prepared, Progress
 
 
-def tone_sums(ready: Prepared, backward: bool, progress: Progress | None) -> LineSums:
+def tone_sums(prepared: Prepared, backward: bool, progress: Progress | None) -> LineSums:
     """Windowed lines of the replies to complex tones, by the engine chosen."""
-    record, drive, chosen = ready.record, ready.drive, ready.chosen
-    block_lines = block_lines_of(ready, backward)
+    record, drive, chosen = prepared.record, prepared.drive, prepared.chosen
+    block_lines = block_lines_of(prepared, backward)
     if chosen.engine == "spectral":
         lines = plan_lines(
-            ready.liner, ready.frequency.tolist(), record, ready.grid, ready.kernels,
+            prepared.liner, prepared.frequency.tolist(), record, prepared.grid, prepared.kernels,
             of_kernel=chosen.uses_kernel_response, backward=backward,
         )  # fmt: skip
         return spectral_sums(
-            drive, lines, ready.grid, block_lines=block_lines, compile_loops=chosen.compile,
+            drive, lines, prepared.grid, block_lines=block_lines, compile_loops=chosen.compile,
             progress=progress,
         )  # fmt: skip
-    assert ready.kernels is not None
+    assert prepared.kernels is not None
     blocks = None
     if block_lines:  # these engines know no sums per block: R(f, |v|) is read once more
         blocks = spectral_sums(
-            drive, [], ready.grid, block_lines=block_lines, compile_loops=chosen.compile
+            drive, [], prepared.grid, block_lines=block_lines, compile_loops=chosen.compile
         ).blocks
     if chosen.engine == "direct":
-        sums = direct_sums(ready.whole_speed(), ready.kernels, ready.frequency, record)
+        sums = direct_sums(prepared.whole_speed(), prepared.kernels, prepared.frequency, record)
         if progress is not None:
             progress(drive.samples)
         return LineSums(sums.forward, sums.backward if backward else None, blocks)
-    sink = ToneSink(ready.frequency, record, sum(drive.widths), drive.device)
-    tones = ComplexTones(ready.frequency, record.sampling_rate)
-    unfold_into(ready, tones, [sink], progress)
+    sink = ToneSink(prepared.frequency, record, sum(drive.widths), drive.device)
+    tones = ComplexTones(prepared.frequency, record.sampling_rate)
+    unfold_into(prepared, tones, [sink], progress)
     return dataclasses.replace(sink.sums(backward), blocks=blocks)
 
 
-def block_lines_of(ready: Prepared, backward: bool) -> list[BlockLine]:
+def block_lines_of(prepared: Prepared, backward: bool) -> list[BlockLine]:
     """For error bars; the drive ``rms`` moves with the mean square alone, see ``survey``."""
-    if ready.blocks is None or ready.chosen.drive == "rms":
+    if prepared.blocks is None or prepared.chosen.drive == "rms":
         return []
     return plan_block_lines(
-        ready.liner, ready.frequency.tolist(), ready.record.sampling_rate, ready.blocks,
-        ready.grid, ready.kernels if ready.chosen.uses_kernel_response else None,
+        prepared.liner, prepared.frequency.tolist(), prepared.record.sampling_rate, prepared.blocks,
+        prepared.grid, prepared.kernels if prepared.chosen.uses_kernel_response else None,
         backward=backward,
     )  # fmt: skip
 
 
 def unfold_into(
-    ready: Prepared, emission: Emission, sinks: Sequence[Sink], progress: Progress | None
+    prepared: Prepared, emission: Emission, sinks: Sequence[Sink], progress: Progress | None
 ) -> None:
     """``replay_unfold`` of a prepared plane, with its choices."""
-    assert ready.kernels is not None
+    assert prepared.kernels is not None
     replay_unfold(
-        ready.drive, ready.kernels, emission, ready.record, sinks, progress=progress,
-        tolerance=ready.chosen.rank_tolerance, memory=ready.chosen.tail_memory,
+        prepared.drive, prepared.kernels, emission, prepared.record, sinks, progress=progress,
+        tolerance=prepared.chosen.rank_tolerance, memory=prepared.chosen.tail_memory,
     )  # fmt: skip
 
 
-def with_liner(ready: Prepared, liner: LinerModel) -> Prepared:
+def with_liner(prepared: Prepared, liner: LinerModel) -> Prepared:
     """The same survey, drive and levels with another liner; its kernels are built anew."""
-    kernels = ready.kernels
+    kernels = prepared.kernels
     if kernels is not None:
         kernels = build_kernels(
-            liner, ready.grid, kernels.sampling_rate, kind=kernels.kind, band=kernels.band
+            liner, prepared.grid, kernels.sampling_rate, kind=kernels.kind, band=kernels.band
         )
-    return dataclasses.replace(ready, liner=liner, kernels=kernels)
+    return dataclasses.replace(prepared, liner=liner, kernels=kernels)

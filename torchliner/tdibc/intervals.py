@@ -34,7 +34,7 @@ SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 
 
 def uncertainty_of(
-    ready: Prepared,
+    prepared: Prepared,
     reflection: Tensor,
     deviations: Callable[[slice], Tensor],
     wall: Tensor | None,
@@ -42,24 +42,26 @@ def uncertainty_of(
     """Intervals of probes, rows, cells and the whole liner.
 
     Args:
-        ready: prepared plane, with blocks.
+        prepared: prepared plane, with blocks.
         reflection: R of probes and cell averages, complex128, (P + C, F).
         deviations: those of some of its columns in each block, (S, columns, F).
         wall: probes that count as wall, (P, F), of ``find_walls``.
     """
-    chosen, plane, cells = ready.chosen, ready.plane, ready.cells
-    assert ready.blocks is not None and chosen.interval is not None  # noqa: PT018
-    weights = ready.blocks.sums(ready.record.weights(0, plane.samples))
+    chosen, plane, cells = prepared.chosen, prepared.plane, prepared.cells
+    assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
+    weights = prepared.blocks.sums(prepared.record.weights(0, plane.samples))
     how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
-    single = ready.drive.dtype == torch.float32
+    single = prepared.drive.dtype == torch.float32
     of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
-    silent = ~ready.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
-    silent = silent if wall is None else silent | wall
-    admittance = torch.where(silent, 0, admittance_from_reflection(reflection[: plane.probes]))
+    excluded = ~prepared.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
+    excluded = excluded if wall is None else excluded | wall
+    admittance = torch.where(excluded, 0, admittance_from_reflection(reflection[: plane.probes]))
     groups = {
-        name: Groups(torch.where(ready.used, labels, -1), count, admittance, ready.blocks.count)
-        for name, (labels, count) in _labels(ready).items()
+        name: Groups(
+            torch.where(prepared.used, labels, -1), count, admittance, prepared.blocks.count
+        )
+        for name, (labels, count) in _labels(prepared).items()
     }
     parts = []
     step = max(1, COLUMNS // reflection.shape[1])
@@ -67,66 +69,61 @@ def uncertainty_of(
         part = slice(low, min(low + step, plane.probes))
         series = deviations(part)
         parts.append(of_probes.over_time(series, reflection[part]))
-        _add(groups.values(), part, reflection[part], series, how, silent[part])
+        _add(groups.values(), part, reflection[part], series, how, excluded[part])
     averaged = reflection[plane.probes :]
     series = deviations(slice(plane.probes, plane.probes + cells.count))
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
-        ready.blocks.count,
+        prepared.blocks.count,
     )  # fmt: skip
     _add([first], slice(0, cells.count), averaged, series, how)
     wide = _tile_rows(groups, chosen.resample)
     return Uncertainty(
-        probes=_join(parts),
+        probes=Interval.joined(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
         cells_velocity_first=how.over_time(series, averaged),
         liner=_of_liner(groups, how, wide),
-        liner_velocity_first=_only(first.interval(how)),
+        liner_velocity_first=first.interval(how).map(_only),
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed,
             "resampled": chosen.resample if wide else "time",
-            "blocks": ready.blocks.count, "periods_per_block": ready.blocks.periods,
+            "blocks": prepared.blocks.count, "periods_per_block": prepared.blocks.periods,
         },
     )  # fmt: skip
 
 
 def _add(
     groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, how: Resampling,
-    silent: Tensor | None = None,
+    excluded: Tensor | None = None,
 ) -> None:  # fmt: skip
     """Some members to all groupings."""
     slope = admittance_slope(reflection) * series
     bias = admittance_bias(reflection, how.second_moment(series))
-    if silent is not None:
-        slope, bias = torch.where(silent, 0, slope), torch.where(silent, 0, bias)
+    if excluded is not None:
+        slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
     for group in groups:
         group.add(part, slope, bias)
 
 
-def _join(parts: list[Interval]) -> Interval:
-    names = vars(parts[0])
-    return Interval(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
-
-
-def _only(interval: Interval) -> Interval:
+def _only(value: Tensor) -> Tensor:
     """Of the one group, (F,)."""
-    return Interval(*(value[0] for value in vars(interval).values()))
+    return value[0]
 
 
-def review_uncertainty(ready: Prepared, found: Uncertainty) -> list[str]:
-    """Doubts about the whole liner: fewer than eight runs, one row to resample, a large bias."""
-    return _few_runs(ready, found) + _one_row(ready, found) + _large_bias(ready, found)
+def review_uncertainty(prepared: Prepared, found: Uncertainty) -> list[str]:
+    """Warnings about the whole liner: fewer than eight runs, one row to resample, a large bias."""
+    return _few_runs(prepared, found) + _one_row(prepared, found) + _large_bias(prepared, found)
 
 
-def _few_runs(ready: Prepared, found: Uncertainty) -> list[str]:
+def _few_runs(prepared: Prepared, found: Uncertainty) -> list[str]:
     runs = float(found.liner.runs.min())
     moves = float((found.liner.high - found.liner.low).abs().max()) > SMALLEST_WIDTH
     if runs >= FEWEST_RUNS or not moves:
         return []
     periods = found.settings["blocks"] * found.settings["periods_per_block"]
     return [
-        f"{ready.plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than "
+        f"{prepared.plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than "
         f"{FEWEST_RUNS}; they are rough, and about {_periods_for_eight(runs, periods)} periods "
         f"instead of {periods} would give {FEWEST_RUNS}"
     ]
@@ -137,15 +134,15 @@ def _periods_for_eight(runs: float, periods: int) -> int:
     return math.ceil((FEWEST_RUNS / runs) ** 1.5 * periods)
 
 
-def _large_bias(ready: Prepared, found: Uncertainty) -> list[str]:
+def _large_bias(prepared: Prepared, found: Uncertainty) -> list[str]:
     notes = []
     liner = found.liner
     for f, bias, error in zip(
-        ready.frequency.tolist(), liner.bias.tolist(), liner.standard_error.tolist(), strict=True
+        prepared.frequency.tolist(), liner.bias.tolist(), liner.standard_error.tolist(), strict=True
     ):
         if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
             notes.append(
-                f"{ready.plane.name}: the mean of the probes' admittances is off by about "
+                f"{prepared.plane.name}: the mean of the probes' admittances is off by about "
                 f"{bias.real:+.2g}{bias.imag:+.2g}j in Z at {f:g} Hz, more than its standard "
                 "error, because each probe's record is short; the interval is without that bias, "
                 "the value is not"
@@ -153,19 +150,19 @@ def _large_bias(ready: Prepared, found: Uncertainty) -> list[str]:
     return notes
 
 
-def _one_row(ready: Prepared, found: Uncertainty) -> list[str]:
-    rule = ready.chosen.resample
+def _one_row(prepared: Prepared, found: Uncertainty) -> list[str]:
+    rule = prepared.chosen.resample
     if rule == "time" or found.settings["resampled"] != "time":
         return []
-    count = int(_rows(ready).max()) + 1
+    count = int(_rows(prepared).max()) + 1
     one, many = ("cell", "cells") if rule == "time-cells" else ("row along z", "rows along z")
     reason = f"finds one {one}" if count == 1 else f"finds {count} {many} that move as one"
-    return [f"{ready.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
+    return [f"{prepared.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
 
 
-def _labels(ready: Prepared) -> dict[str, tuple[Tensor, int]]:
+def _labels(prepared: Prepared) -> dict[str, tuple[Tensor, int]]:
     """Groups of probes, -1 for none, and how many there are."""
-    plane, cells = ready.plane, ready.cells
+    plane, cells = prepared.plane, prepared.cells
     found = {
         "liner": (torch.zeros(plane.probes, dtype=torch.int64), 1),
         "cells": (cells.labels, cells.count),
@@ -173,25 +170,25 @@ def _labels(ready: Prepared) -> dict[str, tuple[Tensor, int]]:
     if len(plane.probe_shape) == 2:
         columns = plane.probe_shape[1]
         found["x"] = (torch.arange(plane.probes) % columns, columns)
-    if ready.chosen.resample != "time":
-        rows = _rows(ready)
+    if prepared.chosen.resample != "time":
+        rows = _rows(prepared)
         found["rows"] = (rows, int(rows.max()) + 1)
     return found
 
 
-def _rows(ready: Prepared) -> Tensor:
+def _rows(prepared: Prepared) -> Tensor:
     """Groups of probes that are alike: cells, rows of cells along z, or, without cells, rows.
 
     Rows of probes within one cell are not alike: each has its own place over the holes.
     """
-    cells, plane = ready.cells, ready.plane
-    if ready.chosen.resample == "time-cells":
+    cells, plane = prepared.cells, prepared.plane
+    if prepared.chosen.resample == "time-cells":
         return cells.labels
     centres = cells.z[torch.isfinite(cells.z)].unique()
     if len(centres) > 1:
         row = torch.searchsorted(centres, cells.z)
         return torch.where(cells.labels >= 0, row[cells.labels.clamp(min=0)], -1)
-    if len(plane.probe_shape) == 2 and ready.liner.cell_pitch is None:
+    if len(plane.probe_shape) == 2 and prepared.liner.cell_pitch is None:
         return torch.arange(plane.probes) // plane.probe_shape[1]
     return torch.zeros(plane.probes, dtype=torch.int64)
 
@@ -209,8 +206,8 @@ def _of_liner(groups: dict[str, Groups], how: Resampling, wide: int) -> Interval
     """(F,): blocks of time, or tiles of time and of ``wide`` rows or cells."""
     liner = groups["liner"]
     if not wide:
-        return _only(liner.interval(how))
+        return liner.interval(how).map(_only)
     bias = liner.bias(how)
     reflection = reflection_from_admittance(liner.mean - bias)
     tiled = how.over_tiles(groups["rows"].series, reflection[0], wide)
-    return _only(liner.with_bias(Interval(*(v[None] for v in vars(tiled).values())), bias))
+    return liner.with_bias(tiled.map(lambda value: value[None]), bias).map(_only)

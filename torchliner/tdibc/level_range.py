@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
 from torchliner.replay.kernels import BAND, KernelTable
 from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepared import Examined
 
 SMALL_SHARE = 1e-3  # of a recorded signal's energy
 
@@ -43,17 +44,19 @@ def review_signal(kernels: KernelTable, chosen: Choices, sent: Tensor | None) ->
     )
 
 
-def velocity_grid(examined: Sequence[Examined], liner: LinerModel, chosen: Choices) -> VelocityGrid:
+def velocity_grid(
+    planes: Sequence[VelocityPlane], surveys: Sequence[Survey], liner: LinerModel, chosen: Choices
+) -> VelocityGrid:
     """Levels over the range of all planes; the top is rounded up so that the tables, and with
     them the last digits of a probe, rarely depend on which other probes are in the data."""
-    top, fastest, plane = -1.0, 0, examined[0].plane
-    for one in examined:
-        peak = torch.maximum(one.seen.largest.abs(), one.seen.smallest.abs())
+    top, fastest, plane = -1.0, 0, planes[0]
+    for one, seen in zip(planes, surveys, strict=True):
+        peak = torch.maximum(seen.largest.abs(), seen.smallest.abs())
         if chosen.mean == "removed":
-            peak = peak + one.seen.mean.abs()
-        here = int(peak[: one.plane.probes].argmax())
+            peak = peak + seen.mean.abs()
+        here = int(peak[: one.probes].argmax())
         if float(peak[here]) > top:
-            top, fastest, plane = float(peak[here]), here, one.plane
+            top, fastest, plane = float(peak[here]), here, one
     limit = chosen.velocity_max
     table_limit = liner.speed_max
     if limit is None:
@@ -71,14 +74,11 @@ def velocity_grid(examined: Sequence[Examined], liner: LinerModel, chosen: Choic
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
 
-def kernel_band(
-    liner: LinerModel, examined: Sequence[Examined], chosen: Choices
-) -> tuple[float, float]:
-    """The kernel's band: as asked, or wide enough for all that is asked; within the liner's."""
+def kernel_band(liner: LinerModel, asked: Tensor, chosen: Choices) -> tuple[float, float]:
+    """As chosen, or wide enough for all frequencies (Hz, (F,)); within the liner's own range."""
     if chosen.band is not None:
         low, high = chosen.band
     else:
-        asked = torch.cat([one.frequency for one in examined])
         low, high = min(BAND[0], float(asked.min())), max(BAND[1], float(asked.max()))
         if chosen.incident is not None and chosen.incident.band is not None:
             low, high = min(low, chosen.incident.band[0]), max(high, chosen.incident.band[1])

@@ -1,4 +1,4 @@
-"""A plane after the first pass, and ready to be replayed."""
+"""A plane ready to be replayed."""
 
 from __future__ import annotations
 
@@ -25,48 +25,38 @@ Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Examined:
-    """A plane after the first pass.
+class Prepared:
+    """A plane after the first pass, with all that a replay needs.
 
     Args:
-        plane: as given.
+        plane, liner, chosen: as given.
         frequency: Hz, (F,).
         record: window and edge rule.
         cells: probes by cell; the cell averages follow the probes in every (P + C, ...) tensor.
         used: probes without faults, (P,).
-        seen: first pass, over probes and cell averages.
+        survey: first pass, over probes and cell averages.
         drive: |v| for the engines.
         sent: incident signal on the record, (n,); None for tones.
         blocks: of the record, for error bars; None where there are none.
-        notes: doubts so far.
+        grid: velocity levels.
+        kernels: None where no impulse response is needed.
+        notes: warnings so far.
     """
 
     plane: VelocityPlane
+    liner: LinerModel
+    chosen: Choices
     frequency: Tensor
     record: Record
     cells: Cells
     used: Tensor
-    seen: Survey
+    survey: Survey
     drive: DriveSpeed
     sent: Tensor | None
     blocks: Blocks | None
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Prepared(Examined):
-    """A plane ready to be replayed.
-
-    Args:
-        liner, chosen: as given.
-        grid: velocity levels.
-        kernels: None where no impulse response is needed.
-    """
-
-    liner: LinerModel
-    chosen: Choices
     grid: VelocityGrid
     kernels: KernelTable | None
+    notes: tuple[str, ...]
 
     @functools.cached_property
     def window_sums(self) -> WindowSums:
@@ -80,7 +70,7 @@ class Prepared(Examined):
     @property
     def velocity_amplitude(self) -> Tensor:
         """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
-        return self.window_sums.tone_amplitude(-self.seen.line)
+        return self.window_sums.tone_amplitude(-self.survey.line)
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (P + C, n), for the reference engine."""

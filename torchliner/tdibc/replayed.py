@@ -26,13 +26,13 @@ SAME_TONE = 1e-6  # relative
 class Replayed:
     """Sums of one pass, from which each phase rule gives a map without another pass."""
 
-    ready: Prepared
+    prepared: Prepared
     sums: LineSums
 
     @functools.cached_property
     def means(self) -> Means:
         """What the phase rules take, of probes and cell averages."""
-        return Means.of(self.sums, self.ready.window_sums)
+        return Means.of(self.sums, self.prepared.window_sums)
 
     def rule(
         self, phase: str, reference_phase: Any = None, coherent: tuple[Tensor, Tensor] | None = None
@@ -46,12 +46,12 @@ class Replayed:
         Raises:
             ValueError: as ``map``.
         """
-        ready, device = self.ready, self.sums.forward.device
-        psi = _reference_phase(ready, phase, reference_phase)
-        velocity, coherence = coherent or (ready.velocity_amplitude, ready.seen.coherence)
+        prepared, device = self.prepared, self.sums.forward.device
+        psi = _reference_phase(prepared, phase, reference_phase)
+        velocity, coherence = coherent or (prepared.velocity_amplitude, prepared.survey.coherence)
         return phase_rule(phase)(
-            velocity.to(device), coherence.to(device), ready.chosen.minimum_coherence,
-            None if coherent else ready.seen.segments, None if psi is None else psi.to(device),
+            velocity.to(device), coherence.to(device), prepared.chosen.minimum_coherence,
+            None if coherent else prepared.survey.segments, None if psi is None else psi.to(device),
         )  # fmt: skip
 
     def map(self, phase: str = "averaged", reference_phase: Any = None) -> ImpedanceMap:
@@ -63,34 +63,36 @@ class Replayed:
         Raises:
             ValueError: the phase is missing, not asked for, or of a wrong shape.
         """
-        ready, rule = self.ready, self.rule(phase, reference_phase)
+        prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
-        wall, wall_notes = find_walls(ready)
-        uncertainty, notes = None, [*ready.notes, *rule.notes(ready.plane.probes)]
+        wall, wall_notes = find_walls(prepared)
+        uncertainty, notes = None, [*prepared.notes, *rule.notes(prepared.plane.probes)]
         if self._keeps_blocks(rule):
             with torch.no_grad():
                 uncertainty = uncertainty_of(
-                    ready, reflection.detach(), self._deviations(rule), wall
+                    prepared, reflection.detach(), self._deviations(rule), wall
                 )
-            notes += review_uncertainty(ready, uncertainty)
+            notes += review_uncertainty(prepared, uncertainty)
         notes += wall_notes
-        peak = 2 * ready.velocity_amplitude
-        return assemble(ready, phase, reflection, rule.held, peak, notes, uncertainty, wall)
+        peak = 2 * prepared.velocity_amplitude
+        return assemble(prepared, phase, reflection, rule.held, peak, notes, uncertainty, wall)
 
     def _keeps_blocks(self, rule: PhaseRule) -> bool:
         """Whether sums and survey kept the blocks that error bars under this rule need."""
-        ready, of_rms = self.ready, self.ready.chosen.drive == "rms"
+        prepared, of_rms = self.prepared, self.prepared.chosen.drive == "rms"
         missing = self.sums.blocks is None and not of_rms
         needs_survey = rule.needs_velocity or of_rms
-        return ready.blocks is not None and not (
-            missing or (needs_survey and ready.seen.blocks is None)
+        return prepared.blocks is not None and not (
+            missing or (needs_survey and prepared.survey.blocks is None)
         )
 
     def _deviations(self, rule: PhaseRule) -> Callable[[slice], Tensor]:
-        return functools.partial(block_deviations, self.ready, self.sums.blocks, rule, self.means)
+        return functools.partial(
+            block_deviations, self.prepared, self.sums.blocks, rule, self.means
+        )
 
 
-def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
+def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:
     """psi of probes and cells, (P + C, F or 1); a cell's is the mean direction of the probes'."""
     if not phase_rule(rule).takes_phase:
         if phase is not None:
@@ -101,13 +103,13 @@ def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
     values = real_tensor(phase).cpu()
     if not bool(torch.isfinite(values).all()):
         raise ValueError("reference_phase holds values that are not finite; it is in rad")
-    shape, count = ready.plane.probe_shape, len(ready.frequency)
+    shape, count = prepared.plane.probe_shape, len(prepared.frequency)
     for candidate in (shape, (*shape, count)):
         try:
-            psi = values.broadcast_to(candidate).reshape(ready.plane.probes, -1)
+            psi = values.broadcast_to(candidate).reshape(prepared.plane.probes, -1)
         except RuntimeError:
             continue
-        weights = ready.cells.membership(ready.used).to(torch.complex128)
+        weights = prepared.cells.membership(prepared.used).to(torch.complex128)
         cells = (weights.T @ torch.exp(1j * psi)).angle()
         return torch.cat([psi, cells])
     raise ValueError(
@@ -116,35 +118,35 @@ def _reference_phase(ready: Prepared, rule: str, phase: Any) -> Tensor | None:
     )
 
 
-def find_walls(ready: Prepared) -> tuple[Tensor | None, list[str]]:
+def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
     """Probes whose squared coherence with the tone is below ``wall_filter``, and what to say.
 
     Args:
-        ready: prepared plane.
+        prepared: prepared plane.
     Returns:
         (P, F) bool, None without a filter; notes with the share of such probes.
     Source: Roncen et al. (2026), section 7.2, which names no threshold and no estimator; the
         coherence here is that of ``survey``, over segments of two periods.
     """
-    limit = ready.chosen.wall_filter
+    limit = prepared.chosen.wall_filter
     if limit is None:
         return None, []
-    probes, segments = ready.plane.probes, ready.seen.segments
-    kept = ready.used.to(ready.seen.coherence.device)
-    wall = (ready.seen.coherence[:probes] < limit) & kept[:, None]
+    probes, segments = prepared.plane.probes, prepared.survey.segments
+    kept = prepared.used.to(prepared.survey.coherence.device)
+    wall = (prepared.survey.coherence[:probes] < limit) & kept[:, None]
     counts = wall.sum(0)
     chance = (1 - limit) ** (segments - 1)
     notes = []
-    for f, count in zip(ready.frequency.tolist(), counts.tolist(), strict=True):
+    for f, count in zip(prepared.frequency.tolist(), counts.tolist(), strict=True):
         total = int(kept.sum())
         text = (
             f"wall filter: {count} of {total} probes ({100 * count / total:.3g} %) of "
-            f"{ready.plane.name} have a squared coherence below {limit:g} with {f:g} Hz and count "
-            "as wall, admittance 0, in the averages over probes; those with velocity first are as "
-            f"without the filter. Without any tone {100 * chance:.2g} % of probes would pass it, "
+            f"{prepared.plane.name} have a squared coherence below {limit:g} with {f:g} Hz and "
+            "count as wall, admittance 0, in the averages over probes; those with velocity first are "
+            f"as without the filter. Without any tone {100 * chance:.2g} % of probes would pass it, "
             f"with {segments} segments"
         )
-        tone = ready.plane.frequency
+        tone = prepared.plane.frequency
         if tone is not None and abs(f / tone - 1) > SAME_TONE:
             text += f"; the tone of the data is {tone:g} Hz, so this filters turbulence, not sound"
         notes.append(text)

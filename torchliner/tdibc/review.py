@@ -1,4 +1,4 @@
-"""Doubts about the data, with numbers: refusals raise, the rest is returned as notes."""
+"""Warnings about the data, with numbers: refusals raise, the rest is returned as notes."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _whole_cut(record: Record, frequency: float) -> str:
 
 
 def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
-    """Whether liner and data speak of the same gas."""
+    """Whether liner and data state the same gas."""
     gas = liner.fluid
     if gas is None:
         return []
