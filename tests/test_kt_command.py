@@ -111,12 +111,13 @@ def solved_files(tmp_path_factory):
     text = duct_text("b2a").replace("start = -0.300", "start = -0.06")
     (folder / "b2a.toml").write_text(text.replace("end = 0.450", "end = 0.21"))
     for side in ("upstream", "downstream"):
-        arguments = ["duct", "solve", str(folder / "b2a.toml"), "--source-side", side, "--end-reflection", "0.1+0.05j",
-                     "-o", str(folder / f"{side}.h5"), "--quiet"]  # fmt: skip
-        assert main(arguments) == 0
+        solve = ["duct", "solve", str(folder / "b2a.toml"), "--source-side", side, "--quiet"]
+        written = str(folder / f"{side}.h5")
+        assert main([*solve, "--end-reflection", "0.1+0.05j", "-o", written]) == 0
     return folder
 
 
+@pytest.mark.slow
 def test_fit_of_the_field(solved_files, capsys):
     """Both sides of a duct whose end is not known: one impedance, and the end as a number."""
     names = [str(solved_files / f"{side}.h5") for side in ("upstream", "downstream")]
@@ -151,6 +152,7 @@ def test_fit_of_the_field(solved_files, capsys):
     assert "2.330-0.300j" in text
 
 
+@pytest.mark.slow
 def test_a_rigid_wall_in_the_table(tmp_path, capsys):
     """No number of seven digits with an error of 0."""
     path, duct = str(tmp_path / "rigid.h5"), str(tmp_path / "mine.toml")

@@ -8,7 +8,7 @@ from inspect import signature
 from typing import TYPE_CHECKING
 
 from torchliner.cli.files import check_files
-from torchliner.cli.options import CASE, stated
+from torchliner.cli.options import CASE, dest, stated
 from torchliner.names import PLANE_LAYOUTS, resolve
 
 if TYPE_CHECKING:
@@ -50,9 +50,7 @@ OPTIONS = {
         "--scale-velocity FACTOR": {"default": 1.0, "help": "of velocities; default 1"},
     },
 }  # fmt: skip
-ABOUT = (
-    "height frequency incident_level mach displacement_thickness source_side liner title"
-).split()
+ABOUT = ["height", *map(dest, CASE)]
 
 
 def run(options: argparse.Namespace) -> int:

@@ -43,11 +43,9 @@ def check_files(
         ValueError: an output is an input or another output, or ends in something else.
         OSError: its folder is missing.
     """
-    stated_figure = getattr(options, "figure", None)
-    require_ending(stated_figure, PICTURES, "--figure")
-    output = getattr(options, "output", None)
+    output, figure = getattr(options, "output", None), getattr(options, "figure", None)
     taken = {Path(path).resolve() for path in inputs if path is not None}
-    for path in (*([output] if outputs is None else outputs), stated_figure):
+    for path in (*([output] if outputs is None else outputs), figure):
         if path is None:
             continue
         if path.resolve() in taken:
@@ -55,6 +53,7 @@ def check_files(
         if not path.parent.is_dir():
             raise OSError(f"{path}: the folder {path.parent} does not exist")
         taken.add(path.resolve())
+    require_ending(figure, PICTURES, "--figure")
     if endings:
         require_ending(output, endings, "--output")
 
