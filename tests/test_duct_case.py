@@ -14,7 +14,7 @@ import torchliner as tl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.rigid_spectrum import cut_on_frequency
 from torchliner.flow_profiles import TanhProfile, UniformProfile
-from torchliner.lee import swept as lee_swept
+from torchliner.lee import sweep as lee_sweep
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.solver import DuctSolver, solve_duct
 
@@ -239,7 +239,7 @@ def test_solver_refusals():
 @pytest.mark.parametrize("keep", ["walls", "all"])
 def test_memory_is_what_is_kept(keep, monkeypatch):
     """One frequency swept at a time: the guard's bytes are those of the tensors, one sweep more."""
-    monkeypatch.setattr(lee_swept, "AT_ONCE", 1)
+    monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
     case, frequency = case_of(), [800.0, 1000.0, 1200.0]
     mesh = build_mesh(case, 1200.0, degree=2)
     swept = DuctSolver(case, frequency, mesh, keep=keep)._swept

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import warnings
 
 import pytest
@@ -10,6 +11,7 @@ import torch
 
 import torchliner as tl
 from torchliner.duct.presets import duct_text, load_duct
+from torchliner.lee.mesh import build_mesh
 from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
 from torchliner.wall_field import impedance_search as field_search
@@ -33,21 +35,29 @@ def solved_setup(*frequency, side="upstream", **changes):
     )  # fmt: skip
 
 
-def heard_in(setup, wall):
+def solver_of(setup):
+    """On a mesh that is fine enough for sound: the same equations make pressures and fit them."""
+    mesh = build_mesh(setup.case, float(setup.frequency.max()), column=0.03, row=0.0125)
+    return DuctSolver(setup.case, setup.frequency, mesh, keep="walls")
+
+
+def heard_in(setup, wall, solver=None):
     """Pressures of a wall in a duct, and the duct's solver."""
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = solver or solver_of(setup)
     return solved_line(setup, solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
 
 
+@functools.cache
 def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
     """A small duct, its solver and the pressures of one impedance."""
     return heard_in(solved_setup(*frequency, side=side, **changes), impedance)
 
 
+@functools.cache
 def of_preset(side, frequency, wall):
     """The preset between nearer ends, its solver and the pressures of a wall."""
     setup = load_duct("b2a", start=-0.2, end=0.35, frequency=[frequency], source_side=side)
-    return heard_in(setup, wall)
+    return heard_in(setup, wall, DuctSolver(setup.case, setup.frequency, keep="walls"))
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +79,9 @@ def test_the_impedance_that_made_the_pressures_comes_back(upstream):
 def test_level_and_phase_of_the_source_do_not_matter(upstream):
     """The same pressures times any complex number: the same Z, the amplitude times it."""
     line, solver = upstream
-    plain = fit_field(line, solver)
+    plain = fit_field(line, solver, start=1.0)
     turned = dataclasses.replace(line, pressure=line.pressure * (0.3 - 2.1j))
-    found = fit_field(turned, solver)
+    found = fit_field(turned, solver, start=1.0)
     assert float((found.impedance - plain.impedance).abs().max()) < 1e-8
     assert float((found.amplitude / plain.amplitude - (0.3 - 2.1j)).abs().max()) < 1e-8
 
@@ -88,8 +98,8 @@ def test_both_sides_give_one_impedance_where_one_mode_does_not():
     assert abs(modes[0] - modes[1]) > 0.1
 
 
-def test_draws_are_as_if_fitted_alone(upstream):
-    line, solver = upstream
+def test_draws_are_as_if_fitted_alone():
+    line, solver = solved(frequency=(1500.0,))
     both = torch.stack([line.pressure, line.pressure * (1 + 0.01j * torch.arange(18)[:, None])])
     together = fit_field(dataclasses.replace(line, pressure=both), solver)
     for i in range(2):
@@ -102,7 +112,7 @@ def test_a_duct_that_is_not_the_measured_one_says_so(upstream):
     _, blind = upstream
     line, _ = solved(end_reflection=(0.2, 0.0))
     with pytest.warns(tl.DataWarning, match=r"at 900 Hz the residuals are .* times the stated"):
-        found = fit_field(line, blind, far_end="stated")
+        found = fit_field(line, blind, far_end="stated", start=2.0)
     assert float(found.misfit.min()) > 3
 
 
@@ -113,7 +123,7 @@ def test_a_fitted_far_end_needs_no_knowledge_of_it(side, reflection):
     the amplitude."""
     _, blind = solved(side)
     line, _ = solved(side, end_reflection=reflection, source_reflection=(0.1, 0.4))
-    found = fit_field(line, blind)
+    found = fit_field(line, blind, start=1.0)
     assert float((found.impedance - TRUE).abs().max()) < 1e-7
     assert float((found.end_reflection - complex(*reflection)).abs().max()) < 1e-7
     assert float(found.residual.max()) < 1e-9
@@ -163,7 +173,7 @@ def test_a_wall_that_varies_linearly_comes_back(side):
     """Mean and rise, with an end that is not known; one impedance is off and says so."""
     frequency = [900.0, 1500.0]
     setup = solved_setup(*frequency, side=side, end_reflection=(0.1, 0.2))
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = solver_of(setup)
     rise = 0.8 - 0.3j
 
     def wall(x, _):
@@ -171,14 +181,14 @@ def test_a_wall_that_varies_linearly_comes_back(side):
 
     line = solved_line(setup, solver.solve(wall))
     _, blind = solved(side)
-    found = fit_field(line, blind, variation="linear")
+    found = fit_field(line, blind, variation="linear", start=1.0)
     assert float((found.impedance - TRUE).abs().max()) < 1e-6
     assert float((found.rise - rise).abs().max()) < 1e-6
     assert float((found.end_reflection - (0.1 + 0.2j)).abs().max()) < 1e-6
     x = torch.linspace(0, 0.15, 20_001, dtype=torch.float64)
     average = 1 / torch.trapezoid(1 / wall(x, None), dx=1 / 20_000)
     assert float((found.liner_impedance - average).abs().max()) < 1e-6
-    one = fit_field(line, blind)
+    one = fit_field(line, blind, start=1.0)
     assert float((one.liner_impedance - one.impedance).abs().max()) == 0
     assert float((one.impedance - TRUE).abs().max()) > 0.05
     assert float(one.misfit.max()) > 3
@@ -188,7 +198,7 @@ def test_a_wall_that_varies_linearly_comes_back(side):
 @pytest.mark.parametrize("wall", [0.0, 1e-3, 0.05 - 0.2j, 50.0, 0.05 - 8j, 0.3 + 0.9j])
 def test_walls_at_the_ends_of_the_range(wall):
     """Soft, hard and reactive walls, with no guess and no doubt of a trial passed on."""
-    line, solver = solved(impedance=wall, frequency=[1500.0])
+    line, solver = solved(impedance=wall, frequency=(1500.0,))
     with warnings.catch_warnings():
         warnings.simplefilter("error", tl.DataWarning)
         found = fit_field(line, solver)
@@ -293,9 +303,11 @@ def test_several_patches_are_refused():
         fit_field(line, solver)
 
 
-def test_the_duct_of_a_line(tmp_path, upstream):
+def test_the_duct_of_a_line(tmp_path):
     """From a file: the frequencies are the line's, the wall of the microphones the file's."""
-    line, _ = upstream
+    setup = solved_setup(900.0, 1500.0)
+    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    line, _ = heard_in(setup, TRUE, solver)
     text = (
         duct_text("b2a").replace('profile = "tanh"', 'profile = "uniform"')
         .replace("shear = 0.1 ", "# ").replace("start = -0.300", "start = -0.12")
@@ -305,4 +317,5 @@ def test_the_duct_of_a_line(tmp_path, upstream):
     found, wall = duct_of_line(line, tmp_path / "mine.toml")
     assert wall == "lined"
     assert found.frequency.tolist() == line.frequency.tolist()
-    assert complex(fit_field(line, found).impedance[0]) == pytest.approx(TRUE, abs=1e-6)
+    fitted = fit_field(line, found, start=1.0)
+    assert complex(fitted.impedance[0]) == pytest.approx(TRUE, abs=1e-6)

@@ -13,7 +13,7 @@ import torchliner as tl
 
 SPACING, HEIGHT, MACH, KELVIN = 0.055, 0.02, 0.25, 295.15
 SPEED = tl.Fluid.from_temperature(KELVIN).sound_speed
-FREQUENCY = np.arange(300.0, 1500.0, 100.0)
+FREQUENCY = np.arange(300.0, 1500.0, 200.0)
 NAMES = [
     *("Mach-Number upstream", "Mach-Number downstream"),
     *("temperature upstream", "temperature downstream", "f"),

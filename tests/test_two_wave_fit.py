@@ -101,18 +101,18 @@ def test_ties_and_drawn_errors():
     """Deviations: drawn ones are the scatter of realisations, and a tie lowers them. The mean is
     unbiased within its own error; that of Kumaresan and Tufts need not be."""
     pressure = both_ways()[0]
-    scatter = two_wave_fit(noisy(pressure, 400, seed=1)).impedance
+    scatter = two_wave_fit(noisy(pressure, 300, seed=1)).impedance
     one = noisy(pressure, 1, seed=2)
     line = dataclasses.replace(one, pressure=one.pressure[0])
-    found = two_wave_fit(line, draws=400, generator=torch.Generator().manual_seed(3))
+    found = two_wave_fit(line, draws=300, generator=torch.Generator().manual_seed(3))
     for part in ("real", "imag"):
         drawn, seen = getattr(found.standard_deviation, part), getattr(scatter, part).std(0)
-        # 3.5 % for each deviation from 400 values; the slope at a noisy line differs by a few %.
+        # 4 % for each deviation from 300 values; the slope at a noisy line differs by a few %.
         assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
         bias = getattr(scatter.mean(0) - WALLS, part).abs()
-        assert bool((bias < 4 * seen / 20).all())
-    free = two_wave_fit(line, tied=False, draws=400)
-    others = kumaresan_tufts(line, draws=400)
+        assert bool((bias < 4 * seen / math.sqrt(300)).all())
+    free = two_wave_fit(line, tied=False, draws=100)
+    others = kumaresan_tufts(line, draws=100)
     assert bool((found.standard_deviation.abs() < free.standard_deviation.abs()).all())
     assert bool((found.standard_deviation.abs() < others.standard_deviation.abs()).all())
 
@@ -146,8 +146,8 @@ def test_batch_is_the_loop():
     line = noisy(both_ways()[0], 4, seed=5)
     together = two_wave_fit(line)
     assert together.modes.shape == (4, 2, 3)
-    for i in range(4):
-        for f in range(3):
+    for i in (0, 3):
+        for f in (0, 2):
             alone = two_wave_fit(
                 dataclasses.replace(
                     line, pressure=line.pressure[i, :, f : f + 1], frequency=FREQUENCY[f : f + 1]

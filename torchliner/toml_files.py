@@ -105,6 +105,22 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
 
 
+def preset_or_file(
+    package: str, name: str | Path, kind: str, endings: str
+) -> tuple[dict[str, Any], Path]:
+    """Content of a preset, or of a file of the user's own, which ends in .toml; and its path.
+
+    Raises:
+        ValueError: no such preset, or no valid TOML.
+        FileNotFoundError: no such file.
+    """
+    path = Path(name)
+    if path.suffix.lower() == ".toml":
+        return parse_toml(read_text(path), path), path
+    path = Path(f"{name}.toml")
+    return parse_toml(preset_text(package, str(name), kind, endings), path), path
+
+
 def validated(
     model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]
 ) -> Table:

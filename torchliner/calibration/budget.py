@@ -16,6 +16,7 @@ from torchliner.units import parse_tolerance
 
 OF_PLACES = ("probes", "cells", "cells_velocity_first")  # and not of the whole liner
 
+
 @dataclass(frozen=True, eq=False)
 class Contribution:
     """One line of a budget: change of Z for one standard uncertainty of a parameter."""

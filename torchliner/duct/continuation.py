@@ -66,8 +66,8 @@ def follow_roots(
         guess = z + move
         there = function(guess, ahead, todo)
         bend = (move * now.curvature / now.slope).abs()
-        doubt = (there.value * there.curvature / there.slope**2).abs()
-        good = (bend <= REACH) & (doubt <= KANTOROVICH)  # nan is not
+        number = (there.value * there.curvature / there.slope**2).abs()
+        good = (bend <= REACH) & (number <= KANTOROVICH)  # nan is not
         kept = todo[good]
         root[kept] = _newton(function, guess[good], ahead[good], kept, CORRECTIONS)
         place[kept] = ahead[good]

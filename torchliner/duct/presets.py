@@ -13,23 +13,15 @@ import torch
 from pydantic import Field, field_validator
 from torch import Tensor
 
-from torchliner import toml_files
+from torchliner import flow_profiles, toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.tables import impedance_along, impedance_table, velocity_table
-from torchliner.flow_profiles import (
-    LawOfTheWallProfile,
-    MeanFlow,
-    ParabolicProfile,
-    TabulatedProfile,
-    TanhProfile,
-    UniformProfile,
-)
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
-from torchliner.toml_files import FluidTable, Strict, one_of, parse_toml, read_text, validated
+from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
 
-PACKAGE = "torchliner.duct"
+PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
 
 
@@ -148,6 +140,13 @@ class DuctFile(Strict):
 TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound": SoundTable,
           "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
 
+PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
+    "uniform": flow_profiles.UniformProfile,
+    "parabolic": flow_profiles.ParabolicProfile,
+    "tanh": flow_profiles.TanhProfile,
+    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
+}
+
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),
             "profile": ("shear", "allow_thin", "file")}  # fmt: skip
@@ -165,7 +164,7 @@ def duct_text(name: str) -> str:
     Raises:
         ValueError: no such preset; the nearest is named.
     """
-    return toml_files.preset_text(PACKAGE, name, "duct", ".toml")
+    return toml_files.preset_text(PACKAGE, name, *KIND)
 
 
 def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
@@ -176,19 +175,13 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         changes: values that replace those of the file, by the names of its keys: ``bulk_mach``,
             ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...;
             complex numbers may be such, one impedance stands for that of the only patch. A new
-            ``profile`` drops the parts of the old one, a new
-            ``impedance`` the ``impedance_file``.
+            ``profile`` drops the parts of the old one, ``impedance`` the ``impedance_file``.
     Raises:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
             listed; a duct that cannot be.
         FileNotFoundError: no such file.
     """
-    path = Path(name)
-    own = path.suffix.lower() == ".toml"
-    text = read_text(path) if own else duct_text(str(name))
-    if not own:
-        path = Path(f"{name}.toml")
-    content = parse_toml(text, path)
+    content, path = preset_or_file(PACKAGE, name, *KIND)
     _change(content, changes, path)
     file = validated(DuctFile, content, path, TABLES)
     try:
@@ -231,20 +224,22 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
     fluid, sound, duct = file.fluid.build(), file.sound, file.duct
     profile = _profile(file.flow, duct.height, fluid, path)
     impedance = _impedance(sound, duct, path)
+    slips = float(profile.mach(0.0)) > 0
     case = DuctCase(
         profile, duct.start, duct.end, duct.liner, source=sound.source_side,
         incident=pressure_amplitude_from_spl(sound.level),
         end_reflection=complex(*sound.end_reflection),
         source_reflection=complex(*sound.source_reflection), density=fluid.density,
-        slip_condition=file.flow.slip_condition or ("ingard-myers" if _slips(profile) else None),
+        slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
     )  # fmt: skip
     microphones = file.microphones.places()
-    for number, x in enumerate(microphones.tolist()):
-        if not case.start <= x <= case.end:
-            raise ValueError(
-                f"microphone {number} at x = {x:g} m lies outside the duct, {case.start:g} to "
-                f"{case.end:g} m; move it, or the duct's ends (start, end)"
-            )
+    outside = ((microphones < case.start) | (microphones > case.end)).nonzero()[:, 0]
+    if len(outside):
+        number = int(outside[0])
+        raise ValueError(
+            f"microphone {number} at x = {float(microphones[number]):g} m lies outside the duct, "
+            f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
+        )
     return DuctSetup(
         name=file.name or path.stem,
         case=case,
@@ -258,35 +253,23 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
     )
 
 
-def _slips(profile: MeanFlow) -> bool:
-    return float(profile.mach(0.0)) > 0
-
-
-def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> MeanFlow:
+def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
     for kind, key in (("tanh", "shear"), ("tanh", "allow_thin"), ("table", "file")):
         if getattr(flow, key) and flow.profile != kind:
             raise ValueError(f"flow {key} is for profile {kind!r}, not {flow.profile!r}")
-    if flow.profile == "uniform" or flow.bulk_mach == 0:
-        return UniformProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
-    if flow.profile == "parabolic":
-        return ParabolicProfile(flow.bulk_mach, height, sound_speed=fluid.sound_speed)
-    if flow.profile == "tanh":
-        return TanhProfile(
-            flow.bulk_mach, height, flow.shear or 0.1, sound_speed=fluid.sound_speed,
-            allow_thin=flow.allow_thin,
-        )  # fmt: skip
-    if flow.profile == "law-of-the-wall":
-        return LawOfTheWallProfile(
-            flow.bulk_mach, height, sound_speed=fluid.sound_speed,
-            kinematic_viscosity=fluid.kinematic_viscosity,
-        )  # fmt: skip
+    kind = "uniform" if flow.bulk_mach == 0 else flow.profile
+    about: dict[str, Any] = {"sound_speed": fluid.sound_speed}
+    if kind == "tanh":
+        about |= {"shear": flow.shear or 0.1, "allow_thin": flow.allow_thin}
+    if kind == "law-of-the-wall":
+        about["kinematic_viscosity"] = fluid.kinematic_viscosity
+    if kind != "table":
+        return PROFILES[kind](flow.bulk_mach, height, **about)
     if flow.file is None:
         raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
     y, speed = velocity_table(path.parent / flow.file)
     try:
-        return TabulatedProfile(
-            y, speed, height, bulk_mach=flow.bulk_mach, sound_speed=fluid.sound_speed
-        )
+        return flow_profiles.TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 
@@ -295,25 +278,23 @@ def _impedance(
     sound: SoundTable, duct: DuctTable, path: Path
 ) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
     patches = len(duct.liner)
+    if sound.impedance is None and sound.impedance_file is None and patches == 0:
+        return torch.empty(0, dtype=torch.complex128)
     if (sound.impedance is None) == (sound.impedance_file is None):
-        if sound.impedance is None and patches == 0:
-            return torch.empty(0, dtype=torch.complex128)
         raise ValueError("sound needs either impedance or impedance_file")
-    if sound.impedance is not None:
-        if len(sound.impedance) != patches:
-            raise ValueError(
-                f"sound has {len(sound.impedance)} impedances for {patches} lined patches"
-            )
-        values = [math.inf if pair == "rigid" else complex(*pair) for pair in sound.impedance]
+    if sound.impedance_file is None:
+        walls = sound.impedance or []
+        if len(walls) != patches:
+            raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches")
+        values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls]
         return torch.tensor(values, dtype=torch.complex128)
-    assert sound.impedance_file is not None
     if patches == 0:
         raise ValueError(
             "sound has an impedance_file, the duct no liner; state one or leave it out"
         )
     file = path.parent / sound.impedance_file
-    x, walls = impedance_table(file, duct.liner, duct.start, duct.end)
+    x, stations = impedance_table(file, duct.liner, duct.start, duct.end)
     try:
-        return impedance_along(x, walls)
+        return impedance_along(x, stations)
     except ValueError as error:
         raise ValueError(f"{file.name}: {error}") from error

@@ -63,8 +63,8 @@ def duct_of(
 ) -> tuple[Duct, Tensor]:
     """The duct and the first argument in float64, broadcast against each other, checked."""
     require_choice("condition", condition, CONDITIONS)
-    given = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed}
-    reals = {name: real_tensor(value).to(first.device) for name, value in given.items()}
+    stated = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed}
+    reals = {name: real_tensor(value).to(first.device) for name, value in stated.items()}
     for name, value in reals.items():
         bad = ~((value.detach() > 0) & torch.isfinite(value.detach()))
         if bool(bad.any()):

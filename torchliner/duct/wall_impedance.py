@@ -1,4 +1,4 @@
-"""The impedance of a duct's wall as it enters the equations: as a reflection, with its doubts."""
+"""The impedance of a duct's wall as it enters the equations: as a reflection."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
     """Whether the wall condition is Ingard-Myers'; either is the same where the flow does not slip.
 
     Raises:
-        ValueError: the profile slips along the wall y = 0 and nobody said what holds there.
+        ValueError: the profile slips along the wall y = 0 and no condition is stated.
     """
     if slip_condition is not None:
         require_choice("slip condition", slip_condition, CONDITIONS)

@@ -21,14 +21,14 @@ from torch import Tensor
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import PressureRecord
 
-NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth cannot be told from zero
-DOUBTFUL_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
+NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
+LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 
 
 def mouth_velocity_ratio(
     record: PressureRecord, frequency: Tensor, losses: str = "none"
 ) -> tuple[Tensor, list[str]]:
-    """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and doubts about it.
+    """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings.
 
     Raises:
         ValueError: it is zero at a frequency: the mouth is a velocity node.
@@ -58,7 +58,7 @@ def mouth_velocity_ratio(
                 "frequency further off"
             )
         gain = abs(math.pi * turn / math.tan(math.pi * turn))
-        if gain > DOUBTFUL_GAIN:
+        if gain > LARGE_GAIN:
             notes.append(
                 f"{record.name}: {f:g} Hz lies near a velocity node of the cavity's mouth, "
                 f"{f * max(order, 1) / turn:.6g} Hz; 1 % in depth or sound speed is {gain:.3g} % "

@@ -33,7 +33,7 @@ from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
-SILENT = 1e-9  # of a signal's largest value: no tone
+NO_TONE = 1e-9  # of a signal's largest value: no tone
 FEWEST_PERIODS = 4.0
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
@@ -177,13 +177,13 @@ def _amplitudes(
         signal = getattr(record, label).reshape(count, -1)
         lines = segment_amplitudes(signal, frequency, record.sampling_rate, **options)
         largest = signal.abs().amax(-1).cpu().to(torch.float64)
-        silent = lines.abs().amax(0) <= SILENT * largest[:, None]
-        if bool(silent.any()):
-            row, column = silent.nonzero()[0].tolist()
+        quiet = lines.abs().amax(0) <= NO_TONE * largest[:, None]
+        if bool(quiet.any()):
+            row, column = quiet.nonzero()[0].tolist()
             what = "is zero" if float(largest[row]) == 0 else "has no tone"
             raise ValueError(
                 f"{record.name}: {label} pressure {what} at {float(frequency[column]):g} Hz in "
-                f"{int(silent.any(-1).sum())} of {count} signals, the first is {row}; "
+                f"{int(quiet.any(-1).sum())} of {count} signals, the first is {row}; "
                 f"{'Z would be' if label == 'facesheet' else 'nothing can be divided by'} zero"
             )
         found.append(lines)

@@ -27,7 +27,7 @@ from torchliner.conversions import impedance_from_reflection, spl_from_pressure_
 from torchliner.in_situ_method.dean import frequencies_of
 from torchliner.records import PressureRecord
 from torchliner.records.pressure_record import require_record
-from torchliner.signals.plane_waves import DOUBTFUL, best_pair, split_waves
+from torchliner.signals.plane_waves import LARGE_CONDITION, best_pair, split_waves
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 BIAS = 0.05  # of R: what two waves leave, times the condition number
@@ -46,7 +46,7 @@ class WaveDecomposition:
             microphones without velocities, which two waves always fit.
         condition: condition number of the equations, (F,): errors of the microphones grow by it.
         microphones: indices of those that were used.
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
     """
 
     name: str
@@ -92,7 +92,7 @@ def decompose_waves(
         window, segment, start, allow_short: as for ``in_situ``.
     Raises:
         ValueError: microphones are missing, too few, coincide or are half a wavelength apart; one
-            is silent; the record is too short; a frequency is at or above Nyquist.
+            has no pressure; the record is too short; a frequency is at or above Nyquist.
     Warns:
         DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
     """
@@ -110,10 +110,8 @@ def decompose_waves(
 
     pressure = lines(record.microphones)
     if not bool((pressure.abs().amax(0) > 0).all()):
-        silent = chosen[int((pressure.abs().amax(0) == 0).any(-1).nonzero()[0])]
-        raise ValueError(
-            f"{record.name}: the pressure of microphone {silent} is zero; leave it out"
-        )
+        first = chosen[int((pressure.abs().amax(0) == 0).any(-1).nonzero()[0])]
+        raise ValueError(f"{record.name}: the pressure of microphone {first} is zero; leave it out")
     fluid = record.fluid
     # Stored along +y, away from the surface; the waves' velocity is that into it.
     inward = None
@@ -168,7 +166,7 @@ def _notes(
     notes = []
     bias = residual * condition
     bad, poor = int(condition.argmax()), int(bias.argmax())
-    if float(condition[bad]) > DOUBTFUL:
+    if float(condition[bad]) > LARGE_CONDITION:
         span = 1e3 * float(places.max() - places.min())
         notes.append(
             f"{record.name}: {name} over {span:.3g} mm have a condition number of "

@@ -39,6 +39,16 @@ class Column:
     out: dict[str, Tensor]
     blocks: dict[tuple[str, str], Tensor]
 
+    @property
+    def points(self) -> int:
+        """n; waves against the flow, up and down are n each."""
+        return (self.elements.interior.shape[-1] - self.elements.along) // 3
+
+    @property
+    def open_waves(self) -> int:
+        """How many come from the wall: n of a lined column, else none."""
+        return self.points if self.lined else 0
+
 
 def condense_column(
     k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool

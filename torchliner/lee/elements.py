@@ -89,31 +89,17 @@ def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[T
     mass_x = (width * torch.diag(basis.weights)).expand(count, -1, -1)
     one = torch.eye(basis.count).to(basis.nodes).expand(count, -1, -1)
     ahead, against = _kron(rows.mass + rows.flow, first), _kron(rows.mass - rows.flow, last)
-    up, down = (
-        _kron(first.expand(count, -1, -1), mass_x[0]),
-        _kron(last.expand(count, -1, -1), mass_x[0]),
-    )
+    up, down = (_kron(end.expand(count, -1, -1), mass_x[0]) for end in (first, last))
     right, left = _kron(one, last.T) / 2, _kron(one, first.T) / 2
-    top, bottom = (
-        _kron(last.T.expand(count, -1, -1), one[0]) / 2,
-        _kron(first.T.expand(count, -1, -1), one[0]) / 2,
-    )
-    still, silent = torch.zeros_like(ahead), torch.zeros_like(right)
-    incoming = [
-        [ahead, ahead, still],
-        [against, -against, still],
-        [up, still, up],
-        [down, still, -down],
-    ]
-    outgoing = [
-        [right, right, silent],
-        [left, -left, silent],
-        [top, silent, top],
-        [bottom, silent, -bottom],
-    ]
+    top, bottom = (_kron(end.T.expand(count, -1, -1), one[0]) / 2 for end in (last, first))
+    still, none = torch.zeros_like(ahead), torch.zeros_like(right)
+    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up],
+                [down, still, -down]]  # fmt: skip
+    outgoing = [[right, right, none], [left, -left, none], [top, none, top],
+                [bottom, none, -bottom]]  # fmt: skip
     if flow:
         incoming.insert(1, [still, still, _kron(rows.flow, first)])
-        outgoing.insert(1, [silent, silent, 2 * right])
+        outgoing.insert(1, [none, none, 2 * right])
     return (
         torch.cat([torch.cat(part, -2) for part in incoming], -1),
         torch.cat([torch.cat(part, -1) for part in outgoing], -2),

@@ -21,7 +21,6 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
 from torchliner.flow_profiles import MeanFlow
-from torchliner.lee.sweep import Ends
 
 GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
 RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
@@ -40,11 +39,6 @@ class EndModes:
     wavenumber: Tensor
     along: Tensor
     against: Tensor
-
-    @property
-    def ends(self) -> Ends:
-        """Unit waves in: at the left downstream then upstream mode, at the right the reverse."""
-        return Ends(self.along.mT, self.against.flip(1).mT)
 
 
 def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:

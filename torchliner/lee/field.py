@@ -13,7 +13,8 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
-from torchliner.lee.swept import SweptDuct, point_rows
+from torchliner.lee.columns import Column
+from torchliner.lee.sweep import Kept, SweptDuct
 from torchliner.names import SOURCES, WALLS
 
 POINTS_AT_ONCE = 512
@@ -27,7 +28,7 @@ class DuctField:
         case: the duct.
         frequency: Hz, (F,).
         source: its side.
-        waves: X of ``lee_ports``, Pa, (..., F, D).
+        waves: X of ``ports.py``, Pa, (..., F, D).
         swept: the duct's answers to unit waves.
         dtype: of what is read from the field; the sums are done in complex128.
     """
@@ -60,7 +61,7 @@ class DuctField:
             some = slice(first, first + POINTS_AT_ONCE)
             parts = []
             for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
-                rows = point_rows(self.swept, part, places[some], heights[some])
+                rows = _point_rows(self.swept, part, places[some], heights[some])
                 parts.append(torch.einsum("fpqd,...fd->...fpq", rows, waves))
             blocks.append(torch.cat(parts, -3))
         p, u, v = torch.cat(blocks, -2).to(self.dtype).unbind(-1)
@@ -133,8 +134,8 @@ class DuctField:
         require_choice("wall", wall, WALLS)
         _require_inside("x", x, self.case.start, self.case.end)
         mesh, basis = self.swept.mesh, self.swept.basis
-        column = np.clip(np.searchsorted(mesh.x, x, "right") - 1, 0, len(mesh.x) - 2)
-        values = basis.values((x - mesh.x[column]) / np.diff(mesh.x)[column]).to(self.waves)
+        column, inside = _cells(mesh.x, x)
+        values = basis.values(inside).to(self.waves)
         which = torch.as_tensor(column).to(values.device)
         parts = []
         for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
@@ -164,3 +165,46 @@ def _require_inside(name: str, values: NDArray[np.float64], low: float, high: fl
         raise ValueError(
             f"{name} = {values[outside][0]:g} m lies outside the duct, {low:g} to {high:g} m"
         )
+
+
+def _cells(
+    edges: NDArray[np.float64], places: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The cell between edges that each place lies in, and where in it, 0 to 1."""
+    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
+    return cell, (places - edges[cell]) / np.diff(edges)[cell]
+
+
+def _point_rows(
+    swept: SweptDuct, part: Kept, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> Tensor:
+    """p, u and v at points for unit waves in, (F, P, 3, D), by the elements' own polynomials."""
+    mesh, basis = swept.mesh, swept.basis
+    column, inside = _cells(mesh.x, x)
+    element, above = _cells(mesh.y, y)
+    along, across = basis.values(inside), basis.values(above)
+    incoming = part.incoming[0]
+    found = incoming.new_zeros(len(incoming), len(x), 3, incoming.shape[-1])
+    for number in np.unique(column):
+        here = np.flatnonzero(column == number)
+        rows = _column_rows(part.columns[number], element[here], along[here], across[here])
+        found[:, torch.as_tensor(here).to(found.device)] = rows @ part.incoming[number][:, None]
+    return found
+
+
+def _column_rows(
+    column: Column, element: NDArray[np.int64], along: Tensor, across: Tensor
+) -> Tensor:
+    """p, u and v at points of one column for unit waves into it, (F, P, 3, I)."""
+    elements, n = column.elements, along.shape[-1]
+    which = torch.as_tensor(element).to(along.device)
+    interior = elements.interior[:, which].unflatten(2, (3, n, n))
+    values = torch.einsum("py,px,fpqyxi->fpqi", across.to(interior), along.to(interior), interior)
+    sides = elements.along + n
+    count = elements.interior.shape[1]
+    vertical = column.vertical.unflatten(1, (count, 2 * n))[:, which]
+    rows = values[..., sides:] @ vertical
+    kinds = torch.arange(sides // n, device=which.device)[:, None] * (count * n)
+    places = kinds + which[:, None, None] * n + torch.arange(n, device=which.device)
+    places = places.flatten(1)[:, None].expand(-1, 3, -1)
+    return rows.scatter_add(-1, places.expand(len(rows), -1, -1, -1), values[..., :sides])

@@ -19,7 +19,7 @@ from torchliner.lee.ends import EndModes, end_modes
 from torchliner.lee.field import DuctField
 from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.ports import solve_ports
-from torchliner.lee.swept import sweep_duct
+from torchliner.lee.sweep import sweep_duct
 from torchliner.lee.walls import wall_of
 
 CONDITION = "continuous-velocity"  # no flow slips here: either would do

@@ -16,7 +16,7 @@ from torchliner.lee.ends import warn_of_mode_1
 from torchliner.lee.field import DuctField
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.ports import CHUNK, solve_ports
-from torchliner.lee.swept import SweptDuct, sweep_duct
+from torchliner.lee.sweep import SweptDuct, sweep_duct
 from torchliner.lee.walls import Wall, wall_of
 from torchliner.names import SOURCES
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -13,7 +13,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import VELOCITY_READINGS, did_you_mean
-from torchliner.toml_files import FluidTable, Strict, one_of, parse_toml, read_text, validated
+from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
 
 
 class LinerFile(Strict):
@@ -72,7 +72,7 @@ class TableFile(LinerFile):
 
 
 MODELS: dict[str, type[LinerFile]] = {"sdof": SDoFFile, "table": TableFile}
-PACKAGE = "torchliner.liners"
+PACKAGE, KIND = "torchliner.liners", ("liner", ".toml or .csv")
 
 
 def preset_names() -> list[str]:
@@ -86,7 +86,7 @@ def preset_text(name: str) -> str:
     Raises:
         ValueError: no such preset; the nearest is named.
     """
-    return toml_files.preset_text(PACKAGE, name, "liner", ".toml or .csv")
+    return toml_files.preset_text(PACKAGE, name, *KIND)
 
 
 def load_liner(name: str | Path) -> LinerModel:
@@ -99,12 +99,9 @@ def load_liner(name: str | Path) -> LinerModel:
             listed, each mistyped key with the nearest valid one.
         FileNotFoundError: no such file.
     """
-    text, path = str(name), Path(name)
-    if path.suffix.lower() == ".csv":
-        return TabulatedLiner.read_csv(path)
-    if path.suffix.lower() == ".toml":
-        return _build(read_text(path), path, path.stem)
-    return _build(preset_text(text), Path(f"{text}.toml"), text)
+    if Path(name).suffix.lower() == ".csv":
+        return TabulatedLiner.read_csv(name)
+    return _build(*preset_or_file(PACKAGE, name, *KIND))
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
@@ -126,8 +123,7 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
     return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
 
 
-def _build(text: str, path: Path, name: str) -> LinerModel:
-    content = parse_toml(text, path)
+def _build(content: dict[str, Any], path: Path) -> LinerModel:
     kind = content.get("model")
     if not isinstance(kind, str) or kind not in MODELS:
         raise ValueError(
@@ -136,6 +132,6 @@ def _build(text: str, path: Path, name: str) -> LinerModel:
         )
     file = validated(MODELS[kind], content, path, {"fluid": FluidTable})
     try:
-        return file.build(path, name)
+        return file.build(path, path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error

@@ -8,11 +8,7 @@ import torch
 from torch import Tensor
 
 SINGULAR = 1e3  # condition number: three digits of every pressure are lost
-
-
-DOUBTFUL = 20.0
-
-
+LARGE_CONDITION = 20.0
 COINCIDENT = 1e-9  # m
 
 
@@ -57,10 +53,8 @@ def split_waves(
     """
     fewest = 2 if velocity is None else 1
     if len(places) < fewest:
-        raise ValueError(
-            f"{len(places)} microphone is given; two waves need at least two"
-            if len(places) else "no microphone is given; two waves need at least two"
-        )  # fmt: skip
+        count = f"{len(places)} microphone" if len(places) else "no microphone"
+        raise ValueError(f"{count} is given; two waves need at least two")
     _refuse_coincident(places)
     plus, minus = wavenumbers(frequency, sound_speed, mach)
     towards = torch.exp(1j * plus[:, None] * places)

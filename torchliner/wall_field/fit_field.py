@@ -1,8 +1,8 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
 No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
-and evanescent waves of a short liner are part of the model. ``field_search`` says what is
-minimised.
+and evanescent waves of a short liner are part of the model. ``impedance_search.py``
+says what is minimised.
 
 An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
 amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
@@ -34,7 +34,7 @@ from torchliner.signals.microphone_errors import (
     draw_pressures,
     require_draws,
 )
-from torchliner.wall_field.fit_warnings import doubts, largest_misfit
+from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel
 from torchliner.wall_field.wall import (
@@ -84,9 +84,9 @@ def fit_field(
             end whose reflection is stated for a source on the other side.
     Warns:
         DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
-            that is not told from a rigid one, a negative resistance, an end that reflects more than
-            it gets; the same text is in ``notes``. A misfit tells of a wrong duct only as far as
-            there are more microphones than unknowns.
+            that cannot be distinguished from a rigid one, a negative resistance, an end that
+            reflects more than it gets; the same text is in ``notes``. A misfit tells of a wrong
+            duct only as far as there are more microphones than unknowns.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
@@ -94,8 +94,9 @@ def fit_field(
     waves = {"stated": 1, "fitted": 2}[far_end]
     unknowns = waves + 1 + VARIATIONS.index(variation)
     _check(line, solver, unknowns)
-    _check_side(line, solver.case, far_end)
+    _check_stated_ends(line, solver.case, far_end)
     sources = (line.source_side, other_side(line.source_side))[:waves]
+    errors = {"level_error": level_error, "phase_error": phase_error}
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not SMALLEST <= value < math.inf:
             raise ValueError(
@@ -116,18 +117,14 @@ def fit_field(
         found = search(model, target, begin, weights)
     result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
-               "level_error": level_error,
-               "phase_error": phase_error, "draws": draws, "source_side": line.source_side,
-               "source": line.name, "microphones": line.microphones,
-               "unknowns": solver.mesh.unknowns}  # fmt: skip
-    result = replace(result, choices=choices,
-                     notes=doubts(result, found, line, wall, freedom))  # fmt: skip
-    tell(result.notes)
+               **errors, "draws": draws, "source_side": line.source_side, "source": line.name,
+               "microphones": line.microphones, "unknowns": solver.mesh.unknowns}  # fmt: skip
+    notes = warnings_of(result, found, line, wall, freedom)
+    result = replace(result, choices=choices, notes=notes)
+    tell(notes)
     if draws:
         random = generator or torch.Generator().manual_seed(0)
-        noisy = draw_pressures(
-            pressure, draws, random, level_error=level_error, phase_error=phase_error
-        )
+        noisy = draw_pressures(pressure, draws, random, **errors)
         again = search(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
         drawn = _settled(_result(again, model, noisy, line, freedom))
         result = replace(result, draws=drawn)
@@ -198,7 +195,7 @@ def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, st
     return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
 
 
-def _check_side(line: MicrophoneLine, case: DuctCase, far_end: str) -> None:
+def _check_stated_ends(line: MicrophoneLine, case: DuctCase, far_end: str) -> None:
     """Reflections of a case are those of its source's end and of the other."""
     if far_end != "stated" or line.source_side == case.source:
         return

@@ -1,4 +1,4 @@
-"""What makes a fit of the field doubtful, in words."""
+"""Warnings of a fit of the field."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torchliner.wall_field.impedance_search import STEPS, Solution
 from torchliner.wall_field.wall import like_rigid
 
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
-POOR = 0.01  # share of right models that are doubted
+POOR = 0.01  # share of right models that are warned of
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 
 
@@ -21,7 +21,7 @@ def largest_misfit(freedom: int, cases: int = 1) -> float:
     return float(chdtri(freedom, POOR / cases))
 
 
-def doubts(
+def warnings_of(
     result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, freedom: int
 ) -> tuple[str, ...]:
     """A note a frequency and fault.

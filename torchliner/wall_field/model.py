@@ -36,8 +36,8 @@ class FieldModel:
     wall: str
 
     def fields(self, place: Tensor) -> list[DuctField]:
-        """For each source, of walls at coordinates (B, F, P) of ``fitted_wall``; doubts of a trial
-        are not passed on."""
+        """For each source, of walls at coordinates (B, F, P) of ``wall.py``; warnings of a
+        trial are not passed on."""
         start, end = self.solver.case.liner[0]
         wall = impedance_at(place)
 

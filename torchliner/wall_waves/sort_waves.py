@@ -15,7 +15,7 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records import MicrophoneLine
-from torchliner.signals.plane_waves import DOUBTFUL, split_waves
+from torchliner.signals.plane_waves import LARGE_CONDITION, split_waves
 from torchliner.wall_waves.from_source import duct_notes, seen_from_source
 
 
@@ -33,7 +33,7 @@ class SortedWaves:
             microphones.
         condition: condition number of the equations, (F,).
         microphones: x of those used, m, (M,).
-        notes: doubts, with numbers.
+        notes: warnings, with numbers.
     """
 
     frequency: Tensor
@@ -118,7 +118,7 @@ def sort_waves(
 
 def _condition_notes(line: MicrophoneLine, condition: Tensor) -> tuple[str, ...]:
     worst = int(condition.argmax())
-    if float(condition[worst]) <= DOUBTFUL:
+    if float(condition[worst]) <= LARGE_CONDITION:
         return ()
     return (
         f"{line.name}: the microphones of the rigid duct have a condition number of "
