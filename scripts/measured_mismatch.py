@@ -36,7 +36,7 @@ REPEATED = 3  # a second measurement of case 2
 MACH, TEMPERATURE, FREQUENCY, LINER, CASE = 0, 2, 4, slice(8, 18), 21
 RIGID = {"before the liner": (slice(5, 8), (-0.249, -0.059, 0.0)),
          "behind the liner": (slice(18, 21), (0.0, 0.055, 0.248))}  # fmt: skip
-HEARD = 0.15  # of the pressure: below it the reflected wave is not told from noise
+HEARD = 0.15  # of the pressure: below it the reflected wave cannot be told from noise
 BANDS = ((300, 450), (450, 700), (700, 1000), (1000, 1480))  # Hz
 SCANNED = (40.0, 80.0)  # mm, heights of ``--scan`` besides the two
 SPACINGS = (0.049, 0.051, 0.053, 0.055, 0.057, 0.059)  # m, of ``--scan``

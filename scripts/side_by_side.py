@@ -233,12 +233,12 @@ def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str,
         ("in situ, lossless cavity", 1.0, "none"), ("in situ, with losses", 1.0, "viscothermal"),
         ("the same, depth 1 % too small", 0.99, "viscothermal"),
     ):  # fmt: skip
-        told = replace(record, cavity_depth=depth * record.cavity_depth)
-        found = tl.in_situ(told, losses=losses)
+        stated = replace(record, cavity_depth=depth * record.cavity_depth)
+        found = tl.in_situ(stated, losses=losses)
         parts = []
         for block in range(BLOCKS):
             some = slice(block * samples, (block + 1) * samples)
-            part = replace(told, facesheet=record.facesheet[..., some],
+            part = replace(stated, facesheet=record.facesheet[..., some],
                            backplate=record.backplate[..., some])  # fmt: skip
             parts.append(complex(tl.in_situ(part, losses=losses).liner_impedance[0]))
         z = complex(found.liner_impedance[0])

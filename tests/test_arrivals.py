@@ -246,7 +246,7 @@ def gapped() -> torch.Tensor:
     return torch.cat([times[:400], times[400:] + 0.03])
 
 
-def test_long_gaps_are_told():
+def test_long_gaps_are_warned_of():
     times = gapped()
     with pytest.warns(tl.DataWarning, match=r"longest gap between arrivals is 30.1 ms at 0.0399 s"):
         found = onto_grid(times, torch.zeros(1000), 10e3)
@@ -257,14 +257,14 @@ def test_long_gaps_are_told():
     assert onto_grid(times, torch.zeros(1000), 10e3, longest_gap=0.05).notes == ()
 
 
-def test_damping_is_told():
+def test_damping_is_warned_of():
     """With the number; and at 8 arrivals a period."""
     with pytest.warns(tl.DataWarning, match=r"linear .* damps the tone of 1500 Hz to 0.8\d\d"):
         found = tone_attenuation(poisson(RATE, 1.0), FREQUENCY)
     assert len(found.notes) == 1
-    with pytest.warns(tl.DataWarning) as told:
+    with pytest.warns(tl.DataWarning) as caught:
         tone_attenuation(poisson(10e3, 1.0), FREQUENCY)
-    assert any("arrivals a period of 1500 Hz, fewer than 8" in str(w.message) for w in told)
+    assert any("arrivals a period of 1500 Hz, fewer than 8" in str(w.message) for w in caught)
 
 
 TIMES = torch.arange(100, dtype=torch.float64) / 10e3

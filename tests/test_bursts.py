@@ -266,7 +266,7 @@ def test_a_good_station_has_no_flag():
     assert flags_of(gaussian_record(frequency=400.0)) == []
 
 
-def test_each_doubt_is_flagged():
+def test_each_fault_is_flagged():
     rng = np.random.default_rng(5)
     v = rng.normal(0, 1, 2000)
     zeros = np.where(rng.random(2000) < 0.4, 0.0, v)
@@ -329,9 +329,9 @@ def test_the_command_tells_good_from_flagged(tmp_path, capsys):
     assert intervals.shape == (32, 5)  # middle, law, three stations
     assert np.allclose(0.25 * intervals[:, 1:].sum(0), 1, atol=2e-3)
     assert np.allclose(intervals[:12, 2:], intervals[:12, 1:2], rtol=0.5)
-    said = capsys.readouterr().out
-    assert "no flags" in said
-    assert [line.split()[0] for line in said.splitlines()[1:4]] == ["s2", "s1", "s0"]
+    printed = capsys.readouterr().out
+    assert "no flags" in printed
+    assert [line.split()[0] for line in printed.splitlines()[1:4]] == ["s2", "s1", "s0"]
     assert picture.stat().st_size > 10_000
     assert table.read_text().splitlines()[0].startswith("station,x (m)")
     zeros = np.where(np.arange(2000) % 3 == 0, 0.0, 1.0 + np.sin(np.arange(2000)))
@@ -353,7 +353,7 @@ def test_filters_are_switched_from_the_command(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)[0]["dropped"] == {}
     assert main(["ldv", "info", str(path), "--without", "outliers", "--outliers", "5"]) == 2
     assert main(["ldv", "info", str(tmp_path / "none.csv")]) == 2
-    assert main(["ldv", "info", str(path), "--figure", str(path)]) == 2
+    assert main(["ldv", "info", str(path), "-o", str(path)]) == 2
     assert "is an input" in capsys.readouterr().err
 
 

@@ -230,8 +230,8 @@ def test_bad_folders_say_so(tmp_path, capsys):
     for name in ("a", "b"):
         write_burst_csv(station(0, seconds=0.2), place / f"{name}.csv")
     assert run(place) == 2
-    assert "a.csv and" in (said := capsys.readouterr().err)
-    assert "have the same position, (0, 1, 0) mm" in said
+    assert "a.csv and" in (printed := capsys.readouterr().err)
+    assert "have the same position, (0, 1, 0) mm" in printed
 
 
 def test_the_liner_named_in_the_file_is_taken(tmp_path, capsys):

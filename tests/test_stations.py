@@ -1,4 +1,4 @@
-"""Lines of laser Doppler stations: segments, the tone, doubts and refusals."""
+"""Lines of laser Doppler stations: segments, the tone, warnings and refusals."""
 
 from __future__ import annotations
 

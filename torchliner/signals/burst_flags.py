@@ -1,4 +1,4 @@
-"""What makes a station doubtful: it is flagged, so that it is not used in silence."""
+"""What makes a station doubtful: it is flagged, and no average takes it unless asked to."""
 
 from __future__ import annotations
 
