@@ -19,6 +19,7 @@ from typing import Any
 import torchliner as tl
 from common import RESULTS, case_files, options_of, parser_of
 from torchliner.calibration.predicted_planes import PredictionRow, prediction_rows
+from torchliner.io.csv_rows import write_rows
 from torchliner.names import ORDERS
 from torchliner.report.calibration_report import (
     draw_predictions,
@@ -26,7 +27,6 @@ from torchliner.report.calibration_report import (
     parameter_table,
     prediction_table,
 )
-from torchliner.report.table import write_rows
 
 FOLDER = RESULTS / "calibration"
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}

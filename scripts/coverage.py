@@ -24,7 +24,7 @@ import torch
 
 import torchliner as tl
 from common import options_of, parser_of
-from torchliner.report.table import write_rows
+from torchliner.io.csv_rows import write_rows
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}

@@ -21,10 +21,10 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.io.csv_rows import write_rows
 from torchliner.lee.field import DuctField
 from torchliner.lee.solved_line import microphones_of
 from torchliner.report.duct_report import draw_walls
-from torchliner.report.table import write_rows
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}
 ASSUMED, HEIGHTS = 1.36 - 0.67j, {"R - 25 %": 0.75, "assumed Z": 1.0, "R + 25 %": 1.25}

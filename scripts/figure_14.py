@@ -21,6 +21,7 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.presets import load_duct
+from torchliner.io.csv_rows import write_rows
 from torchliner.lee.solved_line import solved_line
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.figure import (
@@ -33,7 +34,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.table import write_rows
 from torchliner.report.wall_pressure import draw_cloud, draw_levels
 
 SIDES = ("upstream", "downstream")

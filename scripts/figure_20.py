@@ -22,6 +22,7 @@ from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.flow_profiles import UniformProfile
+from torchliner.io.csv_rows import write_rows
 from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
@@ -33,7 +34,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.table import write_rows
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
 PATCH, SHARE, TRUE = 0.2, 0.25, 0.8

@@ -21,6 +21,7 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.io.csv_rows import write_rows
 from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
@@ -33,7 +34,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.table import write_rows
 from torchliner.wall_field.fit_field import fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 from torchliner.wall_waves.two_waves import two_wave_fit

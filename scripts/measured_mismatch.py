@@ -26,8 +26,8 @@ from torch import Tensor
 import torchliner as tl
 from common import FIGURES, parser_of
 from studies.mismatch import MeasuredWave, draw_mismatch, wave_rows
+from torchliner.io.csv_rows import write_rows
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.report.table import write_rows
 from torchliner.signals.plane_waves import split_waves
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")

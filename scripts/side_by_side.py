@@ -26,12 +26,12 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.io.csv_rows import write_rows
 from torchliner.lee.field import DuctField
 from torchliner.lee.solved_line import solved_line
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.table import write_rows
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane

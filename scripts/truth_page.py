@@ -34,9 +34,10 @@ from torchliner.audits.truth_rows import (
     errors_by_rule,
     truth_table,
 )
+from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import ORDERS
-from torchliner.report.table import format_complex, write_rows
+from torchliner.report.table import format_complex
 from torchliner.report.truth_table import drive_label, plain_truth
 
 PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"

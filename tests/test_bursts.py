@@ -13,7 +13,7 @@ from scipy import stats
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
-from torchliner.report.station_report import draw_stations
+from torchliner.report.station_report import draw_stations, intervals_of
 from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments, interval_histogram
 from torchliner.signals.burst_validation import (
@@ -91,15 +91,16 @@ def test_weights_are_repetitions():
 
 def test_intervals_of_a_poisson_process_follow_the_exponential_law():
     record = gaussian_record(40_000, wall_normal=np.zeros(40_000))
-    found = interval_histogram(record)
-    share = found.density * found.edges.diff()
-    assert float(share.sum()) + found.beyond == pytest.approx(1, abs=1e-12)
-    mean = float(record.arrival_time.diff().mean())
-    law = np.diff(stats.expon(scale=mean).cdf(found.edges.numpy()))
-    assert np.allclose(found.exponential * found.edges.diff(), law, rtol=1e-10)
-    assert found.exponential_beyond == pytest.approx(stats.expon(scale=mean).sf(8 * mean))
-    counts = np.append(share.numpy(), found.beyond) * 39_999
-    wanted = np.append(law, found.exponential_beyond) * 39_999
+    edges, density = interval_histogram(record)
+    steps = record.arrival_time.diff()
+    mean, share = float(steps.mean()), density * edges.diff()
+    assert float(share.sum()) == pytest.approx(float((steps < 8 * mean).double().mean()), abs=1e-12)
+    law = stats.expon(scale=mean)
+    inside = np.diff(law.cdf(edges.numpy()))
+    drawn = intervals_of([]).values["exponential"]  # in units of the mean interval
+    assert np.allclose(drawn / mean * edges.diff().numpy(), inside, rtol=1e-10)
+    counts = np.append(share.numpy(), 1 - float(share.sum())) * 39_999
+    wanted = np.append(inside, law.sf(8 * mean)) * 39_999
     assert stats.chisquare(counts, wanted * counts.sum() / wanted.sum()).pvalue > 1e-3
     seen = burst_moments(record)
     assert seen.irregularity == pytest.approx(1, abs=0.02)

@@ -72,7 +72,7 @@ def audit(
     if len(several) > 1:
         planes_by_height(several)
     chosen = _base_choices(choices, order)
-    work = _Work(several, liner, frequency, chosen, ORDERS.index(order), progress)
+    work = _Work(several, liner, frequency, chosen, order, progress)
     work.lines()
     work.phases()
     work.drives()
@@ -82,7 +82,7 @@ def audit(
         except CannotApply as reason:
             work.skipped[factor] = str(reason)
     tell(work.found.notes)
-    return work.result(order)
+    return work.result()
 
 
 def _base_choices(choices: dict[str, Any], order: str) -> Choices:
@@ -106,7 +106,7 @@ class _Work:
         liner: Liner,
         frequency: float | None,
         chosen: Choices,
-        order: int,
+        order: str,
         progress: Callable[[int], None] | None,
     ) -> None:
         # Surveys of all planes: with them the levels span all heights.
@@ -151,8 +151,8 @@ class _Work:
             quiet = dataclasses.replace(variant.ready, blocks=None)
             found = Replayed(quiet, LineSums(_column(sums, i), None)).map("averaged")
             self._add(variant.factor, variant.name, self._value(found))
-        other = 1 - self.order
-        self._add("averaging order", ORDERS[other], _in_both_orders(self.found)[other])
+        (other,) = (order for order in ORDERS if order != self.order)
+        self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
 
     def _of_pass(self, ready: Prepared) -> complex:
         """Another pass over data, without error bars."""
@@ -160,7 +160,7 @@ class _Work:
         return self._value(replay(quiet, progress=self.progress).map("averaged"))
 
     def _value(self, found: ImpedanceMap) -> complex:
-        return _in_both_orders(found)[self.order]
+        return complex(found.of_liner(self.order)[0])
 
     def _add(self, factor: str, variant: str, impedance: complex) -> None:
         self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
@@ -252,28 +252,20 @@ class _Work:
             name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
             self._add("height", name, value)
 
-    def result(self, order: str) -> Audit:
+    def result(self) -> Audit:
         """Sorted."""
         size: dict[str, float] = {}
         for row in self.rows:
             size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
         rows = sorted(self.rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))
-        found, known = self.found, self.found.uncertainty
-        low = high = level = None
-        if known is not None:
-            interval = known.liner if self.order == 0 else known.liner_velocity_first
-            low, high = complex(interval.low[0]), complex(interval.high[0])
-            level = self.ready.chosen.interval
+        found, bounds = self.found, self.found.bounds_of_liner(self.order)
+        low, high = bounds or (None, None)
+        level = None if bounds is None else self.ready.chosen.interval
         return Audit(
-            found.title or self.ready.plane.name, float(self.ready.frequency[0]), order,
-            self.base, low, high, level, tuple(rows), self.skipped, self.readings,
+            found.title or self.ready.plane.name, float(self.ready.frequency[0]),
+            self.order, self.base, low, high, level, tuple(rows), self.skipped, self.readings,
             dict(found.choices), found.notes,
         )  # fmt: skip
-
-
-def _in_both_orders(found: ImpedanceMap) -> tuple[complex, complex]:
-    """Of the whole liner, as ``ORDERS``."""
-    return complex(found.liner_impedance[0]), complex(found.liner_impedance_velocity_first[0])
 
 
 def _column(sums: LineSums, index: int) -> Tensor:

@@ -23,14 +23,8 @@ DRIVES = (
     ("rms", "kept"),
     ("running-rms", "kept"),
 )
-
-
 PHASES = tuple(PHASE_RULES)
-
-
 DEFAULT = ("instantaneous", "kept", "averaged")
-
-
 NOWHERE = complex(float("nan"), float("nan"))
 
 
@@ -103,21 +97,12 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
             known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
             found = replayed.map(phase, known)
             known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
-            for order, value, bounds in zip(ORDERS, *_both_orders(found), strict=True):
+            for order in ORDERS:
                 yield TruthRow(
                     case, plane.height or 0.0, drive, mean, phase, order,
-                    value, complex(plane.reference["true"]), known_in_situ, *bounds,
+                    complex(found.of_liner(order)[0]), complex(plane.reference["true"]),
+                    known_in_situ, *(found.bounds_of_liner(order) or (NOWHERE, NOWHERE)),
                 )  # fmt: skip
-
-
-def _both_orders(found: ImpedanceMap) -> tuple[list[complex], list[tuple[complex, complex]]]:
-    """Z of the whole liner in both orders, and the bounds of its intervals."""
-    values = [found.liner_impedance, found.liner_impedance_velocity_first]
-    bounds = [(NOWHERE, NOWHERE)] * 2
-    if (known := found.uncertainty) is not None:
-        both = (known.liner, known.liner_velocity_first)
-        bounds = [(complex(each.low[0]), complex(each.high[0])) for each in both]
-    return [complex(value[0]) for value in values], bounds
 
 
 def truth_table(

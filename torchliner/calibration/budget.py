@@ -30,11 +30,32 @@ class Contribution:
 
 
 @dataclass(frozen=True, eq=False)
-class Budget:
-    """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
+class OfParameters:
+    """Something that hangs on parameters of a liner.
 
     Args:
         numbers: parameters by name, n of them.
+    """
+
+    numbers: Mapping[str, Number]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(self.numbers)
+
+    @property
+    def values(self) -> Tensor:
+        """At which derivatives hold, SI, float64, (n,)."""
+        return values_of(self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Budget(OfParameters):
+    """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
+
+    Args:
+        numbers: as of ``OfParameters``.
         half_widths, standard: SI, (n,).
         limits: how a half-width was read.
         correlation: (n, n).
@@ -44,7 +65,6 @@ class Budget:
         probes, cells, cells_velocity_first: standard uncertainty u(R) + j u(X), (..., F).
     """
 
-    numbers: Mapping[str, Number]
     half_widths: Tensor
     standard: Tensor
     limits: str
@@ -54,16 +74,6 @@ class Budget:
     probes: Tensor
     cells: Tensor
     cells_velocity_first: Tensor
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names."""
-        return tuple(self.numbers)
-
-    @property
-    def values(self) -> Tensor:
-        """At which the slopes hold, SI, float64, (n,)."""
-        return values_of(self.numbers)
 
     def combined(self, order: str) -> Tensor:
         """u(R) + j u(X) of the liner, (F,)."""
@@ -90,6 +100,12 @@ def standard_of(covariance: Tensor) -> Tensor:
     """u(R) + j u(X) from (..., 2, 2)."""
     root = covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
     return torch.complex(root[..., 0], root[..., 1])
+
+
+def correlation_of(covariance: Tensor) -> float:
+    """Of R and X, -1 to 1, from (2, 2); 0 where one of them has no uncertainty."""
+    product = float((covariance[0, 0] * covariance[1, 1]).sqrt())
+    return float(covariance[0, 1]) / product if product else 0.0
 
 
 def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:

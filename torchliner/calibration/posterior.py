@@ -62,11 +62,7 @@ class Posterior:
 
 
 def sample_posterior(
-    log_density: Callable[[Tensor], Tensor],
-    best: Tensor,
-    precision: Tensor,
-    draws: int,
-    seed: int,
+    log_density: Callable[[Tensor], Tensor], best: Tensor, precision: Tensor, draws: int, seed: int
 ) -> Posterior:
     """Draws in the unit box.
 
@@ -149,10 +145,7 @@ class Prediction:
             index: of the frequency.
         """
         away, spread = complex(self.impedance[index]) - truth, complex(self.standard[index])
-        parts = (
-            (away.real, spread.real, noise.real),
-            (away.imag, spread.imag, noise.imag),
-        )
+        parts = ((away.real, spread.real, noise.real), (away.imag, spread.imag, noise.imag))
         first, second = (d / max((s * s + u * u) ** 0.5, 1e-300) if s == s else s
                          for d, s, u in parts)  # fmt: skip
         return complex(first, second)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from torchliner.calibration.budget import correlation_of
 from torchliner.calibration.calibrate import Calibration
 from torchliner.tdibc.educe import educe
 
@@ -56,21 +57,16 @@ def prediction_rows(
     """
     names = ("phase", "edge", "drive", "mean", "kernel")
     chosen = {name: getattr(found.choices, name) for name in names}
-    first = educe(plane, before, **chosen)
-    values = first.liner_impedance
-    if found.order == "velocity first":
-        values = first.liner_impedance_velocity_first
+    values = educe(plane, before, **chosen).of_liner(found.order)
     prediction = found.predict(plane, before)
     true = plane.reference.get(reference)
     rows = []
     for i, frequency in enumerate(prediction.frequency.tolist()):
-        covariance, standard = prediction.covariance[i], complex(prediction.standard[i])
-        product = standard.real * standard.imag
         rows.append(
             PredictionRow(
                 label or str(plane.provenance.get("case", plane.title)), frequency, plane.height,
-                complex(values[i]), complex(prediction.impedance[i]), standard,
-                float(covariance[0, 1]) / product if product else 0.0, true,
+                complex(values[i]), complex(prediction.impedance[i]),
+                complex(prediction.standard[i]), correlation_of(prediction.covariance[i]), true,
                 None if true is None else prediction.misses(complex(true), noise, i),
             )
         )  # fmt: skip

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.calibration.budget import OF_PLACES, Budget, budget_of, values_of
+from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
@@ -48,7 +48,7 @@ FIELDS = {  # of the sensitivities, by that of the map which they differentiate
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivities:
+class Sensitivities(OfParameters):
     """dZ/dp of everything that ``educe`` gives, normalised by rho c per SI unit of p.
 
     Args:
@@ -61,7 +61,6 @@ class Sensitivities:
         found: the map itself.
     """
 
-    numbers: Mapping[str, Number]
     probes: Tensor
     cells: Tensor
     cells_velocity_first: Tensor
@@ -69,16 +68,6 @@ class Sensitivities:
     liner_velocity_first: Tensor
     level_error: Tensor
     found: ImpedanceMap
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names."""
-        return tuple(self.numbers)
-
-    @property
-    def values(self) -> Tensor:
-        """SI, float64, (n,)."""
-        return values_of(self.numbers)
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import order_option, print_json, progress_bar, shared
+from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.options import order_option, progress_bar, shared
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
           "segment", "no_intervals", "rank_tolerance")  # fmt: skip  # by the audit, or not at all
@@ -19,7 +19,7 @@ OPTIONS = {
         "--figure PICTURE": "draw the table there",
     }
     | order_option("probes first")
-    | shared("--liner", "--output", "--json", "--quiet"),
+    | shared("--liner", "--output", "--json", "--quiet")
 } | choice_options(CHOICES)
 
 
@@ -38,12 +38,8 @@ def run(options: argparse.Namespace) -> int:
             planes, liner, options.frequency, order=options.order, progress=step,
             **chosen_from(options, CHOICES),
         )  # fmt: skip
-    if options.output is not None:
-        write_audit(found, options.output)
-    if options.figure is not None:
-        draw_audit(found, options.figure)
-    if options.json:
-        print_json(plain_audit(found))
-    else:
-        print(format_audit(found))
+    show_results(
+        options, lambda: format_audit(found), lambda: plain_audit(found),
+        output=lambda path: write_audit(found, path), figure=lambda path: draw_audit(found, path),
+    )  # fmt: skip
     return 0

@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes, write_text
-from torchliner.cli.options import order_option, print_json, shared
+from torchliner.cli.files import check_files, only_liner, read_planes, show_results, write_text
+from torchliner.cli.options import order_option, shared
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
@@ -69,16 +69,15 @@ def run(options: argparse.Namespace) -> int:
             reference=options.reference[0], noise=complex(noise, noise),
         )
     ]  # fmt: skip
-    if options.output is not None:
-        _write(found, liner, options)
-    if options.figure is not None:
-        report.draw_predictions({f"averaging: {found.order}": rows}, "", options.figure)
-    if options.json:
-        print_json(report.plain_calibration(found, rows))
-    else:
-        print(report.format_calibration(found))
-        if rows:
-            print(f"\n{report.prediction_table(rows).as_text()}")
+    panels = {f"averaging: {found.order}": rows}
+    predicted_text = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
+    show_results(
+        options,
+        lambda: report.format_calibration(found) + predicted_text,
+        lambda: report.plain_calibration(found, rows),
+        output=lambda _: _write(found, liner, options),
+        figure=lambda path: report.draw_predictions(panels, "", path),
+    )
     return 1 if found.on_bound or found.unseen else 0
 
 

@@ -73,8 +73,6 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--compile": (names.COMPILE, "fuse the inner loops; default auto: where it pays"),
     },
 }  # fmt: skip
-
-
 ALL = [dest(spec) for group in CHOICES.values() for spec in group]
 
 

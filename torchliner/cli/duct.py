@@ -6,8 +6,8 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files, require_ending, write_copy
-from torchliner.cli.options import complex_number, frequency_option, print_json, shared, stated
+from torchliner.cli.files import check_files, require_ending, show_results, write_copy
+from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
@@ -116,16 +116,13 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     solver = DuctSolver(setup.case, setup.frequency, keep=keep)
     field = solver.solve(setup.impedance)
     found = plain_duct(setup, field)
-    if options.output is not None:
-        solved_line(setup, field).write(options.output)
-    if options.figure is not None:
-        draw_walls([(setup, field)], options.figure)
     if options.field is not None:
         draw_field(setup, field, options.field)
-    if options.json:
-        print_json(found)
-    else:
-        print(format_duct(setup, found))
+    show_results(
+        options, lambda: format_duct(setup, found), lambda: found,
+        output=lambda path: solved_line(setup, field).write(path),
+        figure=lambda path: draw_walls([(setup, field)], path),
+    )  # fmt: skip
     return 0
 
 
@@ -136,12 +133,9 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     check_files(options, [options.duct], ".csv")
     modes = modes_of(setup, options.count)
     table = mode_table(setup, modes)
-    if options.figure is not None:
-        draw_modes(modes, options.figure)
-    if options.output is not None:
-        table.write_csv(options.output)
-    if options.json:
-        print_json({"duct": setup.facts, "modes": table.as_rows()})
-    else:
-        print(format_modes(setup, table))
+    show_results(
+        options, lambda: format_modes(setup, table),
+        lambda: {"duct": setup.facts, "modes": table.as_rows()},
+        output=table.write_csv, figure=lambda path: draw_modes(modes, path),
+    )  # fmt: skip
     return 0

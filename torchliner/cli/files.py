@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from torchliner.cli.options import print_json
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
@@ -56,6 +58,31 @@ def check_files(
     require_ending(figure, PICTURES, "--figure")
     if endings:
         require_ending(output, endings, "--output")
+
+
+def show_results(
+    options: argparse.Namespace,
+    text: Callable[[], str],
+    plain: Callable[[], Any],
+    *,
+    output: Callable[[Path], Any] | None = None,
+    figure: Callable[[Path], Any] | None = None,
+) -> None:
+    """Write --output and draw --figure where they are asked for; print the text, or JSON.
+
+    Args:
+        options: of the command.
+        text, plain: make what is printed, and what is printed with --json.
+        output, figure: make the files, each from its path.
+    """
+    for name, write in (("output", output), ("figure", figure)):
+        path = getattr(options, name, None)
+        if write is not None and path is not None:
+            write(path)
+    if options.json:
+        print_json(plain())
+    else:
+        print(text())
 
 
 def write_text(text: str, path: Path) -> None:

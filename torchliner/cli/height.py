@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes
-from torchliner.cli.options import print_json, progress_bar, shared
+from torchliner.cli.files import check_files, only_liner, read_planes, show_results
+from torchliner.cli.options import progress_bar, shared
 
 if TYPE_CHECKING:
     from torchliner.heights.study import HeightStudy
@@ -49,14 +49,12 @@ def run(options: argparse.Namespace) -> int:
             progress=step, **chosen_from(options, CHOICES),
         )  # fmt: skip
     found = recommend_height(study, limits)
-    if options.output is not None:
-        height_table(study).write_csv(options.output)
     if options.figures is not None:
         _draw(study, options.figures)
-    if options.json:
-        print_json(plain_study(study, found))
-    else:
-        print(format_study(study, found))
+    show_results(
+        options, lambda: format_study(study, found), lambda: plain_study(study, found),
+        output=height_table(study).write_csv,
+    )  # fmt: skip
     return 0
 
 

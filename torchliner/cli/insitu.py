@@ -6,8 +6,8 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import check_files
-from torchliner.cli.options import print_json, shared, stated
+from torchliner.cli.files import check_files, show_results
+from torchliner.cli.options import shared, stated
 
 CHOICES = ("window", "segment", "allow_short")
 OWN = {
@@ -39,23 +39,18 @@ def run(options: argparse.Namespace) -> int:
         chosen["pair"] = tuple(options.microphones)
     record = read_pressure(options.record)
     report = in_situ_report(record, options.frequency, **chosen)
-    wants_points = options.figure is not None or (
-        options.output is not None and options.output.suffix.lower() != ".csv"
-    )
-    if report.points is None and wants_points:
+    points, table = report.points, in_situ_table(report.rows)
+    as_rows = options.output is None or options.output.suffix.lower() == ".csv"
+    if points is None and not (as_rows and options.figure is None):
         raise ValueError(
             f"{options.record} holds microphones alone: there is nothing along x to draw or to "
             "write; -o FILE.csv writes the rows"
         )
-    if options.output is not None and options.output.suffix.lower() == ".csv":
-        in_situ_table(report.rows).write_csv(options.output)
-    elif options.output is not None and report.points is not None:
-        report.points.write(options.output)
-    if options.figure is not None and report.points is not None:
-        draw_in_situ(record, report.points, options.figure)
-    if options.json:
-        rows = in_situ_table(report.rows).as_rows()
-        print_json({"title": record.title, "rows": rows, "notes": report.notes})
-    else:
-        print(format_in_situ(record, report))
+    show_results(
+        options,
+        lambda: format_in_situ(record, report),
+        lambda: {"title": record.title, "rows": table.as_rows(), "notes": report.notes},
+        output=table.write_csv if as_rows or points is None else points.write,
+        figure=None if points is None else lambda path: draw_in_situ(record, points, path),
+    )
     return 0

@@ -8,8 +8,8 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files
-from torchliner.cli.options import complex_number, frequency_option, print_json, shared, stated
+from torchliner.cli.files import check_files, show_results
+from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
@@ -68,18 +68,17 @@ def run(options: argparse.Namespace) -> int:
         found.append(educe_line(line, options.method, generator=generator, **chosen))
         lines.append(line)
     tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
-    if options.output is not None:
-        wall_table([row for rows in tables for row in rows]).write_csv(options.output)
-    if options.figure is not None:
-        draw_wall(lines, found, options.figure)
-    if options.json:
-        print_json({"lines": [
+    show_results(
+        options,
+        lambda: "\n\n".join(map(format_wall, lines, found)),
+        lambda: {"lines": [
             {"name": line.name, "title": line.title, "choices": dict(one.choices),
              "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
             for line, one, rows in zip(lines, found, tables, strict=True)
-        ]})  # fmt: skip
-    else:
-        print("\n\n".join(format_wall(*each) for each in zip(lines, found, strict=True)))
+        ]},
+        output=wall_table([*chain(*tables)]).write_csv,
+        figure=lambda path: draw_wall(lines, found, path),
+    )  # fmt: skip
     return 0
 
 

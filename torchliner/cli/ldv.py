@@ -6,8 +6,8 @@ import argparse
 
 from torchliner.cli import ldv_educe
 from torchliner.cli import ldv_options as ldv
-from torchliner.cli.files import check_files
-from torchliner.cli.options import print_json, shared
+from torchliner.cli.files import check_files, show_results
+from torchliner.cli.options import shared
 
 INFO = {
     "--output FILE": "write the table as CSV, SI units",
@@ -55,16 +55,13 @@ def _info(options: argparse.Namespace) -> int:
     check_files(options, ldv.files_in(options.source), outputs=[options.output, options.intervals])
     records = [source.read() for source in ldv.stations_from(options)]
     stations = inspect_stations(records, ldv.filters_from(options))
-    if options.json:
-        print_json([plain_station(station) for station in stations])
-    else:
-        print(format_stations(stations))
-    if options.output is not None:
-        station_table(stations).write_csv(options.output)
     if options.intervals is not None:
         intervals_of(stations).write_csv(options.intervals)
-    if options.figure is not None:
-        draw_stations(stations, options.figure)
+    show_results(
+        options, lambda: format_stations(stations), lambda: [*map(plain_station, stations)],
+        output=station_table(stations).write_csv,
+        figure=lambda path: draw_stations(stations, path),
+    )  # fmt: skip
     return 1 if any(station.flags for station in stations) else 0
 
 
@@ -73,10 +70,10 @@ def _convert(options: argparse.Namespace) -> int:
 
     check_files(options, ldv.files_in(options.source))
     records = [source.read() for source in ldv.stations_from(options)]
-    write_bursts(records, options.output)
-    counts = {"stations": len(records), "bursts": sum(record.bursts for record in records)}
-    if options.json:
-        print_json({"output": str(options.output), **counts})
-    else:
-        print(f"{options.output}: {counts['stations']} stations, {counts['bursts']} bursts")
+    found = {"output": str(options.output), "stations": len(records),
+             "bursts": sum(record.bursts for record in records)}  # fmt: skip
+    show_results(
+        options, lambda: "{output}: {stations} stations, {bursts} bursts".format_map(found),
+        lambda: found, output=lambda path: write_bursts(records, path),
+    )  # fmt: skip
     return 0

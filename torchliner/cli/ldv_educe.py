@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from torchliner import names
 from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, preset_named
-from torchliner.cli.options import frequency_option, print_json, progress_bar, shared, stated
+from torchliner.cli.files import check_files, preset_named, show_results
+from torchliner.cli.options import frequency_option, progress_bar, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -79,16 +79,12 @@ def run(options: argparse.Namespace) -> int:
         )  # fmt: skip
     if options.title is not None:
         line = replace(line, title=options.title)
-    if options.output is not None:
-        line.write(options.output)
+    show_results(
+        options, lambda: format_line(line), lambda: plain_line(line),
+        output=line.write, figure=line.plot,
+    )  # fmt: skip
     if parts is not None:
         parts.clear()
-    if options.figure is not None:
-        line.plot(options.figure)
-    if options.json:
-        print_json(plain_line(line))
-    else:
-        print(format_line(line))
     return 0
 
 

@@ -82,9 +82,7 @@ def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:
 
     curves = [
         impedance_over_band(
-            liner,
-            speed,
-            f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem,
+            liner, speed, f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem
         )
         for name, liner in liners.items()
         for speed in (speeds if len(liners) == 1 else [0.0])

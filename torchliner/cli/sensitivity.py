@@ -6,8 +6,8 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes
-from torchliner.cli.options import order_option, print_json, progress_bar, shared, split_pair
+from torchliner.cli.files import check_files, only_liner, read_planes, show_results
+from torchliner.cli.options import order_option, progress_bar, shared, split_pair
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 
@@ -33,13 +33,12 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
+    from torchliner.calibration.budget import correlation_of
     from torchliner.calibration.sensitivities import sensitivities
     from torchliner.report.sensitivity_report import (
-        budget_correlation,
         budget_table,
         draw_contributions,
         format_budget,
-        nominal_impedance,
         sensitivity_table,
     )
 
@@ -57,35 +56,29 @@ def run(options: argparse.Namespace) -> int:
         table = budget_table(budget, frequency, order)
         text = format_budget(budget, found, order, table)
         meaning = f"tolerances are {options.limits}"
+        together = [correlation_of(each) for each in budget.covariance[order]]
     else:
         table = sensitivity_table(found, order)
-        text, meaning = table.as_text(), "p in the unit shown"
+        text, meaning, together = table.as_text(), "p in the unit shown", None
     rows = table.as_rows()
-    if options.output is not None:
-        table.write_csv(options.output)
-    if options.figure is not None:
-        first = [row for row in rows if row["frequency"] == frequency[0]]
-        title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
-        title += f"; {meaning}" if tolerances else ""
-        draw_contributions(first, title, options.figure)
-    if options.json:
-        together = [budget_correlation(budget, order, i) for i in range(len(frequency))] if (
-            tolerances
-        ) else None  # fmt: skip
-        print_json({"order": order, "limits": options.limits if tolerances else None,
-                    "frequency": frequency, "impedance": nominal_impedance(found, order),
-                    "correlation_of_R_and_X": together, "rows": rows,
-                    "notes": list(found.found.notes)})  # fmt: skip
-        return 0
-    print(text)
-    print(f"Z by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
-          f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
+    first = [row for row in rows if row["frequency"] == frequency[0]]
+    title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
+    title += f"; {meaning}" if tolerances else ""
+    text += (f"\nZ by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
+             f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
+    plain = {
+        "order": order, "limits": options.limits if tolerances else None, "frequency": frequency,
+        "impedance": found.found.of_liner(order).tolist(), "correlation_of_R_and_X": together,
+        "rows": rows, "notes": list(found.found.notes),
+    }  # fmt: skip
+    show_results(
+        options, lambda: text, lambda: plain, output=table.write_csv,
+        figure=lambda path: draw_contributions(first, title, path),
+    )  # fmt: skip
     return 0
 
 
-def _tolerances(
-    options: argparse.Namespace,
-) -> tuple[dict[str, str], dict[tuple[str, str], float]]:
+def _tolerances(options: argparse.Namespace) -> tuple[dict[str, str], dict[tuple[str, str], float]]:
     """Half-widths as written by parameter, and correlations by pair of parameters."""
     pairs = [split_pair(text, "--tolerance") for text in options.tolerance]
     if len(dict(pairs)) < len(pairs):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import print_json, progress_bar, shared
+from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.options import progress_bar, shared
 
 OPTIONS = {
     "": {"planes PLANE ...": "plane files with a true impedance"}
@@ -30,12 +30,10 @@ def run(options: argparse.Namespace) -> int:
     liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
     with progress_bar(len(planes), "truth table", options) as step:
         rows = truth_table(planes, lambda plane: liners[id(plane)], step)
-    if options.output is not None:
-        plain_truth(rows).write_csv(options.output)
-    if options.json:
-        print_json(plain_truth(rows).as_rows())
-    else:
-        print(format_truth(rows))
-        print(f"\n{format_rules(rows)}")
-        print(f"\n{format_summary(rows)}")
+    tables = (format_truth, format_rules, format_summary)
+    plain = plain_truth(rows)
+    show_results(
+        options, lambda: "\n\n".join(table(rows) for table in tables), plain.as_rows,
+        output=plain.write_csv,
+    )  # fmt: skip
     return 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.files import check_files
-from torchliner.cli.options import print_json, shared
+from torchliner.cli.files import check_files, show_results
+from torchliner.cli.options import shared
 
 DEGREES = {"default": [1, 2, 3, 4], "help": "polynomial degrees of the elements; default 1 to 4"}
 OPTIONS = {"": {"--degrees N ...": DEGREES} | shared("--output", "--json", "--quiet")}
@@ -20,10 +20,8 @@ def run(options: argparse.Namespace) -> int:
     rows = order_rows(options.degrees)
     found = checks(rows)
     table = order_table(rows)
-    if options.output is not None:
-        table.write_csv(options.output)
-    if options.json:
-        print_json({"orders": rows, "checks": found})
-    else:
-        print(format_verification(table, found))
+    show_results(
+        options, lambda: format_verification(table, found),
+        lambda: {"orders": rows, "checks": found}, output=table.write_csv,
+    )  # fmt: skip
     return 0 if all(check["passed"] for check in found) else 1

@@ -33,7 +33,9 @@ def rows_of(columns: Mapping[str, Any], shape: Sequence[int]) -> Rows:
     return [dict(zip(columns, row, strict=True)) for row in zip(*flat, strict=True)]
 
 
-def write_rows(rows: Rows, path: str | Path, number: str = "", end: str = "\r\n") -> None:
+def write_rows(
+    rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n"
+) -> None:
     """A CSV file with the headings of the first row, whole or not at all.
 
     Args:
@@ -46,8 +48,9 @@ def write_rows(rows: Rows, path: str | Path, number: str = "", end: str = "\r\n"
         writer = csv.writer(file, lineterminator=end)
         writer.writerow(rows[0])
         for row in rows:
+            values = map(row.get, rows[0])
             writer.writerow([v if isinstance(v, str) or v is None or not number
-                             else format(float(v), number) for v in row.values()])  # fmt: skip
+                             else format(float(v), number) for v in values])  # fmt: skip
 
 
 def parts_of(values: Tensor, real: str, imaginary: str) -> dict[str, Tensor]:

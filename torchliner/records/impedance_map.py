@@ -17,6 +17,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.names import ORDERS
 from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
@@ -144,6 +145,17 @@ class ImpedanceMap(Drawn):
     def liner_impedance_velocity_first(self) -> Tensor:
         """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
         return mean_impedance(admittance_from_reflection(self.cell_reflection_velocity_first))
+
+    def of_liner(self, order: str) -> Tensor:
+        """Whole liner, (F,), in one of ``names.ORDERS``."""
+        return self.liner_impedance if order == ORDERS[0] else self.liner_impedance_velocity_first
+
+    def bounds_of_liner(self, order: str, index: int = 0) -> tuple[complex, complex] | None:
+        """Of its statistical interval at one frequency; None without any."""
+        if (known := self.uncertainty) is None:
+            return None
+        found = known.liner if order == ORDERS[0] else known.liner_velocity_first
+        return complex(found.low[index]), complex(found.high[index])
 
     @property
     def cell_impedance(self) -> Tensor:

@@ -8,13 +8,7 @@ from typing import Any
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
-from torchliner.report.table import (
-    Column,
-    Table,
-    format_bounds,
-    format_complex,
-    real_and_imaginary,
-)
+from torchliner.report.table import Column, Table, format_bounds, format_complex, real_and_imaginary
 
 ROW_HEIGHT = 0.17  # inches
 SHOWN = (

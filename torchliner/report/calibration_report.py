@@ -10,21 +10,8 @@ import numpy as np
 
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
-from torchliner.report.figure import (
-    COLOURS,
-    PARTS,
-    Figure,
-    finish,
-    styled,
-    subplots,
-)
-from torchliner.report.table import (
-    Column,
-    Table,
-    format_complex,
-    format_pair,
-    plain_columns,
-)
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 

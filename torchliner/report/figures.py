@@ -82,10 +82,14 @@ def draw_along_x(
             label = profile.label or "educed"
             draw_curve(axis, profile, part, COLOURS[i], scale, label=label)
             _draw_cells(axis, result, part, frequency_index, MARKERS[i], COLOURS[i])
-        _draw_references(axis, ordered, part, frequency_index)
+        for i, (name, value) in enumerate(_references(ordered, frequency_index).items()):
+            axis.axhline(part_of(value, part), color="k", linewidth=0.9,
+                         linestyle=REFERENCE_STYLES[i % 4], label=name)  # fmt: skip
         draw_alongside(axis, ordered, part, frequency_index)
     cells = "cells: filled, admittance over probes; open, velocity first"
-    title = f"{_family(ordered, frequency_index)}; {cells}{_band_words(ordered)}"
+    words = interval_words(ordered[0])
+    bands = f"\nbands, bars: {words}" if words else ""
+    title = f"{_family(ordered, frequency_index)}; {cells}{bands}"
     return finish(figure, path, title, legend=4)
 
 
@@ -108,32 +112,14 @@ def _draw_cells(
         )  # fmt: skip
 
 
-def _band_words(results: Sequence[ImpedanceMap]) -> str:
-    """What the bands and bars mean; the spread over x is what the curve itself shows."""
-    words = interval_words(results[0])
-    return f"\nbands, bars: {words}" if words else ""
-
-
 def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
-    """Independent impedances of the case, and Goodrich's where the flow is known."""
+    """Independent impedances of the case, "true" first, and Goodrich's where the flow is known."""
     seen: dict[str, complex] = {}
     for result in results:
         seen.update(result.reference)
         if result.goodrich is not None:
             seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
-    return seen
-
-
-def _draw_references(
-    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
-) -> None:
-    seen = _references(results, frequency_index)
-    # One value per case; "true" first, so that it has the solid line.
-    for i, name in enumerate(sorted(seen, key=lambda n: n != "true")):
-        axis.axhline(
-            part_of(seen[name], part), color="k", linewidth=0.9,
-            linestyle=REFERENCE_STYLES[i % len(REFERENCE_STYLES)], label=name,
-        )  # fmt: skip
+    return dict(sorted(seen.items(), key=lambda item: item[0] != "true"))
 
 
 @styled
@@ -161,7 +147,7 @@ def draw_against_height(
         for row, value in zip(rows, values, strict=True):
             _draw_cross(axis, value, getattr(row, f"interval{suffix}"), COLOURS[i])
         _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
-    for i, (name, value) in enumerate(sorted(references.items(), key=lambda n: n[0] != "true")):
+    for i, (name, value) in enumerate(references.items()):
         axis.plot(
             value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
@@ -242,12 +228,10 @@ def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
 
 
 def _caption(result: ImpedanceMap, frequency_index: int) -> str:
-    parts = [result.title or height_label(result.height)]
-    parts.append(f"{float(result.frequency[frequency_index]):g} Hz")
+    frequency = f"{float(result.frequency[frequency_index]):g} Hz"
+    parts = [result.title or height_label(result.height), frequency]
     liner = result.choices.get("liner", {})
     if isinstance(liner, dict) and liner.get("name"):
         hard = result.choices.get("surface") == "hard wall"
-        parts.append(
-            f"null test, model {liner['name']}" if hard else f"liner model {liner['name']}"
-        )
-    return "; ".join(part for part in parts if part)
+        parts.append(f"{'null test,' if hard else 'liner'} model {liner['name']}")
+    return "; ".join(filter(None, parts))

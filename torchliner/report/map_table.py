@@ -21,10 +21,7 @@ NULL_TEST = (
     "NULL TEST, the wall below these data is hard and has no liner; the values only show how this "
     "model responds to such a velocity"
 )
-WHERE = (
-    Column("", "height", "y mm", ".2f", 1e3),
-    Column("", "frequency", "f Hz", ".1f"),
-)
+WHERE = (Column("", "height", "y mm", ".2f", 1e3), Column("", "frequency", "f Hz", ".1f"))
 AVERAGES = (
     Column("", "probes_first", "Z, admittance over probes", format_complex),
     Column("", "spread", "spread R, X", format_pair),
@@ -32,8 +29,6 @@ AVERAGES = (
     Column("", "coherence", "coherence", ".2f"),
     Column("", "level", "incident dB", ".1f"),
 )
-
-
 INTERVALS = (
     Column("", "interval", "admittance over probes", format_bounds),
     Column("", "interval_velocity_first", "velocity first", format_bounds),

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance
 from torchliner.liners.model import Liner, as_liner
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.kernels import BAND
 from torchliner.replay.survey import moments
@@ -117,9 +118,6 @@ def _array(value: Tensor) -> Array:
     return value.detach().cpu().numpy().astype(np.float64)
 
 
-Bounds = tuple[complex, complex]
-
-
 @dataclass(frozen=True)
 class HeightRow:
     """One plane's averages: both orders of averaging, the spread over its probes, which is no
@@ -132,23 +130,21 @@ class HeightRow:
     spread: complex
     coherence: float
     level: float
-    interval: Bounds | None = None
-    interval_velocity_first: Bounds | None = None
+    interval: tuple[complex, complex] | None = None
+    interval_velocity_first: tuple[complex, complex] | None = None
 
 
 def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
-        found = result.uncertainty
-        both = () if found is None else (found.liner, found.liner_velocity_first)
         for i, frequency in enumerate(result.frequency.tolist()):
             # The median over probes: a mean of complex waves would cancel along a grazing one.
             level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
-            bounds = [(complex(each.low[i]), complex(each.high[i])) for each in both]
             rows.append(HeightRow(
                 result.height, frequency, complex(result.liner_impedance[i]),
                 complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
-                float(result.coherence[..., i].nanmedian()), float(level), *bounds,
+                float(result.coherence[..., i].nanmedian()), float(level),
+                *(result.bounds_of_liner(order, i) for order in ORDERS),
             ))  # fmt: skip
     return rows

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.calibration.budget import Budget
+from torchliner.calibration.budget import Budget, correlation_of
 from torchliner.calibration.sensitivities import Sensitivities
-from torchliner.names import ORDERS
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
 
@@ -80,27 +79,14 @@ def budget_table(budget: Budget, frequency: Sequence[float], order: str) -> Tabl
 
 def format_budget(budget: Budget, found: Sensitivities, order: str, table: Table) -> str:
     """``budget_table`` with the impedance and its correlation of R and X."""
-    nominal = nominal_impedance(found, order)
+    nominal = found.found.of_liner(order).tolist()
     lines = [
         f"{frequency:.1f} Hz: Z = {format_complex(nominal[i])}, correlation of R and X "
-        f"{budget_correlation(budget, order, i):+.2f}; dR, dX: standard uncertainty, combined and "
-        "by parameter"
+        f"{correlation_of(budget.covariance[order][i]):+.2f}; dR, dX: standard uncertainty, "
+        "combined and by parameter"
         for i, frequency in enumerate(found.found.frequency.tolist())
     ]
     return "\n".join([table.as_text(), *lines])
-
-
-def budget_correlation(budget: Budget, order: str, frequency_index: int) -> float:
-    """Of R and X, -1 to 1; 0 where one of them has no uncertainty."""
-    covariance = budget.covariance[order][frequency_index]
-    product = float((covariance[0, 0] * covariance[1, 1]).sqrt())
-    return float(covariance[0, 1]) / product if product else 0.0
-
-
-def nominal_impedance(found: Sensitivities, order: str) -> list[complex]:
-    """Of the whole liner at each frequency, at the parameters as stated."""
-    both = (found.found.liner_impedance, found.found.liner_impedance_velocity_first)
-    return dict(zip(ORDERS, both, strict=True))[order].tolist()
 
 
 @styled

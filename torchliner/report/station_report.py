@@ -9,14 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.report.curves import Curves
-from torchliner.report.figure import (
-    COLOURS,
-    Figure,
-    finish,
-    label_axes,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, Figure, finish, label_axes, styled, subplots
 from torchliner.report.table import Column, Table
 from torchliner.signals.burst_moments import HISTOGRAM_BINS, HISTOGRAM_REACH, interval_histogram
 from torchliner.signals.inspected_station import Station
@@ -152,7 +145,7 @@ def intervals_of(stations: Sequence[Station]) -> Curves:
     for i, station in enumerate(stations, 1):
         density = np.full(HISTOGRAM_BINS, np.nan)
         if station.moments.rate > 0 and bool((station.kept.arrival_time.diff() >= 0).all()):
-            density = interval_histogram(station.kept).density.numpy() / station.moments.rate
+            density = interval_histogram(station.kept)[1].numpy() / station.moments.rate
         values[f"{i} {station.name}"] = density
     return Curves((edges[1:] + edges[:-1]) / 2, values, "", "interval times rate")
 
@@ -166,10 +159,7 @@ def _draw_intervals(axis: Any, stations: Sequence[Station]) -> None:
         drawn = (station.kept.bursts * law * width >= FEWEST_IN_BIN) & (density > 0)
         axis.plot(curves.at, np.where(drawn, density, np.nan), color="0.65", linewidth=0.7,
                   linestyle=":" if station.flags else "-")  # fmt: skip
-    for style, label in (
-        ("-", "intervals, a line a station"),
-        (":", "those of flagged stations"),
-    ):
+    for style, label in (("-", "intervals, a line a station"), (":", "those of flagged stations")):
         axis.plot([], [], color="0.65", linewidth=0.7, linestyle=style, label=label)
     span = np.linspace(0, HISTOGRAM_REACH, 50)
     axis.plot(span, np.exp(-span), color="k", linestyle="--", label="exponential law")

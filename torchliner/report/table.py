@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.whole_file import written_whole
+from torchliner.io.csv_rows import write_rows
 
 Of = str | Callable[[Any], Any]
 GAP = "  "  # between the columns of a text table
@@ -122,20 +121,7 @@ class Table:
 
     def write_csv(self, path: str | Path) -> None:
         """The columns with a name; None is an empty field."""
-        rows = self.as_rows()
-        for row in rows if self.csv else ():
-            row |= {
-                key: format(v, self.csv) for key, v in row.items() if isinstance(v, int | float)
-            }
-        write_rows(rows, path)
-
-
-def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path) -> None:
-    """CSV of rows that share their columns; columns are named by the first."""
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+        write_rows(self.as_rows(), path, self.csv)
 
 
 def format_complex(value: complex | None) -> str:

@@ -26,9 +26,7 @@ from torchliner.report.wall_table import LEVEL, Educed
 
 @styled
 def draw_wall(
-    lines: Sequence[MicrophoneLine],
-    found: Sequence[Educed],
-    path: str | Path | None = None,
+    lines: Sequence[MicrophoneLine], found: Sequence[Educed], path: str | Path | None = None
 ) -> Figure:
     """One frequency: Z with its draws, and the levels with the range of the draws (figure 14).
     Several: R and X over frequency with 95 % of the draws."""

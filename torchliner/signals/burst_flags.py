@@ -48,14 +48,11 @@ def station_flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments) -> l
         share = step**2 / 12 / moments.rms**2 if moments.rms > 0 else math.inf
         if share > MOST_ROUNDING:
             flags.append(
-                f"{name} is resolved to {step:g} m/s: rounding alone is {_percent(share)} of its "
-                f"variance (limit {100 * MOST_ROUNDING:g} %)"
+                f"{name} is resolved to {step:g} m/s: rounding alone is "
+                f"{'all' if share >= 1 else f'{100 * share:.0f} %'} of its variance "
+                f"(limit {100 * MOST_ROUNDING:g} %)"
             )
     return flags + _arrival_flags(kept, found)
-
-
-def _percent(share: float) -> str:
-    return "all" if share >= 1 else f"{100 * share:.0f} %"
 
 
 def _arrival_flags(kept: BurstRecord, found: BurstMoments) -> list[str]:

@@ -91,33 +91,13 @@ def _moments(values: Tensor, weights: Tensor) -> tuple[float, float, float]:
     return float(mean), float(square.sqrt()), float(cube)
 
 
-@dataclass(frozen=True)
-class IntervalHistogram:
-    """How long one waits for the next burst.
-
-    Args:
-        edges: of the bins, s, (B + 1,).
-        density: share of the intervals per second, 1/s, (B,).
-        exponential: the law of a Poisson process of the same rate, averaged over each bin, 1/s.
-        beyond, exponential_beyond: share of the intervals longer than the last edge, and the law's.
-    """
-
-    edges: Tensor
-    density: Tensor
-    exponential: Tensor
-    beyond: float
-    exponential_beyond: float
-
-
-def interval_histogram(
-    record: BurstRecord, bins: int = HISTOGRAM_BINS, reach: float = HISTOGRAM_REACH
-) -> IntervalHistogram:
-    """Histogram of the times between bursts, with the exponential law beside it.
+def interval_histogram(record: BurstRecord) -> tuple[Tensor, Tensor]:
+    """Histogram of the times between bursts, 32 bins up to 8 mean intervals.
 
     Args:
         record: at least two bursts in the order of time.
-        bins: number.
-        reach: last edge, in mean intervals.
+    Returns:
+        Edges of the bins, s, (B + 1,); share of the intervals per second, 1/s, (B,).
     Raises:
         ValueError: fewer than two bursts, or times that do not increase.
     """
@@ -127,16 +107,8 @@ def interval_histogram(
             f"{record.name}: a histogram of intervals needs at least two bursts in the order of "
             "time; validate_bursts drops the others"
         )
-    mean = float(steps.mean())
-    edges = torch.linspace(0, reach * mean, bins + 1, dtype=torch.float64)
+    reach, bins = HISTOGRAM_REACH * float(steps.mean()), HISTOGRAM_BINS
+    edges = torch.linspace(0, reach, bins + 1, dtype=torch.float64)
     inside = steps[steps < edges[-1]]
     which = (torch.searchsorted(edges, inside, right=True) - 1).clamp(0, bins - 1)
-    count = torch.bincount(which, minlength=bins)
-    survival = torch.exp(-edges / mean)
-    return IntervalHistogram(
-        edges,
-        count / (len(steps) * edges.diff()),
-        (survival[:-1] - survival[1:]) / edges.diff(),
-        1 - len(inside) / len(steps),
-        float(survival[-1]),
-    )
+    return edges, torch.bincount(which, minlength=bins) / (len(steps) * edges.diff())

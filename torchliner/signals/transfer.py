@@ -90,14 +90,7 @@ def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:
 
 
 def transfer_function(
-    driver: Tensor,
-    response: Tensor,
-    frequency: Tensor,
-    sampling_rate: float,
-    *,
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
+    driver: Tensor, response: Tensor, frequency: Tensor, sampling_rate: float, **cut: Any
 ) -> Transfer:
     """H1 = response/driver of two real signals (..., T) at the frequencies (F,), Hz.
 
@@ -106,7 +99,8 @@ def transfer_function(
 
     Args:
         driver, response: x and y, (..., T), same times; leading axes broadcast.
-        frequency, sampling_rate, window, segment, start: as for ``segment_amplitudes``.
+        frequency, sampling_rate: as for ``segment_amplitudes``.
+        cut: its ``window``, ``segment`` and ``start``.
     Raises:
         ValueError: lengths differ, or as ``segment_amplitudes``.
     """
@@ -115,10 +109,5 @@ def transfer_function(
             f"driver has {driver.shape[-1]} samples, response {response.shape[-1]}; they share "
             "one time base"
         )
-    x, y = (
-        segment_amplitudes(
-            each, frequency, sampling_rate, window=window, segment=segment, start=start
-        )
-        for each in (driver, response)
-    )
-    return transfer_from_amplitudes(x, y)
+    both = (segment_amplitudes(x, frequency, sampling_rate, **cut) for x in (driver, response))
+    return transfer_from_amplitudes(*both)
