@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, liner_names, read_planes
-from torchliner.cli.options import frequency_option, print_json, progress_bar, shared
+from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.options import frequency_option, progress_bar, shared
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -51,10 +51,7 @@ def run(options: argparse.Namespace) -> int:
         result.write(path)
     if options.figures is not None:
         draw_pictures(found, planes, options.figures)
-    if options.json:
-        print_json([plain_map(result) for result in found])
-    else:
-        print(format_maps(found))
+    show_results(options, lambda: format_maps(found), lambda: [*map(plain_map, found)])
     return 0
 
 

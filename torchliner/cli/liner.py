@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.files import check_files, write_copy
-from torchliner.cli.options import frequency_option, print_json, shared
+from torchliner.cli.files import check_files, show_results, write_copy
+from torchliner.cli.options import frequency_option, shared
 
 FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
 SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
@@ -44,13 +44,12 @@ def run(options: argparse.Namespace) -> int:
             for v in options.speed
         ]
         found.append({"liner": liner.facts(), "table": table})
-    if options.json:
-        print_json(found if len(found) > 1 else found[0])
-    else:
-        for one in found:
-            _print(one["liner"], one["table"], options.speed)
-    if options.figure is not None:
-        _draw(liners, options.speed, options.figure)
+    show_results(
+        options,
+        lambda: "\n".join(_text(one["liner"], one["table"], options.speed) for one in found),
+        lambda: found if len(found) > 1 else found[0],
+        figure=lambda path: _draw(liners, options.speed, path),
+    )
     return 0
 
 
@@ -59,20 +58,23 @@ def _inside(liner: Any, frequency: float) -> bool:
     return known is None or known[0] <= frequency <= known[1]
 
 
-def _print(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> None:
+def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> str:
     from torchliner.report.table import format_complex
 
+    lines = []
     for key, value in facts.items():
         unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""
         if key == "fluid":
             value = ", ".join(f"{name} {number:g}" for name, number in value.items())
-        print(f"{key:26s} {value:.6g}{unit}" if isinstance(value, float) else f"{key:26s} {value}")
-    print("\nZ, normalised by rho c, at |v| in m/s")
-    print(f"{'f Hz':>8s}" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds))
+        text = f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}"
+        lines.append(f"{key:26s} {text}")
+    lines.append("\nZ, normalised by rho c, at |v| in m/s")
+    lines.append(f"{'f Hz':>8s}" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds))
     for first in range(0, len(table), len(speeds)):
         row = table[first : first + len(speeds)]
         cells = "".join(f"{format_complex(cell['impedance']):>18s}" for cell in row)
-        print(f"{row[0]['frequency']:8.1f}{cells}")
+        lines.append(f"{row[0]['frequency']:8.1f}{cells}")
+    return "\n".join(lines)
 
 
 def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:

@@ -96,9 +96,8 @@ def educe_bursts(
         if kept is None:
             lines.append(work())
         else:
-            lines.append(
-                kept.take_up(station_key(stations[i], channel, [*shared, phases[i]]), work)
-            )
+            key = station_key(stations[i], channel, [*shared, phases[i]])
+            lines.append(kept.take_up(key, work))
         if progress is not None:
             progress(1)
     line = join_lines(lines)

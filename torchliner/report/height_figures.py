@@ -19,7 +19,7 @@ from torchliner.report.figure import (
     subplots,
 )
 
-ORDERS = ("probes_first", "velocity_first")
+ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
 _V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 MOST_LENGTHS = 5  # curves a reader can tell apart
 

@@ -6,10 +6,9 @@ from typing import Any
 
 from torchliner.heights.recommend import Recommendation
 from torchliner.heights.study import HeightStudy
-from torchliner.report.height_figures import imprint_over_height, length_label
+from torchliner.report.height_figures import ORDERS, imprint_over_height, length_label
 from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
 
-ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
 FACTS = (
     Column("", "height", "y mm", ".2f", 1e3),
     Column("", "coherence", "coherence", ".2f"),
