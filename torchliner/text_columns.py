@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -67,9 +66,7 @@ def separator_of(header: str) -> str:
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
-    """Cells of a line without blanks and quotes around them; separator None for blanks."""
-    if separator is not None and '"' in line and line.count('"') % 2 == 0:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    """Cells of a line without the blanks around them; separator None for blanks."""
     return [cell.strip() for cell in line.split(separator)]
 
 
@@ -96,8 +93,7 @@ def find_columns(
     example: str,
     optional: Collection[str] = (),
     short: Mapping[str, str] | None = None,
-    others: Collection[str] | None = (),
-    bare: bool = False,
+    others: Collection[str] = (),
 ) -> list[Column]:
     """Columns by labels such as ``x [mm]``, in any order.
 
@@ -109,8 +105,7 @@ def find_columns(
         example: a header that is right.
         optional: names that may be absent.
         short: other names, in their own case, for some of ``known``.
-        others: names that are passed over; None for all that are not known.
-        bare: a label without a unit is in SI units.
+        others: names that are passed over.
     Raises:
         ValueError: a column unknown, missing, named twice, or without a unit.
     """
@@ -119,7 +114,7 @@ def find_columns(
         match = LABEL.fullmatch(label)
         word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
         name = _name(word, unit, known, short or {})
-        if name not in known and (others is None or name in others):
+        if name in others:
             continue
         where = f"{path}: column {name!r}"
         if name not in known:
@@ -130,9 +125,9 @@ def find_columns(
         if name in found:
             raise ValueError(f"{where} is named twice")
         quantity, factor = known[name], 1.0
-        if quantity is not None and not unit and quantity != "number" and not bare:
+        if quantity is not None and not unit and quantity != "number":
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
-        if quantity is not None and (unit or not bare):
+        if quantity is not None:
             factor = si_factor(quantity, unit, where)
         found[name] = Column(name, index, factor)
     for name in known:
