@@ -21,14 +21,7 @@ from torchliner.io.hdf5 import (
     write_references,
     write_variable,
 )
-from torchliner.io.tables import (
-    FileKind,
-    Table,
-    numbers,
-    plain,
-    read_variables,
-    write_variables,
-)
+from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",

@@ -27,13 +27,7 @@ from torchliner.io.axes import (
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import (
-    attach_scales,
-    get_dataset,
-    open_file,
-    text_attribute,
-    tiles,
-)
+from torchliner.io.hdf5 import attach_scales, get_dataset, open_file, text_attribute, tiles
 from torchliner.io.tables import FileKind, numbers
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds

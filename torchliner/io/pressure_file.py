@@ -22,20 +22,8 @@ from torchliner.io.axes import (
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import (
-    get_dataset,
-    open_file,
-    tiles,
-    write_index,
-    write_variable,
-)
-from torchliner.io.tables import (
-    FileKind,
-    Variable,
-    numbers,
-    real,
-    write_variables,
-)
+from torchliner.io.hdf5 import get_dataset, open_file, tiles, write_index, write_variable
+from torchliner.io.tables import FileKind, Variable, numbers, real, write_variables
 from torchliner.records import PressureRecord
 
 KIND = FileKind("torchliner pressure 1", "pressure record", {"title": "", "provenance": {}})
