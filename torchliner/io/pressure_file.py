@@ -17,7 +17,6 @@ from torchliner.io.axes import (
     read_coordinate,
     read_signal,
     read_times,
-    require_times,
     write_case,
     write_coordinates,
     write_times,
@@ -49,9 +48,8 @@ def write_pressure(record: PressureRecord, path: str | Path) -> None:
     Raises:
         ValueError: a single sample: a file's sampling rate is that of its times.
     """
-    require_times(record.samples, record.name)
     with KIND.created(path, record) as file:
-        write_times(file, record.samples, record.sampling_rate)
+        write_times(file, record)
         axes = _write_probes(file, record)
         for signal in SIGNALS:
             values = getattr(record, signal.field)

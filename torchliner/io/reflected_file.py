@@ -36,7 +36,7 @@ def reflected_file(
         columns beyond the probes are averages.
     """
     with KIND.created(path, SimpleNamespace(title=plane.title, choices=choices)) as file:
-        write_times(file, plane.samples, plane.sampling_rate)
+        write_times(file, plane)
         write_index(file, "probe", plane.probes)
         for name, values in zip(("x", "z"), plane.probe_coordinates(), strict=True):
             if values is not None:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.liners.model import LinerModel
+from torchliner.text_columns import Array, Column, read_columns
 from torchliner.toml_files import read_text
 
 COLUMNS = ("frequency", "speed", "resistance", "reactance")
@@ -124,9 +125,9 @@ class TabulatedLiner(LinerModel):
             return flat.broadcast_to(torch.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
         column, along = _bracket(self.speed, v)
-        lower = self.values[row, column] * (1 - along) + self.values[row, column + 1] * along
-        upper = (
-            self.values[row + 1, column] * (1 - along) + self.values[row + 1, column + 1] * along
+        lower, upper = (
+            self.values[i, column] * (1 - along) + self.values[i, column + 1] * along
+            for i in (row, row + 1)
         )
         return lower * (1 - across) + upper * across
 
@@ -136,7 +137,7 @@ class TabulatedLiner(LinerModel):
         return {"model": "table", "name": self.name, "low": low, "high": high}
 
 
-def _read_columns(path: Path) -> dict[str, np.ndarray]:
+def _read_columns(path: Path) -> dict[str, Array]:
     """The columns of a table by name, finite numbers."""
     text = read_text(path)
     separator = ";" if ";" in text.partition("\n")[0] else ","
@@ -146,27 +147,12 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
         if labels.count(name) != 1 and (name != "speed" or name in labels):
             state = "named twice" if name in labels else f"missing; there are: {', '.join(labels)}"
             raise ValueError(f"{path}: column {name!r} is {state}; write {EXAMPLE}")
-    found: dict[str, list[float]] = {name: [] for name in COLUMNS if name in labels}
-    for row in filter(None, reader):
-        where = f"{path}: line {reader.line_num}"
-        if any(row[len(labels) :]):
-            raise ValueError(f"{where} has {len(row)} cells, the header {len(labels)}")
-        cells = dict(zip(labels, row, strict=False))
-        for name, values in found.items():
-            values.append(_finite(cells.get(name, ""), f"{where}, column {name!r}"))
-    if not found["frequency"]:
+    rows = [([cell.strip() for cell in row], reader.line_num) for row in reader if row]
+    if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line 1")
-    return {name: np.array(values) for name, values in found.items()}
-
-
-def _finite(text: str, name: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise ValueError(f"{name} is {text!r}; a number is needed")
-    return value
+    cells, numbers = zip(*rows, strict=True)
+    columns = [Column(name, labels.index(name), 1.0) for name in COLUMNS if name in labels]
+    return read_columns(cells, numbers, columns, path, len(labels), special=(), comma=False)
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:
