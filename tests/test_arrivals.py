@@ -323,6 +323,7 @@ def test_corrections_that_are_refused():
         corrected_coherent_part(weak, small)
 
 
+@pytest.mark.slow
 def test_study_runs(tmp_path, monkeypatch):
     """At two rates: linear interpolation lowers rms and resistance, the correction returns most."""
     study = load_script("ldv_interpolation")

@@ -335,7 +335,7 @@ def test_faulty_hdf5_is_refused(tmp_path):
         read_burst_file(path)
     with h5py.File(path, "w") as file:
         file.attrs["schema"] = "torchliner plane 1"
-    with pytest.raises(ValueError, match="holds no bursts: its schema"):
+    with pytest.raises(ValueError, match="is no file of bursts: its schema"):
         read_burst_file(path)
     with pytest.raises(ValueError, match="frequency 2000"):
         write_bursts([record_of(0), record_of(1, frequency=2000.0)], path)

@@ -215,15 +215,18 @@ HEAD = "frequency,speed,resistance,reactance"
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (
-            ["f,resistance,reactance", "1,2,3"],
-            r"t.csv: column 'frequency' is missing; there are",
-        ),
+        (["f,resistance,reactance", "1,2,3"], r"t.csv: column 'frequency' is missing; there are"),
+        (["Frequency,resistance,reactance", "1,2,3"], r"column 'frequency' is missing; there are"),
+        (["frequency [kHz],resistance,reactance", "1,2,3"], r"column 'frequency' is missing"),
+        (["frequency\tresistance\treactance", "1\t2\t3"], r"column 'frequency' is missing"),
+        (["# source = me", HEAD, "1,0,2,3"], r"column 'frequency' is missing; there are: # source"),
+        ([HEAD, "1,0,2,3", "# a remark"], r"line 3, column 'frequency' is '# a remark'; a number"),
+        ([HEAD.replace(",", ";"), "1;0;2,5;3"], r"line 2, column 'resistance' is '2,5'; a number"),
         (
             ["note", "1"],
             r"t.csv: column 'frequency' is missing.* write frequency, \[speed,\] res",
         ),
-        ([""], r"t.csv is empty"),
+        ([""], r"t.csv: column 'frequency' is missing"),
         ([HEAD], r"t.csv holds no values: the file ends at line 1"),
         ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv: line 4, column 'resistance' is 'two'; a num"),
         ([HEAD, "1,0,2"], r"t.csv: line 2, column 'reactance' is ''; a number is need"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -67,9 +66,7 @@ def separator_of(header: str) -> str:
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
-    """Cells of a line without blanks and quotes around them; separator None for blanks."""
-    if separator is not None and '"' in line and line.count('"') % 2 == 0:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    """Cells of a line without the blanks around them; separator None for blanks."""
     return [cell.strip() for cell in line.split(separator)]
 
 
@@ -96,8 +93,7 @@ def find_columns(
     example: str,
     optional: Collection[str] = (),
     short: Mapping[str, str] | None = None,
-    others: Collection[str] | None = (),
-    bare: bool = False,
+    others: Collection[str] = (),
 ) -> list[Column]:
     """Columns by labels such as ``x [mm]``, in any order.
 
@@ -109,8 +105,7 @@ def find_columns(
         example: a header that is right.
         optional: names that may be absent.
         short: other names, in their own case, for some of ``known``.
-        others: names that are passed over; None for all that are not known.
-        bare: a label without a unit is in SI units.
+        others: names that are passed over.
     Raises:
         ValueError: a column unknown, missing, named twice, or without a unit.
     """
@@ -119,7 +114,7 @@ def find_columns(
         match = LABEL.fullmatch(label)
         word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
         name = _name(word, unit, known, short or {})
-        if name not in known and (others is None or name in others):
+        if name in others:
             continue
         where = f"{path}: column {name!r}"
         if name not in known:
@@ -130,9 +125,9 @@ def find_columns(
         if name in found:
             raise ValueError(f"{where} is named twice")
         quantity, factor = known[name], 1.0
-        if quantity is not None and not unit and quantity != "number" and not bare:
+        if quantity is not None and not unit and quantity != "number":
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
-        if quantity is not None and (unit or not bare):
+        if quantity is not None:
             factor = si_factor(quantity, unit, where)
         found[name] = Column(name, index, factor)
     for name in known:
@@ -153,6 +148,7 @@ def read_columns(
     *,
     padded: bool = False,
     special: Collection[str] | None = None,
+    comma: bool = True,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name.
 
@@ -164,6 +160,7 @@ def read_columns(
         count: of the columns of the file.
         padded: columns may end early, filled up with blank cells, as those of two channels do.
         special: columns that may hold inf, though not nan; default: all, and nan as well.
+        comma: the decimal mark may be a comma.
     Raises:
         ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks.
     """
@@ -173,7 +170,7 @@ def read_columns(
     cells = {c.name: [row[c.index] if c.index < len(row) else "" for row in rows] for c in columns}
     if padded:
         cells = {name: _filled(texts) for name, texts in cells.items()}
-    comma = _has_comma(cells, numbers, path)
+    comma = comma and _has_comma(cells, numbers, path)
     found = {}
     for column in columns:
         texts = cells[column.name]

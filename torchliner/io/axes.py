@@ -21,14 +21,7 @@ from torchliner.io.hdf5 import (
     write_references,
     write_variable,
 )
-from torchliner.io.tables import (
-    FileKind,
-    Table,
-    numbers,
-    plain,
-    read_variables,
-    write_variables,
-)
+from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
@@ -93,19 +86,15 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
     return {**found, "reference": read_references(file, path)}
 
 
-def write_times(file: h5py.File, samples: int, sampling_rate: float) -> None:
-    """The dimension ``time`` of uniform samples, from 0 s."""
-    write_variable(file, "time", np.arange(samples) / sampling_rate, "s", ("time",))
-
-
-def require_times(samples: int, name: str) -> None:
-    """Refuse a record whose sampling rate a file cannot tell: a file states times.
+def write_times(file: h5py.File, record: Any) -> None:
+    """The dimension ``time`` of the uniform samples of a record, from 0 s.
 
     Raises:
-        ValueError: a single sample.
+        ValueError: a single sample: a file states times, of which one tells no sampling rate.
     """
-    if samples < 2:
-        raise ValueError(f"{name} has 1 sample; at least two times are needed in a file")
+    if record.samples < 2:
+        raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
+    write_variable(file, "time", np.arange(record.samples) / record.sampling_rate, "s", ("time",))
 
 
 def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:

@@ -13,12 +13,7 @@ from torchliner.io.stated_lines import read_stated, write_stated
 from torchliner.io.whole_file import written_whole
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import UNITS
-from torchliner.text_columns import (
-    cells_of,
-    header_line,
-    read_lines,
-    separator_of,
-)
+from torchliner.text_columns import cells_of, header_line, read_lines, separator_of
 
 STATED = {
     **dict.fromkeys("xyz", "m"),

@@ -23,7 +23,6 @@ from torchliner.io.hdf5 import (
     open_file,
     place,
     read_si,
-    text_attribute,
     to_json,
     write_index,
     write_texts,
@@ -108,18 +107,15 @@ def _write_stations(file: h5py.File, records: Sequence[BurstRecord]) -> None:
 def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
     """The bursts of all stations, nan where a station lacks what another has."""
     write_index(file, "burst", sum(record.bursts for record in records))
-    joined: dict[str, Any] = {}
+    joined = SimpleNamespace()
     for row in ARRAYS:
         parts = [getattr(record, row.field) for record in records]
-        if all(part is None for part in parts):
-            joined[row.field] = None
-            continue
-        joined[row.field] = np.concatenate([
-            np.full(record.bursts, np.nan) if part is None else plain(part)
-            for record, part in zip(records, parts, strict=True)
-        ])  # fmt: skip
+        filled = [np.full(record.bursts, np.nan) if part is None else plain(part)
+                  for record, part in zip(records, parts, strict=True)]  # fmt: skip
+        there = any(part is not None for part in parts)
+        setattr(joined, row.field, np.concatenate(filled) if there else None)
     storage: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-    write_variables(file, SimpleNamespace(**joined), ARRAYS, attributes_last=True, **storage)
+    write_variables(file, joined, ARRAYS, attributes_last=True, **storage)
 
 
 def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:
@@ -171,9 +167,7 @@ def station_places(path: str | Path) -> list[Place]:
 
 def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Where the bursts of each station end, and the stations' coordinates that are stated."""
-    schema = text_attribute(file, "schema")
-    if schema != KIND.schema:
-        raise ValueError(f"{path} holds no bursts: its schema is {schema!r}, not {KIND.schema!r}")
+    KIND.require(file, path)
     counts = read_si(file, "burst_count", "1", path).astype(np.int64).reshape(-1)
     if len(counts) == 0 or (counts < 1).any():
         raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; at least 1 a station")

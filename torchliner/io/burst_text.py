@@ -16,14 +16,7 @@ from torchliner.checks import require_choice
 from torchliner.io.burst_format import BurstFormat
 from torchliner.names import SEPARATORS
 from torchliner.records import BurstRecord
-from torchliner.text_columns import (
-    Array,
-    Column,
-    cells_of,
-    find_columns,
-    read_columns,
-    read_lines,
-)
+from torchliner.text_columns import Array, Column, cells_of, find_columns, read_columns, read_lines
 
 QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity",
               "streamwise": "velocity"}  # fmt: skip

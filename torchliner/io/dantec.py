@@ -116,19 +116,15 @@ def read_position(line: str, path: str | Path) -> tuple[float, float, float]:
     """
     parts = [part.strip() for part in line.split(";") if part.strip()]
     parts = parts[-3:] if len(parts) == 4 else parts
-    found = [re.fullmatch(rf"({NUMBER})\s*(.*)", part) for part in parts]
-    if len(found) != 3 or None in found:
+    found = [match for part in parts if (match := re.fullmatch(rf"({NUMBER})\s*(.*)", part))]
+    if not len(parts) == len(found) == 3:
         raise ValueError(
             f"{path}: line 4 is {line.strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' "
             "is needed"
         )
-    values = [
-        float(each.group(1).replace(",", "."))
-        * si_factor("length", each.group(2), f"{path}: the position on line 4")
-        for each in found
-        if each is not None
-    ]
-    return values[0], values[1], values[2]
+    where = f"{path}: the position on line 4"
+    x, y, z = (float(m[1].replace(",", ".")) * si_factor("length", m[2], where) for m in found)
+    return x, y, z
 
 
 def _channels(

@@ -47,7 +47,7 @@ class LineParts:
             return line
         line = work()
         self.folder.mkdir(exist_ok=True)
-        line = _marked(line, key)
+        line = replace(line, choices={**line.choices, "part": key})
         write_line(line, path)
         return line
 
@@ -57,7 +57,3 @@ class LineParts:
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # not empty, not there, a link
             self.folder.rmdir()
-
-
-def _marked(line: ImpedanceLine, key: str) -> ImpedanceLine:
-    return replace(line, choices={**line.choices, "part": key})

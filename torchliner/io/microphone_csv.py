@@ -17,12 +17,7 @@ from torchliner.io.axes import FLUID_UNITS
 from torchliner.io.stated_lines import read_stated, write_stated
 from torchliner.io.whole_file import written_whole
 from torchliner.records import MicrophoneLine
-from torchliner.text_columns import (
-    Array,
-    header_line,
-    read_lines,
-    read_table,
-)
+from torchliner.text_columns import Array, header_line, read_lines, read_table
 
 UNITS = {"duct_height": "m", "duct_width": "m", "mach": "1", "liner_start": "m", "liner_end": "m"}
 TEXTS = dict.fromkeys(("title", "source_side", "liner"), "text")

@@ -14,25 +14,12 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import find_time_axis, read_case, read_times, write_case, write_times
-from torchliner.io.hdf5 import (
-    get_dataset,
-    open_file,
-    read_si,
-    write_index,
-    write_variable,
-)
+from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
+from torchliner.io.hdf5 import get_dataset, open_file, read_si, write_index
 from torchliner.io.microphone_csv import UNITS, read_microphone_csv, write_microphone_csv
-from torchliner.io.tables import (
-    FileKind,
-    Variable,
-    numbers,
-    read_variables,
-    real,
-    write_variables,
-)
+from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
 from torchliner.records import MicrophoneLine
-from torchliner.signals.reference_coherence import RejectedFlow, reject_flow_noise
+from torchliner.signals.reference_coherence import reject_flow_noise
 
 KIND = FileKind(
     "torchliner microphones 1", "line of microphones",
@@ -60,47 +47,14 @@ def write_microphones(line: MicrophoneLine, path: str | Path) -> None:
         write_microphone_csv(line, path)
         return
     with KIND.created(path, line) as file:
-        _write_duct(file, line)
+        write_index(file, "microphone", line.microphones)
+        write_case(file, line, DUCT)
         write_variables(file, line, FREQUENCY)
         draws = []
         for axis, count in enumerate(line.pressure.shape[:-2]):
             draws.append("draw" if axis == 0 else f"draw_{axis}")
             write_index(file, draws[-1], count)
         write_variables(file, line, AMPLITUDES, {"draws": draws})
-
-
-def write_signals(
-    line: MicrophoneLine, pressure: Any, reference: Any, sampling_rate: float, path: str | Path
-) -> None:
-    """Write time signals and their reference channel with what a line says of its duct.
-
-    Args:
-        line: x, frequencies that were played, duct and flow; its own pressure is not written.
-        pressure: Pa, (N, T).
-        reference: of any unit, (T,).
-        sampling_rate: Hz.
-        path: .h5 or .nc.
-    Raises:
-        ValueError: shapes disagree.
-    """
-    signals, channel = np.asarray(pressure), np.asarray(reference)
-    if signals.ndim != 2 or signals.shape != (line.microphones, len(channel)):
-        raise ValueError(
-            f"{path}: pressure has shape {signals.shape}, reference {channel.shape}; "
-            f"({line.microphones}, T) and (T,) are needed"
-        )
-    with KIND.created(path, line) as file:
-        _write_duct(file, line)
-        write_times(file, len(channel), sampling_rate)
-        write_variables(file, line, FREQUENCY)
-        write_variable(file, "pressure", signals, "Pa", ("microphone", "time"))
-        write_variable(file, "reference", channel, "1", ("time",))
-
-
-def _write_duct(file: h5py.File, line: MicrophoneLine) -> None:
-    """Where the microphones are, and what the duct and its flow are."""
-    write_index(file, "microphone", line.microphones)
-    write_case(file, line, DUCT)
 
 
 def read_microphones(
@@ -179,19 +133,15 @@ def _from_signals(
         torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
         rate, name=str(path), **options,
     )  # fmt: skip
-    return {
-        "pressure": found.amplitude,
-        "coherence": found.coherence,
-        "provenance": {**head["provenance"], "flow_noise": _report(found)},
-        "notes": (*head["notes"], *found.notes),
-    }
-
-
-def _report(found: RejectedFlow) -> dict[str, Any]:
-    """What the rejection did, for the provenance."""
-    return {
+    report = {
         "segments": found.segments,
         "lowest_coherence": float(found.coherence.min()),
         "largest_rejected_level_db": float(found.rejected_level.max()),
         "largest_relative_error": float(found.relative_error.max()),
+    }
+    return {
+        "pressure": found.amplitude,
+        "coherence": found.coherence,
+        "provenance": {**head["provenance"], "flow_noise": report},
+        "notes": (*head["notes"], *found.notes),
     }

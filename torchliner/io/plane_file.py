@@ -22,18 +22,11 @@ from torchliner.io.axes import (
     read_case,
     read_coordinate,
     read_times,
-    require_times,
     write_case,
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import (
-    attach_scales,
-    get_dataset,
-    open_file,
-    text_attribute,
-    tiles,
-)
+from torchliner.io.hdf5 import attach_scales, get_dataset, open_file, text_attribute, tiles
 from torchliner.io.tables import FileKind, numbers
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
@@ -59,9 +52,8 @@ def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) 
     Raises:
         ValueError: a single sample: a file's sampling rate is that of its times.
     """
-    require_times(plane.samples, plane.name)
     with KIND.created(path, plane) as file:
-        write_times(file, plane.samples, plane.sampling_rate)
+        write_times(file, plane)
         dims = write_coordinates(file, plane.probe_shape, plane.x, plane.z)
         _write_velocity(file, VELOCITY, plane, dims, compress)
         file[VELOCITY].attrs["positive"] = "away from the liner"

@@ -17,25 +17,12 @@ from torchliner.io.axes import (
     read_coordinate,
     read_signal,
     read_times,
-    require_times,
     write_case,
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import (
-    get_dataset,
-    open_file,
-    tiles,
-    write_index,
-    write_variable,
-)
-from torchliner.io.tables import (
-    FileKind,
-    Variable,
-    numbers,
-    real,
-    write_variables,
-)
+from torchliner.io.hdf5 import get_dataset, open_file, tiles, write_index, write_variable
+from torchliner.io.tables import FileKind, Variable, numbers, real, write_variables
 from torchliner.records import PressureRecord
 
 KIND = FileKind("torchliner pressure 1", "pressure record", {"title": "", "provenance": {}})
@@ -61,9 +48,8 @@ def write_pressure(record: PressureRecord, path: str | Path) -> None:
     Raises:
         ValueError: a single sample: a file's sampling rate is that of its times.
     """
-    require_times(record.samples, record.name)
     with KIND.created(path, record) as file:
-        write_times(file, record.samples, record.sampling_rate)
+        write_times(file, record)
         axes = _write_probes(file, record)
         for signal in SIGNALS:
             values = getattr(record, signal.field)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,52 +20,38 @@ from torchliner.records import VelocityPlane
 KIND = FileKind("torchliner reflected 1", "reflected signal", {"title": "", "choices": {}})
 
 
-class ReflectedFile:
+@contextmanager
+def reflected_file(
+    path: str | Path, plane: VelocityPlane, incident: Tensor, used: Tensor, choices: dict[str, Any]
+) -> Iterator[Callable[[Tensor, slice, int], None]]:
     """netCDF-4 with ``incident`` (time) and ``reflected`` (time, probe), in the same unit.
 
     A crash leaves the old file, if any, as it was.
+
+    Args:
+        path, plane, incident, choices: what is written.
+        used: probes that were not left out, (P,); the others are written as nan.
+    Yields:
+        ``store(signal, columns, begin)`` for samples of some columns from ``begin`` on, (t, p);
+        columns beyond the probes are averages.
     """
-
-    def __init__(
-        self,
-        path: str | Path,
-        plane: VelocityPlane,
-        incident: Tensor,
-        used: Tensor,
-        choices: dict[str, Any],
-    ) -> None:
-        """``used``: probes that were not left out, (P,); the others are written as nan."""
-        self.path, self.plane, self.incident = path, plane, incident
-        self.title, self.choices = plane.title, choices
-        self.used = used.cpu()
-        self.stack = ExitStack()
-
-    def __enter__(self) -> ReflectedFile:
-        plane = self.plane
-        file = self.stack.enter_context(KIND.created(self.path, self))
-        write_times(file, plane.samples, plane.sampling_rate)
+    with KIND.created(path, SimpleNamespace(title=plane.title, choices=choices)) as file:
+        write_times(file, plane)
         write_index(file, "probe", plane.probes)
         for name, values in zip(("x", "z"), plane.probe_coordinates(), strict=True):
             if values is not None:
                 write_variable(file, name, values.numpy(), "m", ("probe",))
-        write_variable(file, "incident", self.incident.numpy(), "1", ("time",))
-        self.data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
-        self.data.attrs["units"] = "1"
-        attach_scales(self.data, file, ("time", "probe"))
-        return self
+        write_variable(file, "incident", incident.numpy(), "1", ("time",))
+        data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
+        data.attrs["units"] = "1"
+        attach_scales(data, file, ("time", "probe"))
+        kept = used.cpu()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.stack.__exit__(kind, error, trace)
+        def store(signal: Tensor, columns: slice, begin: int) -> None:
+            stop = min(columns.stop, plane.probes)
+            if columns.start < stop:
+                part = signal[:, : stop - columns.start].cpu()
+                part = torch.where(kept[columns.start : stop], part, torch.nan)
+                data[begin : begin + len(part), columns.start : stop] = part.numpy()
 
-    def store(self, signal: Tensor, columns: slice, begin: int) -> None:
-        """Samples ``begin`` .. of some columns, (t, p); those beyond the probes are averages."""
-        stop = min(columns.stop, self.plane.probes)
-        if columns.start < stop:
-            part = signal[:, : stop - columns.start].cpu()
-            part = torch.where(self.used[columns.start : stop], part, torch.nan)
-            self.data[begin : begin + len(part), columns.start : stop] = part.numpy()
+        yield store

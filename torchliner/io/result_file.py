@@ -9,14 +9,7 @@ import h5py
 
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import read_json, to_json
-from torchliner.io.tables import (
-    FileKind,
-    Table,
-    impedance,
-    read_variables,
-    real,
-    write_variables,
-)
+from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
 from torchliner.records import Interval, Uncertainty
 
 HEADING: dict[str, Any] = {

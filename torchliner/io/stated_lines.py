@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -40,17 +41,20 @@ def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path
 
 
 def _stated_value(text: str, kind: str, label: str) -> Any:
+    """A text, an object of JSON, or a number with its unit, as ``50 mm``, in SI."""
     if kind == "text":
         return text
-    if kind != "json":
-        return si_value(text, SI_QUANTITY[kind], label)
-    try:
-        found = json.loads(text)
-    except ValueError:
-        found = None
-    if not isinstance(found, dict):
+    if kind == "json":
+        with suppress(ValueError):
+            if isinstance(found := json.loads(text), dict):
+                return found
         raise ValueError(f"{label} is {text!r}; it cannot be read, counts by reason are needed")
-    return found
+    parts = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)", text)
+    try:
+        amount = float(parts[1] if parts else text)
+    except ValueError as error:
+        raise ValueError(f"{label} is {text!r}; it cannot be read") from error
+    return amount * si_factor(SI_QUANTITY[kind], parts[2] if parts else "", label)
 
 
 def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str | Path) -> None:
@@ -70,17 +74,3 @@ def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str 
         text = value if kind == "text" else json.dumps(dict(value)) if kind == "json" else (
             f"{float(value)!r} {kind}")  # fmt: skip
         file.write(f"# {key} = {text}\n")
-
-
-def si_value(text: str, quantity: str, label: str) -> float:
-    """A number and its unit, as ``50 mm``, in SI.
-
-    Raises:
-        ValueError: no number, or no unit of the quantity.
-    """
-    parts = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)", text)
-    try:
-        amount = float(parts.group(1) if parts else text)
-    except ValueError as error:
-        raise ValueError(f"{label} is {text!r}; it cannot be read") from error
-    return amount * si_factor(quantity, parts.group(2) if parts else "", label)

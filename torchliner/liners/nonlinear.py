@@ -57,17 +57,8 @@ class SpeedLaw:
         ``LARGEST_SPEED`` on it is 0 to rounding, and left out so that no square overflows.
         """
         gone = self.b > LARGEST_SPEED
-        return torch.stack(
-            [
-                self.resistance + 1,
-                torch.where(gone, 0.0, self.a),
-                torch.where(gone, 1.0, self.b),
-                self.reactance,
-                self.c,
-                self.d,
-            ],
-            dim=-1,
-        )
+        a, b = torch.where(gone, 0.0, self.a), torch.where(gone, 1.0, self.b)
+        return torch.stack([self.resistance + 1, a, b, self.reactance, self.c, self.d], dim=-1)
 
 
 def powers(speed: Tensor) -> tuple[Tensor, Tensor]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,11 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.liners.model import LinerModel
-from torchliner.text_columns import read_lines, read_table
+from torchliner.text_columns import Array, Column, read_columns
+from torchliner.toml_files import read_text
 
-COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "number",
-           "reactance": "number"}  # fmt: skip
+COLUMNS = ("frequency", "speed", "resistance", "reactance")
+EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +80,16 @@ class TabulatedLiner(LinerModel):
     def read_csv(cls, path: str | Path, **options: Any) -> TabulatedLiner:
         """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.
 
-        One header row with these names; units Hz, m/s and rho c. Rows over frequency and speed
-        form a full grid in any order.
+        One header row with these names in lower case, commas or semicolons between the cells,
+        decimal points, no remarks; other columns are passed over. Units Hz, m/s and rho c. Rows
+        over frequency and speed form a full grid in any order.
 
         Raises:
             ValueError: a missing column, a value that is no number (with its line), a gap or a
                 repetition in the grid.
         """
         options.setdefault("name", Path(path).stem)
-        columns = read_table(
-            read_lines(path), COLUMNS, path, optional=["speed"], others=None, bare=True,
-            example="frequency, [speed,] resistance, reactance (Hz, m/s, rho c)",
-        )  # fmt: skip
+        columns = _read_columns(Path(path))
         wall = columns["resistance"] + 1j * columns["reactance"]
         if "speed" not in columns:
             order = columns["frequency"].argsort(kind="stable")
@@ -124,9 +125,9 @@ class TabulatedLiner(LinerModel):
             return flat.broadcast_to(torch.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
         column, along = _bracket(self.speed, v)
-        lower = self.values[row, column] * (1 - along) + self.values[row, column + 1] * along
-        upper = (
-            self.values[row + 1, column] * (1 - along) + self.values[row + 1, column + 1] * along
+        lower, upper = (
+            self.values[i, column] * (1 - along) + self.values[i, column + 1] * along
+            for i in (row, row + 1)
         )
         return lower * (1 - across) + upper * across
 
@@ -134,6 +135,24 @@ class TabulatedLiner(LinerModel):
         """What a result should record."""
         low, high = self.frequency_range
         return {"model": "table", "name": self.name, "low": low, "high": high}
+
+
+def _read_columns(path: Path) -> dict[str, Array]:
+    """The columns of a table by name, finite numbers."""
+    text = read_text(path)
+    separator = ";" if ";" in text.partition("\n")[0] else ","
+    reader = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
+    labels = [label.strip() for label in next(reader, [])]
+    for name in COLUMNS:
+        if labels.count(name) != 1 and (name != "speed" or name in labels):
+            state = "named twice" if name in labels else f"missing; there are: {', '.join(labels)}"
+            raise ValueError(f"{path}: column {name!r} is {state}; write {EXAMPLE}")
+    rows = [([cell.strip() for cell in row], reader.line_num) for row in reader if row]
+    if not rows:
+        raise ValueError(f"{path} holds no values: the file ends at line 1")
+    cells, numbers = zip(*rows, strict=True)
+    columns = [Column(name, labels.index(name), 1.0) for name in COLUMNS if name in labels]
+    return read_columns(cells, numbers, columns, path, len(labels), special=(), comma=False)
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:

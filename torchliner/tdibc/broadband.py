@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from torchliner.io.reflected_file import ReflectedFile
+from torchliner.io.reflected_file import reflected_file
 from torchliner.records import ImpedanceMap
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.probe_velocity import with_smaller_slabs
@@ -70,10 +70,10 @@ def _run(
         _replay(prepared, sinks, progress)
         return
     assert prepared.sent is not None
-    with ReflectedFile(
+    with reflected_file(
         reflected, prepared.plane, prepared.sent, prepared.used, facts_of(prepared, "signal")
-    ) as file:
-        _replay(prepared, [*sinks, WholeSignal(file.store)], progress)
+    ) as store:
+        _replay(prepared, [*sinks, WholeSignal(store)], progress)
 
 
 def _replay(prepared: Prepared, sinks: list[Sink], progress: Progress | None) -> None:
