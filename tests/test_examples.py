@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 from pathlib import Path
 
@@ -75,3 +76,16 @@ def test_the_examples_of_a_page_run(page, tmp_path, monkeypatch):
     names = PAGES[page]()
     for example in examples(ROOT / "docs" / f"{page}.md"):
         exec(compile(example, f"docs/{page}.md", "exec"), names)
+
+
+def test_the_examples_of_docstrings_run():
+    """Those of the public names, as printed, with ``tl`` and ``torch`` imported."""
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
+    tried = 0
+    for name in tl.__all__:
+        value = getattr(tl, name)
+        if isinstance(value, type) or callable(value):
+            for example in finder.find(value, name, globs={"tl": tl, "torch": torch}):
+                tried += bool(example.examples)
+                assert runner.run(example).failed == 0
+    assert tried >= 10

@@ -25,6 +25,9 @@ def reflection_from_impedance(impedance: Tensor) -> Tensor:
     Raises:
         TypeError: if ``impedance`` is real.
     Source: Roncen et al. (2026), eq. (2.9), rearranged so that z = inf gives 1 and not nan.
+
+    >>> complex(tl.reflection_from_impedance(torch.tensor(3 + 0j)))
+    (0.5+0j)
     """
     require_complex("impedance", impedance)
     return 1 - 2 / (impedance + 1)
@@ -70,7 +73,11 @@ def reflection_from_admittance(admittance: Tensor) -> Tensor:
 
 
 def absorption_from_reflection(reflection: Tensor) -> Tensor:
-    """Share of the incident power absorbed at normal incidence, 1 - |R|^2."""
+    """Share of the incident power absorbed at normal incidence, 1 - |R|^2.
+
+    >>> float(tl.absorption_from_reflection(torch.tensor(0.5 + 0j)))
+    0.75
+    """
     require_complex("reflection", reflection)
     return 1 - reflection.abs() ** 2
 

@@ -114,6 +114,14 @@ def wavenumber_from_impedance(
         RuntimeError: Newton's method failed (the modes meet all along the way).
     Warns:
         DataWarning: Z has a negative resistance, so that the wall feeds the wave.
+
+    >>> wall = torch.tensor(2.33 - 0.30j, dtype=torch.complex128)
+    >>> duct = {"height": 0.05, "mach": 0.3, "sound_speed": 343.0}
+    >>> alpha = tl.wavenumber_from_impedance(wall, 1500.0, **duct)
+    >>> f"{complex(alpha):.3f}"  # 1/m, decaying downstream
+    '21.458-2.511j'
+    >>> f"{complex(tl.impedance_from_wavenumber(alpha, 1500.0, **duct)):.2f}"
+    '2.33-0.30j'
     """
     require_complex("impedance", impedance)
     require_choice("direction", direction, DIRECTIONS)

@@ -21,6 +21,9 @@ def displacement_thickness(
             U_0 zero.
     Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the
         spacing.
+
+    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
+    0.005
     """
     heights, speeds = np.asarray(y, float), np.asarray(velocity, float)
     if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < 2:

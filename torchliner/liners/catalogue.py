@@ -97,6 +97,10 @@ def load_liner(name: str | Path) -> LinerModel:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
             listed, each mistyped key with the nearest valid one.
         FileNotFoundError: no such file.
+
+    >>> liner = tl.load_liner("polito")
+    >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
+    ['0.07-0.01j', '4.61-0.27j']
     """
     if Path(name).suffix.lower() == ".csv":
         return TabulatedLiner.read_csv(name)

@@ -28,6 +28,9 @@ class VelocityGrid:
     Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. With the levels uniform
         in sqrt|v| and cubic interpolation the error in R falls from 1e-2 to 5e-6 at 20 m/s,
         because G_NL starts like |v|^2 and turns linear within a small share of the range.
+
+    >>> tl.VelocityGrid(9.0, levels=4).speeds.tolist()  # m/s, uniform in the root of |v|
+    [0.0, 1.0, 4.0, 9.0]
     """
 
     maximum: float

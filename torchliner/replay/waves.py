@@ -129,6 +129,9 @@ class Sweep(_Banded):
 
     Each frequency passes once: Z at f then depends on |v| around that moment alone. For a Z of the
     whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
+
+    >>> tl.Sweep(300, 6000).band  # Hz
+    (300, 6000)
     """
 
     spacing: str = "linear"

@@ -57,6 +57,12 @@ def educe(
         DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
     Source: Roncen et al. (2026), section 3. Departures: two-sided kernels, edge rules, phase rules
         and drives are named (docs/method.md), and the errors of kernel and levels are reported.
+
+    >>> steady = torch.full((2, 900), 5.0, dtype=torch.float64)  # m/s, two probes
+    >>> plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
+    >>> found = tl.educe(plane, tl.load_liner("polito"), interval=None)
+    >>> f"{complex(found.liner_impedance[0]):.2f}"  # |v| never changes: the model's own value
+    '4.61-0.27j'
     """
     several = isinstance(plane, (list, tuple))
     planes = list(plane) if several else [plane]

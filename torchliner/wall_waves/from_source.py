@@ -84,7 +84,8 @@ def over_liner(
 
 def wall_eduction(
     seen: FromSource, wave: Tensor, modes: Tensor, amplitude: Tensor, residual: Tensor,
-    *, method: str, condition: str, choices: dict[str, Any], **about: Any,
+    *, method: str, condition: str, choices: dict[str, Any],
+    found: dict[str, Any] | None = None, **about: Any,
 ) -> WallEduction:  # fmt: skip
     """The record of waves along s, with the impedance of one of them.
 
@@ -96,6 +97,7 @@ def wall_eduction(
         method: for tables.
         condition: at the liner.
         choices: the method's own.
+        found: what the method notes beside them, last.
         about: further fields of the record.
     """
     line, there = seen.line, ~torch.isnan(wave)
@@ -115,7 +117,7 @@ def wall_eduction(
         residual=residual,
         source_side=seen.source_side,
         choices={**choices, "condition": condition, "source_side": seen.source_side,
-                 "source": line.name, "microphones": line.microphones},
+                 "source": line.name, "microphones": line.microphones, **(found or {})},
         **about,
     )  # fmt: skip
 

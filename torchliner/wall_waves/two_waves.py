@@ -122,8 +122,8 @@ def _educe(
         found.residual.reshape(lead),
         method="two waves" if tied else "two free waves",
         condition=condition,
-        choices={"method": "two-wave fit", "tied": tied, "weights": weights,
-                 "unsettled": int((~found.settled).sum())},
+        choices={"method": "two-wave fit", "tied": tied, "weights": weights},
+        found={"unsettled": int((~found.settled).sum())},
     )  # fmt: skip
 
 
