@@ -24,7 +24,6 @@ from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
     pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
 ]
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}

@@ -57,6 +57,8 @@ def microphones() -> dict[str, object]:
 PAGES = {"calibration": slits, "duct": dict, "in_situ": dict, "ldv": stations,
          "ldv_grid": arrivals, "ldv_line": stations, "wall_pressure": microphones}  # fmt: skip
 
+SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction
+
 
 def examples(page: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
@@ -68,7 +70,7 @@ def test_no_page_is_forgotten():
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [pytest.param(page, marks=SLOW.get(page, ())) for page in PAGES])
 def test_the_examples_of_a_page_run(page, tmp_path, monkeypatch):
     """One after another, in one namespace, as a reader would paste them."""
     monkeypatch.chdir(tmp_path)

@@ -24,7 +24,6 @@ from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
 ]
 
 

@@ -23,7 +23,6 @@ from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 TRUE = 1.4 - 0.6j
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
 ]
 
 

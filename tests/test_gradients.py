@@ -11,7 +11,6 @@ import torchliner as tl
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
 ]
 PARAMETERS = {
     "facesheet_thickness": 1e-3,

@@ -56,6 +56,7 @@ def write_duct(path, cases=(0, 2, 3), names=NAMES):
     np.savetxt(path, np.array(rows, dtype=complex), delimiter=",", header=",".join(names))
 
 
+@pytest.mark.slow
 def test_one_wall_has_no_mismatch(tmp_path, capsys):
     """Both waves of both records give the wall; figure, numbers and apparent Mach number."""
     write_duct(tmp_path / "duct.txt")

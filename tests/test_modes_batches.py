@@ -46,6 +46,7 @@ def test_batch_is_the_loop(monkeypatch):
         assert torch.allclose(whole.axial[i, j, f], one.axial[0], rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_gradients():
     """Of wavenumbers and shapes by Z, against differences."""
     walls = torch.tensor([[B2A], [0.5 - 1j]], dtype=torch.complex128, requires_grad=True)

@@ -83,6 +83,7 @@ def test_frozen_velocity_returns_the_response(liner, kernels, engine, edge, samp
     assert float(means.b.abs().max()) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "low", "high"), [(480, 1e-4, 4e-4), (42000, 1e-11, 1.5e-8)])
 def test_start_up_error_of_the_literal_sum(liner, kernels, samples, low, high):
     """'silent' begins with no wave: 2.8e-4 for 16 periods, 1.5e-8 for 1 s at most, with Hann."""

@@ -20,7 +20,6 @@ from torchliner.units import parse_tolerance
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
 ]
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
 # Interpolation between 200 levels of the derivative up to 16 m/s; each result states its own.

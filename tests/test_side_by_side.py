@@ -13,8 +13,8 @@ import torchliner as tl
 load_script("b2a_line")  # which the next one imports
 SCRIPT, FIGURE = load_script("side_by_side"), load_script("figure_14")
 pytestmark = [
+    pytest.mark.slow,  # a study of the pages: the methods it compares have tests of their own
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-    pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated"),  # torch's own
 ]
 
 

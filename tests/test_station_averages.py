@@ -130,6 +130,7 @@ def test_no_interval_from_three_segments(onera):
     assert any("no error bars: a station has 3 segments" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_the_interval_of_the_line_is_that_of_independent_stations(onera):
     """Alike stations: the standard error of the mean is a station's over the root of their number,
     within a third (each is itself estimated from 13 segments)."""

@@ -238,6 +238,7 @@ def test_page_states_every_case_and_rule():
     assert set(TABLES) == {"errors", "rules", "reasons", "limits", "motion"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "index"), [("n130", 3), ("g01_145", 0)])
 def test_committed_rows_are_current(case, index):
     """All 24 rules of a plane, computed now: value, truth, in situ, interval."""
@@ -252,6 +253,7 @@ def test_committed_rows_are_current(case, index):
                 assert now == pytest.approx(then, rel=1e-3, abs=1e-3), name
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 @pytest.mark.parametrize("case", ["n130", "g03_145", "o145"])
 def test_reasons_are_current(case):

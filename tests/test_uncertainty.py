@@ -234,7 +234,7 @@ def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     [
         (100, "probe"),
         (16, "probe"),
-        (16, "cell of 16"),
+        pytest.param(16, "cell of 16", marks=pytest.mark.slow),
         pytest.param(100, "cell of 16", marks=pytest.mark.slow),
     ],
 )
