@@ -180,10 +180,6 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
             listed; a duct that cannot be.
         FileNotFoundError: no such file.
-
-    >>> setup = tl.load_duct("b2a")
-    >>> f"{float(setup.frequency[0]):g} Hz, {complex(setup.impedance[0]):.2f}"
-    '1500 Hz, 2.33-0.30j'
     """
     content, path = preset_or_file(PACKAGE, name, *KIND)
     _change(content, changes, path)

@@ -75,7 +75,11 @@ PACKAGE, KIND = "torchliner.liners", ("liner", ".toml or .csv")
 
 
 def preset_names() -> list[str]:
-    """Names of the liners shipped with the package."""
+    """Names of the liners shipped with the package.
+
+    >>> tl.preset_names()
+    ['lbm_orifice', 'lbm_slit', 'onera', 'polito']
+    """
     return toml_files.preset_names(PACKAGE)
 
 
