@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib.util
 import math
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import torch
 
 import torchliner as tl
+from torchliner.liners.model import LinerModel, Number
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -25,6 +27,25 @@ def liner() -> tl.SDoFLiner:
 @pytest.fixture(scope="session")
 def onera() -> tl.SDoFLiner:
     return tl.load_liner("onera")
+
+
+@dataclass(frozen=True)
+class Resistive(LinerModel):
+    """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
+
+    r0: float
+    a: float
+    m: float
+    length: float
+
+    def impedance(self, frequency, speed=0.0):
+        omega = 2 * torch.pi * torch.as_tensor(frequency)
+        reactance = self.m * omega - 1 / torch.tan(omega * self.length / 343.2)
+        return torch.complex(self.r0 + self.a * torch.as_tensor(speed) + 0 * omega, reactance)
+
+    def numbers(self):
+        units = {"r0": "1", "a": "s/m", "m": "s", "length": "m"}
+        return {name: Number(getattr(self, name), unit) for name, unit in units.items()}
 
 
 def turbulence(shape: tuple[int, ...], seed: int = 0, rms: float = 3.0) -> torch.Tensor:

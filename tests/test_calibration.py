@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import math
-from dataclasses import dataclass
 
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
+from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.calibration.calibrate import calibrate
@@ -18,7 +17,6 @@ from torchliner.calibration.misfit import FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text, preset_names
-from torchliner.liners.model import LinerModel, Number
 from torchliner.report.calibration_report import parameter_table
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
@@ -72,24 +70,6 @@ def test_known_parameters_are_recovered(order, edge):
     again = [complex(impedance(each, found.liner, order, edge=edge)) for each in planes()]
     assert [complex(z) for z in found.found] == pytest.approx(again, abs=1e-9)
     assert found.on_bound == found.unseen == ()
-
-
-@dataclass(frozen=True)
-class Resistive(LinerModel):
-    """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
-
-    r0: float
-    a: float
-    m: float
-    length: float
-
-    def impedance(self, frequency, speed=0.0):
-        omega = 2 * torch.pi * torch.as_tensor(frequency)
-        reactance = self.m * omega - 1 / torch.tan(omega * self.length / 343.2)
-        return torch.complex(self.r0 + self.a * torch.as_tensor(speed) + 0 * omega, reactance)
-
-    def numbers(self):
-        return {"a": Number(self.a, "s/m"), "m": Number(self.m, "s")}
 
 
 def test_any_model_that_states_numbers_is_fitted():

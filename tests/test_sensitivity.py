@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
 
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, frozen_plane, plane_of, turbulence
+from conftest import DATA, FREQUENCY, Resistive, frozen_plane, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
 from torchliner.calibration.budget import covariance_of
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.liners.air_state import air_state
-from torchliner.liners.model import LinerModel, Number
 from torchliner.units import parse_tolerance
 
 pytestmark = [
@@ -173,25 +171,6 @@ def test_the_budget_against_monte_carlo():
     wanted = torch.cov(torch.view_as_real(impedance.reshape(-1)).T)
     # 600 draws scatter by some 5 %; the second order of these tolerances is below that.
     assert largest(budget.covariance["velocity first"][0], wanted) < 0.15
-
-
-@dataclass(frozen=True)
-class Resistive(LinerModel):
-    """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
-
-    r0: float
-    a: float
-    m: float
-    length: float
-
-    def impedance(self, frequency, speed=0.0):
-        omega = 2 * torch.pi * torch.as_tensor(frequency)
-        reactance = self.m * omega - 1 / torch.tan(omega * self.length / 343.2)
-        return torch.complex(self.r0 + self.a * torch.as_tensor(speed) + 0 * omega, reactance)
-
-    def numbers(self):
-        units = {"r0": "1", "a": "s/m", "m": "s", "length": "m"}
-        return {name: Number(getattr(self, name), unit) for name, unit in units.items()}
 
 
 RESISTIVE = Resistive(0.2, 0.15, 1e-4, 0.04)

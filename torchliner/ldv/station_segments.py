@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
+from torchliner.checks import SAME_FREQUENCY, DataWarning
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.records import BurstRecord, VelocityPlane
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import REMEDY, ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
 from torchliner.signals.segments import segment_starts
-from torchliner.tdibc.replayed import SAME_TONE
 
 FEWEST_SEGMENTS = 2
 MOST_POINTS = 3e7  # 240 MB of a station
@@ -136,7 +135,7 @@ def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
     """Where there is a tone to correct: at the record's own, or at the only frequency asked for."""
     if record.frequency is None:
         return torch.full_like(frequency, len(frequency) == 1, dtype=torch.bool)
-    return (frequency / record.frequency - 1).abs() < SAME_TONE
+    return (frequency / record.frequency - 1).abs() < SAME_FREQUENCY
 
 
 def _corrected(

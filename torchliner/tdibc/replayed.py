@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import SAME_FREQUENCY, real_tensor
 from torchliner.records import ImpedanceMap
 from torchliner.replay.incident import LineSums, Means
 from torchliner.replay.phase_rule import PhaseRule, phase_rule
@@ -18,8 +18,6 @@ from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
-
-SAME_TONE = 1e-6  # relative
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
             f"pass it, with {segments} segments"
         )
         tone = prepared.plane.frequency
-        if tone is not None and abs(f / tone - 1) > SAME_TONE:
+        if tone is not None and abs(f / tone - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {tone:g} Hz, so this filters turbulence, not sound"
         notes.append(text)
     return wall, notes
