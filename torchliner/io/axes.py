@@ -125,14 +125,14 @@ def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) 
     return moved if factor == 1 else moved * moved.dtype.type(factor)
 
 
-def read_times(file: h5py.File, path: Path) -> tuple[float, int]:
+def read_times(file: h5py.Group, path: Path, key: str = "time") -> tuple[float, int]:
     """Sampling rate (Hz) and number of samples.
 
     Raises:
         ValueError: the times are missing, not finite or not uniform.
     """
-    time = read_si(file, "time", "s", path)
-    name = f"{path}:/time"
+    time = read_si(file, key, "s", path)
+    name = place(file, key, path)
     if time.ndim != 1 or len(time) < 2:
         raise ValueError(f"{name} has shape {time.shape}; a list of at least two times is needed")
     if not np.isfinite(time).all():

@@ -9,11 +9,28 @@ from typing import Any
 import h5py
 import numpy as np
 
+from torchliner.checks import tell
 from torchliner.fluid import Fluid
+from torchliner.io.axes import read_times
 from torchliner.io.hdf5 import get_dataset, open_file, place, read_si, text_attribute
+from torchliner.liners.catalogue import load_liner
+from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
+
+# A preset stands for one geometry on one lattice: its spacing (m) fixes the linear part, since the
+# Stokes layer is not resolved. Beside it, which of the file's impedances is the truth there.
+GRIDS = {
+    "lbm_slit": (6.84e-5, "wave"),
+    "lbm_slit_coarse": (1.368e-4, "wave"),
+    "lbm_orifice": (1.08e-4, "insitu"),
+    "lbm_orifice_coarse": (1.38375e-4, "top"),  # surface pressure is extrapolated through a layer
+}
+GEOMETRY = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth",
+            "cavity_hydraulic_radius", "cavity_porosity", "cell_pitch")  # fmt: skip
+SAME_GEOMETRY = 1e-3  # relative
+TRUTHS = {"wave": "waves", "insitu": "in situ", "top": "top row"}
 
 
 def resolved_cases(path: str | Path) -> dict[str, list[float]]:
@@ -35,8 +52,13 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
         case: group.
         line: index of the height.
         stride: keep every n-th point along x.
+    Returns:
+        The plane. Its liner is the preset of this geometry and lattice, or "" with a warning: the
+        linear part of another lattice is another one (see ``resolved_liner``).
     Raises:
-        ValueError: no such case or line.
+        ValueError: no such case or line, times that are not uniform, no geometry.
+    Warns:
+        DataWarning: no preset has this geometry on this lattice.
     """
     cases = resolved_cases(path)
     if case is None:
@@ -52,12 +74,11 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
             stream = time_last(group, "u_x", (whole, line), path)
-        time = read_si(group, "time", "s", path)
-        truth = "insitu" if three else "wave"
-        other = ("top row", "top") if three else ("in situ", "insitu")
+        truth = truth_of(group, path)
+        other = "insitu" if truth != "insitu" else "top"
         return VelocityPlane(
             velocity,
-            sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
+            sampling_rate=read_times(group, Path(path))[0],
             height=cases[case][line],
             x=read_si(group, "x", "m", path)[::stride],
             z=read_si(group, "z", "m", path) if three else None,
@@ -67,16 +88,90 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
             incident_level=read_attribute(group, "incident_SPL_dB_nominal", path),
             mach=read_attribute(group, "mach", path),
             source_side="normal",
-            liner="lbm_orifice" if three else "lbm_slit",
+            liner=preset_of(group, path),
             reference={
                 "true": complex_attribute(group, truth, path),
-                other[0]: complex_attribute(group, other[1], path),
+                TRUTHS[other]: complex_attribute(group, other, path),
             },
             title=f"resolved {'orifice (3-D)' if three else 'slit (2-D)'}, case {case}, "
             f"y = {1e3 * cases[case][line]:g} mm",
             provenance=resolved_provenance(file, case, stride, path),
             name=f"{path}:/{case}/v_n[{line}]",
         )
+
+
+def resolved_liner(path: str | Path, case: str, linear: complex | str | None = None) -> SDoFLiner:
+    """The liner of a case, with the geometry of the file.
+
+    Args:
+        path, case: as for ``read_resolved``.
+        linear: Z at low level on the same lattice, or the case that has it (of n115 its truth):
+            the model's Z at |v| = 0 and the tone is shifted there. None: no shift.
+    Raises:
+        ValueError: no such case, or no geometry.
+    """
+    require_case(path, case, (known := resolved_cases(path)))
+    with open_file(path) as file:
+        liner = liner_of_group(file[case], path)
+        if linear is None:
+            return liner
+        if isinstance(linear, str):
+            require_case(path, linear, known)
+            linear = complex_attribute(file[linear], truth_of(file[linear], path), path)
+        frequency = read_attribute(file[case], "frequency_Hz", path)
+    return liner.replace(impedance_offset=linear - complex(liner.impedance(frequency)))
+
+
+def liner_of_group(group: h5py.Group, path: str | Path) -> SDoFLiner:
+    """Of the lattice's nodes; no offset."""
+    node = read_attribute(group, "cfg_dx", path)
+    names = {"tp": "thickness", "D": "cavity", "H": "depth", "Lc": "pitch"}
+    nodes = {name: read_attribute(group, f"cfg_{key}", path) for key, name in names.items()}
+    three = "z" in group
+    hole = (1e-3 * read_attribute(group, "cfg_d_eff_mm", path) if three
+            else node * read_attribute(group, "cfg_slit", path))  # fmt: skip
+    side = node * nodes["cavity"]
+    return SDoFLiner(
+        node * nodes["thickness"], hole, read_attribute(group, "porosity", path),
+        node * nodes["depth"],
+        # Twice the area over the perimeter: a square, or two plates.
+        side / 2 if three else side, (nodes["cavity"] / nodes["pitch"]) ** (2 if three else 1),
+        cell_pitch=node * nodes["pitch"], fluid=resolved_fluid(group, path),
+        name=f"resolved {group.name.strip('/')}",
+    )  # fmt: skip
+
+
+def truth_of(group: h5py.Group, path: str | Path) -> str:
+    """Which of the file's impedances is the true one: vortices bias the waves of an orifice."""
+    spacing = read_attribute(group, "cfg_dx", path)
+    known = [truth for name, (node, truth) in GRIDS.items()
+             if same(node, spacing) and ("orifice" in name) == ("z" in group)]  # fmt: skip
+    return known[0] if known else "insitu" if "z" in group else "wave"
+
+
+def preset_of(group: h5py.Group, path: str | Path) -> str:
+    """The preset with the geometry and lattice of a case; "" with a warning if there is none."""
+    mine, spacing = liner_of_group(group, path), read_attribute(group, "cfg_dx", path)
+    differing = ""
+    for name, (node, _) in GRIDS.items():
+        known = load_liner(name)
+        pairs = {key: (getattr(mine, key), getattr(known, key)) for key in GEOMETRY}
+        off = [f"{key} {a:.4g} for {b:.4g}" for key, (a, b) in pairs.items() if not same(a, b)]
+        if same(spacing, node) and not off:
+            return name
+        if name.endswith(("slit", "orifice")) and ("orifice" in name) == ("z" in group):
+            differing = f"{name} differs: " + ", ".join([*off, f"spacing {spacing:g} for {node:g}"])
+    tell(
+        f"{path}:{group.name} has the geometry and lattice of no preset (SI; {differing}); its "
+        "liner is not stated: write its own with resolved_liner, or convert --liner-file --linear",
+        2,
+    )
+    return ""
+
+
+def same(one: float, other: float) -> bool:
+    """Within ``SAME_GEOMETRY``."""
+    return abs(one / other - 1) < SAME_GEOMETRY
 
 
 def require_case(path: str | Path, case: str, cases: Iterable[str]) -> None:
@@ -151,14 +246,13 @@ def read_channel(
         heights = read_si(file, "y", "m", path)
         if not 0 <= line < len(heights):
             raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {line}")
-        time = read_si(file, "t", "s", path)
         values = time_last(file, "v", line, path)
         stream = None
         if "u_plane1" in file and line == 1:
             stream = time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
             values,
-            sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
+            sampling_rate=read_times(file, Path(path), "t")[0],
             height=float(heights[line]),
             x=read_si(file, "x", "m", path),
             z=read_si(file, "z", "m", path),
