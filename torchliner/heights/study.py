@@ -70,6 +70,7 @@ class HeightStudy:
         reference: independent impedances, for comparison alone.
         choices: of the eduction.
         notes: warnings, and what is not known.
+        source_side: where the sound comes from, one of ``names.SOURCE_SIDES``.
     """
 
     title: str
@@ -83,6 +84,7 @@ class HeightStudy:
     reference: dict[str, complex]
     choices: dict[str, Any]
     notes: tuple[str, ...]
+    source_side: str = "unknown"
 
     def at_length(self, length: float) -> list[LengthRow]:
         """The rows of one averaging length, lowest first."""
@@ -168,7 +170,7 @@ def study_heights(
         ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
         tuple(sorted(rows, key=lambda row: (row.height, row.length))), tuple(facts),
         *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
-        tuple(notes),
+        tuple(notes), ordered[0].source_side,
     )  # fmt: skip
 
 
