@@ -12,7 +12,7 @@ import torch
 from torchliner.audits.known_truths import tone_speed
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner
-from torchliner.names import ORDERS, PHASE_RULES
+from torchliner.names import PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
@@ -114,7 +114,7 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         for phase in PHASES:
             known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
             found = replayed.map(phase, known)
-            for order in ORDERS:
+            for order in found.orders:
                 low, high = found.bounds_of_liner(order) or (NOWHERE, NOWHERE)
                 yield TruthRow(
                     case, plane.height or 0.0, drive, mean, phase, order,
@@ -127,7 +127,9 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
 def closure_of(found: ImpedanceMap, order: str) -> float:
     """dB, of the whole plane; nan where it was not checked."""
     closure = getattr(found, "closure", None)
-    return math.nan if closure is None else float(closure.liner.level[ORDERS.index(order), 0])
+    if closure is None or order not in closure.orders:
+        return math.nan
+    return float(closure.liner.level[closure.orders.index(order), 0])
 
 
 def facts_of(plane: VelocityPlane, seen: ImpedanceMap) -> dict[str, float]:

@@ -17,7 +17,6 @@ from torchliner.flow_profiles import TanhProfile
 from torchliner.heights.imprint import Imprint, cell_imprint
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.survey import moments
 
@@ -93,7 +92,7 @@ def facts_of_plane(
     facts = HeightFacts(
         plane.height, float(seen.coherence[..., 0].nanmedian()),
         float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
-        {order: complex(seen.of_liner(order)[0]) for order in ORDERS}, *_closure(seen),
+        {order: complex(seen.of_liner(order)[0]) for order in seen.orders}, *_closure(seen),
     )  # fmt: skip
     return facts, notes if reason is None else [*notes, f"no jet height: {reason}"]
 

@@ -13,7 +13,7 @@ from torchliner.names import ORDERS
 
 ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1), for sound at grazing incidence
 GRAZING = ("upstream", "downstream")
-PROBES_FIRST, VELOCITY_FIRST = "probes first", "velocity first"
+PROBES_FIRST, VELOCITY_FIRST = ORDERS[:2]
 CRITERIA = {
     "closure": "closure off by",
     "change": "to the next height Z changes by",
@@ -68,7 +68,7 @@ class Recommendation:
     """The answer.
 
     Args:
-        height: m, for the default order; None if no height of these qualifies.
+        height: m, for the order that the answer follows; None if no height of these qualifies.
         judgements: every height and order against what that order needs, lowest first.
         reasons: in words, with numbers.
         unknown: what could not be judged, and why.
@@ -91,8 +91,9 @@ def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recomm
     - velocity first needs a velocity in step with the tone: turbulence averages out of it, and the
       resistance that it makes with it. The cells' imprint does not matter to it: what passes the
       cell passes the holes.
-    - probes first needs the two orders to agree where the velocity is in step (else a probe sees a
-      jet and not the cell), and little imprint where it is not.
+    - coherent first needs no more;
+    - probes first needs the first two orders to agree where the velocity is in step (else a probe
+      sees a jet and not the cell), and little imprint where it is not.
 
     None of this says that Z is right.
 
@@ -114,9 +115,10 @@ def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recomm
         for facts, one in zip(study.facts, mine, strict=True):
             judgements += one
             reasons.append(f"  {_mm(facts.height)}: " + "; ".join(map(_words, one)))
-    reasons += _context(study, heights.get(ORDERS[0])) + _extrapolated(study, limits)
+    default = study.order if study.order in heights else next(iter(heights))
+    reasons += _context(study, heights[default], default) + _extrapolated(study, limits)
     return Recommendation(
-        heights.get(ORDERS[0]), tuple(judgements), tuple(reasons),
+        heights[default], tuple(judgements), tuple(reasons),
         tuple(_unknown(study, judgements)), heights,
     )  # fmt: skip
 
@@ -167,7 +169,7 @@ def _words(one: Judgement) -> str:
     return f"{label} {scale * one.value:.3g} {unit} ({sign} {scale * one.limit:g} {unit})"
 
 
-def _context(study: HeightStudy, chosen: float | None) -> list[str]:
+def _context(study: HeightStudy, chosen: float | None, order: str) -> list[str]:
     """Drift of A.1, for sound that grazes, and jets of A.2, at the chosen height, else at all."""
     lines = []
     if study.source_side == "normal":
@@ -180,7 +182,7 @@ def _context(study: HeightStudy, chosen: float | None) -> list[str]:
         parts = []
         if study.source_side in GRAZING:
             drift = ACOUSTIC_DRIFT * 1e3 * facts.height
-            share = 100 * abs(drift) / abs(facts.impedance[ORDERS[0]])
+            share = 100 * abs(drift) / abs(facts.impedance[order])
             parts.append(
                 f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, "
                 f"{share:.3g} % of |Z|"
