@@ -130,19 +130,20 @@ def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
     here = setting_of(found, index)
     if here is None or found.choices.get("surface") == "hard wall":
         return ""
+    if not math.isfinite(here.speed + here.velocity_rms):
+        return ""
     known = min(known_truths(), key=lambda each: here.distance(each.setting))
     there = known.setting
-    parts = (
-        ", ".join(f"{getattr(z, part):.2f} ({order})" for order, z in known.educed.items())
-        + f" for {getattr(known.true, part):.2f}"
+    resistance, reactance = (
+        f"{', '.join(f'{getattr(z, part):.2f}' for z in known.educed.values())} for "
+        f"{getattr(known.true, part):.2f}"
         for part in ("real", "imag")
     )
-    resistance, reactance = parts
     return (
         f"nearest known truth{_far(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
         f"tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
         f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {known.level:g} dB) "
-        f"R came out {resistance}; X {reactance}"
+        f"R came out {resistance}, X {reactance} ({', '.join(known.educed)})"
     )
 
 

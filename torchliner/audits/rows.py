@@ -36,6 +36,8 @@ class Audit:
         readings: how often the velocity was read through, over all planes.
         choices: behind the base.
         notes: warnings about the base.
+        nearest_truth: what came out in the shipped case most like this one, where the truth is
+            known.
     """
 
     title: str
@@ -50,6 +52,7 @@ class Audit:
     readings: int
     choices: dict[str, Any]
     notes: tuple[str, ...]
+    nearest_truth: str = ""
 
     @property
     def factors(self) -> list[str]:

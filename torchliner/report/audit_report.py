@@ -38,6 +38,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
         "readings": found.readings,
         "choices": found.choices,
         "notes": list(found.notes),
+        "nearest_truth": found.nearest_truth or None,
     }
 
 
@@ -67,6 +68,7 @@ def format_audit(found: Audit) -> str:
         f"{base}\n",
         Table(found.rows, SHOWN).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
+        *([f"\n{found.nearest_truth}"] if found.nearest_truth else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
     ])  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces
 from torchliner.report.numbers import against_height, case_title, interval_words
@@ -45,7 +46,7 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
     if words:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
-    return "\n".join([*lines, *_beside(results), _choices(results[0])])
+    return "\n".join([*lines, *_beside(results), *_nearest(results), _choices(results[0])])
 
 
 def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
@@ -60,6 +61,11 @@ def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
         if result.choices.get("surface") == "hard wall":
             seen[f"{case}: {NULL_TEST}"] = None
     return list(seen)
+
+
+def _nearest(results: Sequence[ImpedanceMap]) -> list[str]:
+    """How good the default was in the shipped cases most like these."""
+    return [line for line in dict.fromkeys(map(nearest_truth, results)) if line]
 
 
 def _choices(result: ImpedanceMap) -> str:
@@ -82,6 +88,7 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
             if result.alongside
         ],
         "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
+        "nearest_truth": nearest_truth(result) or None,
         "choices": dict(result.choices),
         "notes": list(result.notes),
     }

@@ -125,10 +125,13 @@ def _closing(cases: Sequence[Sequence[TruthRow]], best: Sequence[TruthRow]) -> l
         default = [[row for row in mine if row.rule == DEFAULT and row.order == order]
                    for mine in cases]  # fmt: skip
         right = [mine[0].case for mine in default if all(_holds(row) for row in mine)]
-        lowest = [mine[0].case for mine in default if _holds(min(mine, key=lambda r: r.height))]
+        low = [min(mine, key=lambda row: row.height) for mine in default]
+        lowest = [row.case for row in low if _holds(row)]
+        near = [row.case for row in low if _resistance_holds(row)]
         lines.append(
             f"default, {order}: holds at every height in {_some(right, len(cases))}; at the "
-            f"lowest height in {_some(lowest, len(cases))}"
+            f"lowest height in {_some(lowest, len(cases))}; there R is within "
+            f"{100 * RESISTANCE:g} % in {_some(near, len(cases))}"
         )
         lines += _closures([row for mine in default for row in mine], order)
     if any(one.phase == "given" for one in best):
