@@ -174,7 +174,7 @@ def test_slabs_and_memory_do_not_matter(onera):
 
 
 def test_probes_left_out_and_probes_of_no_cell(onera):
-    """A faulty probe takes no part in its cell's coherent velocity; one of no cell keeps its own."""
+    """A faulty probe is not in its cell's coherent velocity; one of no cell keeps its own."""
     velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
     broken = velocity.clone()
     broken[2, 100] = torch.nan
