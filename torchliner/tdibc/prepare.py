@@ -27,7 +27,13 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress
-from torchliner.tdibc.review import needs_kernels, review_liner, review_record, review_survey
+from torchliner.tdibc.review import (
+    needs_kernels,
+    review_cells,
+    review_liner,
+    review_record,
+    review_survey,
+)
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
@@ -84,7 +90,7 @@ def _survey(
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, liner.cell_pitch)
     blocks = _blocks(plane, wanted, record, chosen, notes)
-    velocity, seen, used = _first_pass(
+    velocity, seen, used, cells = _first_pass(
         plane, cells, wanted, record, blocks, chosen, progress, notes
     )
     notes += review_survey(plane, seen, used)
@@ -148,8 +154,9 @@ def _first_pass(
     chosen: Choices,
     progress: Progress | None,
     notes: list[str],
-) -> tuple[ProbeVelocity, Survey, Tensor]:
-    """Over the probes and the cell averages; probes with faults are found and left out, (P,)."""
+) -> tuple[ProbeVelocity, Survey, Tensor, Cells]:
+    """Over the probes and the cell averages; probes with faults are found and left out, (P,), and
+    with them the cells that hold no other."""
     like = plane.velocity
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
@@ -158,7 +165,7 @@ def _first_pass(
     kept = blocks if moves else None
 
     def over(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
-        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
+        velocity = ProbeVelocity(plane, cells.kept(used), dtype, device, used, chosen.slab_memory)
         rate = plane.sampling_rate
         seen, more = with_smaller_slabs(
             velocity, lambda: survey(velocity, frequency, rate, weights, report, kept)
@@ -171,7 +178,8 @@ def _first_pass(
     if not bool(used.all()):
         _refuse_bad_probes(plane, seen, used, chosen)
         velocity, seen = over(used, None)
-    return velocity, seen, used
+        notes += review_cells(plane, cells, used)
+    return velocity, seen, used, cells.kept(used)
 
 
 def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:
