@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import make_plain, real_tensor
 from torchliner.liners.model import LinerModel
 from torchliner.text_columns import Array, Column, read_columns
 from torchliner.toml_files import read_text
@@ -42,6 +42,7 @@ class TabulatedLiner(LinerModel):
     name: str = "table"
 
     def __post_init__(self) -> None:
+        make_plain(self)
         frequency = real_tensor(self.frequency).reshape(-1)
         values = self.values
         if not isinstance(values, Tensor):  # a list of complex would become complex64

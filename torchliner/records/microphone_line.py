@@ -14,6 +14,7 @@ from torch import Tensor
 from torchliner.checks import (
     frequency_tensor,
     index_of_frequency,
+    make_plain,
     plain_number,
     real_tensor,
     require_choice,
@@ -76,6 +77,7 @@ class MicrophoneLine(Written):
     name: str = field(default="microphones", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
         frequency = frequency_tensor(self.frequency)
         object.__setattr__(self, "frequency", frequency)
         self._check_places()
