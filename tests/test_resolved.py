@@ -10,13 +10,8 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.io.resolved import (
-    GEOMETRY,
-    read_channel,
-    read_resolved,
-    resolved_cases,
-    resolved_liner,
-)
+from torchliner.io.resolved import read_channel, read_resolved
+from torchliner.io.resolved_liner import GEOMETRY, resolved_cases, resolved_liner
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SAMPLES, COLUMNS, ROWS = 6, 5, 4

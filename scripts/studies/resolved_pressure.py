@@ -8,16 +8,14 @@ import numpy as np
 
 from torchliner.checks import plain_number
 from torchliner.io.axes import read_times
-from torchliner.io.hdf5 import open_file, read_si
-from torchliner.io.resolved import (
+from torchliner.io.hdf5 import open_file, read_attribute, read_si
+from torchliner.io.resolved import resolved_provenance, time_last
+from torchliner.io.resolved_liner import (
     complex_attribute,
     liner_of_group,
-    read_attribute,
     require_case,
     resolved_cases,
     resolved_fluid,
-    resolved_provenance,
-    time_last,
     truth_of,
 )
 from torchliner.records import PressureRecord

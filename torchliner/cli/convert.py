@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_liner(options: argparse.Namespace) -> None:
     """The liner of a resolved case as a file of its own."""
-    from torchliner.io.resolved import resolved_liner
+    from torchliner.io.resolved_liner import resolved_liner
     from torchliner.liners.catalogue import liner_text
 
     linear = options.linear
