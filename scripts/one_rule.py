@@ -16,13 +16,13 @@ from unittest import mock
 
 import torch
 from torch import Tensor
-from truth_page import liner_of, planes_of
 
 import torchliner as tl
 from common import ROOT, parser_of
 from torchliner.names import ORDERS
 from torchliner.records.cells import sort_into_cells
 from torchliner.replay import periodic
+from truth_page import liner_of, planes_of
 
 PAGE = ROOT / "docs" / "method.md"
 CASES = ("n130", "n145", "o130", "o145", "t03_130", "g03_145", "g01_145", "t015_145")
