@@ -10,7 +10,8 @@ from torchliner import names
 from torchliner.cli.options import argument, dest, stated
 
 SHOWN = (
-    "phase drive mean wall_filter engine edge window interval seed device dtype memory"
+    "phase drive mean wall_filter engine edge window interval seed closure_limit device dtype "
+    "memory"
 ).split()  # by --help; --help-all shows the others too
 
 
@@ -64,6 +65,10 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--draws N": "of the moving-block bootstrap; default 999",
         "--seed N": "of the bootstrap; default 0",
         "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
+    },
+    "closure": {
+        "--closure-limit DB": "that Z with the velocity may be off a known pressure; default 0.3",
+        "--level-doubt DB": "of that pressure, adds to the limit; default 0",
     },
     "machine": {
         "--device NAME": "cpu, cuda or cuda:1; default: that of the data",

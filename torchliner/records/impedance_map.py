@@ -18,6 +18,7 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
+from torchliner.records.closure import UNKNOWN, Closure
 from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
@@ -48,6 +49,8 @@ class ImpedanceMap(Drawn):
         notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
         alongside: what other methods found for the same case, such as ``in_situ``.
+        closure: whether Z and the coherent velocity give the pressure that is known; None where
+            that is not checked, see ``closure_words``.
     """
 
     frequency: Tensor
@@ -76,6 +79,7 @@ class ImpedanceMap(Drawn):
     uncertainty: Uncertainty | None = None
     wall: Tensor | None = None
     alongside: tuple[PointImpedances, ...] = ()
+    closure: Closure | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -149,6 +153,17 @@ class ImpedanceMap(Drawn):
     def of_liner(self, order: str) -> Tensor:
         """Whole liner, (F,), in one of ``names.ORDERS``."""
         return self.liner_impedance if order == ORDERS[0] else self.liner_impedance_velocity_first
+
+    def of_cells(self, order: str) -> Tensor:
+        """Each cell, (C, F), in one of ``names.ORDERS``."""
+        return self.cell_impedance if order == ORDERS[0] else self.cell_impedance_velocity_first
+
+    @property
+    def closure_words(self) -> str:
+        """What the whole plane is compared with, or why it is not."""
+        if self.closure is None:
+            return str(self.choices.get("closure", UNKNOWN))
+        return f"off {self.closure.known}, limit {self.closure.limit:.2g} dB"
 
     def bounds_of_liner(self, order: str, index: int = 0) -> tuple[complex, complex] | None:
         """Of its statistical interval at one frequency; None without any."""

@@ -35,6 +35,7 @@ class Survey:
         coherence: of v with a steady tone, 0 to 1, (P, F).
         segments: number of segments behind ``coherence``.
         blocks: means over blocks of the record, where they were asked for.
+        cell_blocks: the same of the last group of columns, the cells, wherever there are blocks.
     """
 
     mean: Tensor
@@ -47,6 +48,7 @@ class Survey:
     coherence: Tensor
     segments: int
     blocks: VelocityBlocks | None = None
+    cell_blocks: VelocityBlocks | None = None
 
     @property
     def rms(self) -> Tensor:
@@ -61,6 +63,7 @@ def survey(
     weights: Tensor,
     progress: Callable[[int], None] | None = None,
     blocks: Blocks | None = None,
+    of_probes: bool = True,
 ) -> Survey:
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
@@ -71,6 +74,7 @@ def survey(
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
         blocks: over which the velocity's own means are kept too.
+        of_probes: keep these of all columns, not of the cells alone.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
     is that between v and a tone of constant phase, from S segments of two periods with Hann
@@ -79,9 +83,10 @@ def survey(
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
     groups = [_Sums(analysis, width, source.device) for width in source.widths]
+    first = 0 if of_probes else len(source.widths) - 1
     means = [] if blocks is None else [
         VelocityBlockSums(blocks, frequency.cpu(), sampling_rate, width, source.device)
-        for width in source.widths
+        for width in source.widths[first:]
     ]  # fmt: skip
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
@@ -89,18 +94,24 @@ def survey(
             rows = analysis.rows(low, high)
             for group, slab in zip(groups, slabs, strict=True):
                 group.add(low, high, rows, slab[low - begin : high - begin])
-        for each, slab in zip(means, slabs, strict=bool(means)):
+        for each, slab in zip(means, slabs[first:], strict=bool(means)):
             each.add(begin, slab)
         if progress is not None:
             progress(end - begin)
-    kept = VelocityBlocks.join([each.result() for each in means]) if means else None
-    return _join([group.result() for group in groups], analysis.segments, kept)
+    kept = [each.result() for each in means]
+    return _join([group.result() for group in groups], analysis.segments, kept, of_probes)
 
 
-def _join(parts: list[Survey], segments: int, blocks: VelocityBlocks | None) -> Survey:
-    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
+def _join(
+    parts: list[Survey], segments: int, blocks: list[VelocityBlocks], of_probes: bool
+) -> Survey:
+    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks", "cell_blocks")]
     joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
-    return Survey(**joined, segments=segments, blocks=blocks)
+    return Survey(
+        **joined, segments=segments,
+        blocks=VelocityBlocks.join(blocks) if blocks and of_probes else None,
+        cell_blocks=blocks[-1] if blocks else None,
+    )  # fmt: skip
 
 
 def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces
+from torchliner.report.closure_table import closure_lines, plain_closure
 from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,
@@ -43,6 +44,7 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
     if words:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
+    lines += closure_lines(results, WHERE)
     return "\n".join([*lines, *_beside(results), _choices(results[0])])
 
 
@@ -79,6 +81,7 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
             for i, f in enumerate(result.frequency.tolist())
             if result.alongside
         ],
+        "closure": plain_closure(result),
         "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
         "choices": dict(result.choices),
         "notes": list(result.notes),

@@ -23,12 +23,14 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.names import ORDERS
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
 from torchliner.signals.resampling import COLUMNS, Resampling
 from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 from torchliner.tdibc.prepared import Prepared
 
+Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 
@@ -38,8 +40,8 @@ def uncertainty_of(
     reflection: Tensor,
     deviations: Callable[[slice], Tensor],
     wall: Tensor | None,
-) -> Uncertainty:
-    """Intervals of probes, rows, cells and the whole liner.
+) -> tuple[Uncertainty, Series]:
+    """Intervals of probes, rows, cells and the whole liner; the deviations behind the averages.
 
     Args:
         prepared: prepared plane, with blocks.
@@ -48,9 +50,8 @@ def uncertainty_of(
         wall: probes that count as wall, (P, F), of ``find_walls``.
     """
     chosen, plane, cells = prepared.chosen, prepared.plane, prepared.cells
-    assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
-    weights = prepared.blocks.sums(prepared.record.weights(0, plane.samples))
-    how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+    assert prepared.blocks is not None
+    how = resampling_of(prepared)
     single = prepared.drive.dtype == torch.float32
     of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
@@ -78,7 +79,7 @@ def uncertainty_of(
     )  # fmt: skip
     _add([first], slice(0, cells.count), averaged, series, how)
     wide = _tile_rows(groups, chosen.resample)
-    return Uncertainty(
+    found = Uncertainty(
         probes=Interval.joined(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
@@ -91,6 +92,19 @@ def uncertainty_of(
             "blocks": prepared.blocks.count, "periods_per_block": prepared.blocks.periods,
         },
     )  # fmt: skip
+    behind = ((groups["liner"], groups["cells"].series), (first, series))
+    return found, {
+        order: (whole.series[:, 0], cells)
+        for order, (whole, cells) in zip(ORDERS, behind, strict=True)
+    }
+
+
+def resampling_of(prepared: Prepared) -> Resampling:
+    """Of the blocks of a plane, weighted as its window is."""
+    chosen = prepared.chosen
+    assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
+    weights = prepared.blocks.sums(prepared.record.weights(0, prepared.plane.samples))
+    return Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
 
 
 def _add(

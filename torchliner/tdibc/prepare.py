@@ -155,13 +155,12 @@ def _first_pass(
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
-    kept = blocks if moves else None
 
     def over(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
         velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
         rate = plane.sampling_rate
         seen, more = with_smaller_slabs(
-            velocity, lambda: survey(velocity, frequency, rate, weights, report, kept)
+            velocity, lambda: survey(velocity, frequency, rate, weights, report, blocks, moves)
         )
         notes.extend(more)
         return velocity, seen
