@@ -11,6 +11,7 @@ from conftest import DATA, FREQUENCY, RATE, Resistive, turbulence
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
+from torchliner.report.audit_report import format_audit, plain_audit, write_audit
 
 OF_AIR = tl.Fluid()
 LEVELS = 1e-6  # dB, of interpolation between levels
@@ -40,7 +41,8 @@ def plane(velocity, **about):
     return tl.VelocityPlane(velocity, **stated | about)
 
 
-TIGHT = {"edge": "wrap", "window": "boxcar"}  # whole periods: no kernels, no ends
+EDGE = {"edge": "wrap"}  # whole periods: no kernels, no ends
+TIGHT = {**EDGE, "window": "boxcar"}
 MODEL = Resistive(r0=0.2, a=0.3, m=6e-5, length=0.038)
 
 
@@ -171,13 +173,14 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
         ({"incident_level": 130.0, "source_side": "unknown"}, {}, "state source_side"),
         ({"source_side": "none", "incident_level": 130.0}, {}, "there is no sound"),
         ({"incident_level": 130.0}, {"frequency": 700.0}, "at the frequencies asked for"),
-        ({"incident_level": 130.0}, {"incident": "tones:1400"}, "an incident signal is replayed"),
+        ({"incident_level": 130.0}, {"incident": "tones:1400", "levels": 20},
+         "an incident signal is replayed"),
     ],
 )
 def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reason, tmp_path):
     """In the map, and after a round through a file."""
-    velocity, _ = square_wave(2.0)
-    found = tl.educe(plane(velocity, **about), MODEL, interval=None, **choices)
+    velocity, _ = square_wave(2.0, periods=20)  # longer than a kernel
+    found = tl.educe(plane(velocity, **about), MODEL, **{**TIGHT, "interval": None, **choices})
     assert found.closure is None
     assert reason in found.closure_words
     found.write(tmp_path / "m.h5")
@@ -203,7 +206,7 @@ def test_closure_survives_a_file(tmp_path):
     found = tl.educe(record, tl.load_liner("lbm_slit"), draws=199)
     found.write(tmp_path / "m.h5")
     again = tl.read_map(tmp_path / "m.h5").closure
-    for name in ("orders", "known", "kind", "limit", "doubt", "confidence"):
+    for name in ("orders", "order", "known", "kind", "limit", "doubt", "confidence"):
         assert getattr(again, name) == getattr(found.closure, name)
     for part in ("liner", "cells"):
         for name, value in vars(getattr(found.closure, part)).items():
@@ -255,3 +258,30 @@ def test_the_command_takes_wall_pressures(capsys):
         assert main(["educe", path, option, record, "--quiet", "--json"]) == 0
         assert "facesheet's pressure (rho c Z V, with phase)" in capsys.readouterr().out
     assert pressure_amplitude_from_spl(94.0) == pytest.approx(1.417, abs=1e-3)
+
+
+def test_every_row_of_an_audit_has_its_closure(tmp_path):
+    """As the map of the same choice says; other heights with their own velocity."""
+    planes = [
+        plane(turbulence((4, 480), seed) + square_wave(1.0)[0], incident_level=130.0, height=height)
+        for seed, height in enumerate((0.5e-3, 2.5e-3))
+    ]
+    found = tl.audit(planes, MODEL, order="velocity first", interval=None, **EDGE)
+    one, other = tl.educe(planes, MODEL, interval=None, **EDGE)
+    assert found.closure == pytest.approx(float(one.closure.liner.level[1, 0]), abs=1e-9)
+    (height,) = found.of("height")
+    assert height.closure == pytest.approx(float(other.closure.liner.level[1, 0]), abs=1e-3)
+    swapped = next(row for row in found.of("averaging order") if row.variant == "probes first")
+    assert swapped.closure == pytest.approx(float(one.closure.liner.level[0, 0]), abs=1e-3)
+    assert f"closure {found.closure:+.2f} dB off the stated 130 dB" in format_audit(found)
+    write_audit(found, tmp_path / "a.csv")
+    assert "closure (dB)" in (tmp_path / "a.csv").read_text().splitlines()[0]
+    assert plain_audit(found)["rows"][0]["closure"] == found.rows[0].closure
+
+
+def test_an_audit_without_a_known_pressure_says_so():
+    """No column, and the words of the map."""
+    velocity, _ = square_wave(2.0, periods=20)
+    found = tl.audit(plane(velocity), MODEL, interval=None, **EDGE)
+    assert found.closure is None
+    assert "closure: not checked, state incident_level=" in format_audit(found)

@@ -86,7 +86,7 @@ def gap_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-CLOSURE = ("known", "kind", "limit", "doubt", "confidence")  # kept as text, with the orders
+CLOSURE = ("order", "known", "kind", "limit", "doubt", "confidence")  # kept as text, with the orders
 CLOSURE_LEVEL = (real("closure_pressure_level", "dB", ("frequency",), field="pressure_level"),)
 
 

@@ -9,8 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.names import ORDERS
-
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
 DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
 CLOSES, OPEN, FAILS = "closes", "open", "fails"
@@ -71,6 +69,7 @@ class Closure:
 
     Args:
         orders: of averaging, O of them.
+        order: that of the answer, by which the whole is judged.
         known: what the pressure is, and which formula it is compared by, in words.
         kind: ``incident`` or ``wall``.
         pressure_level: of what is known, at the wall, dB re 20 uPa rms, (F,); nan where unknown.
@@ -82,6 +81,7 @@ class Closure:
     """
 
     orders: tuple[str, ...]
+    order: str
     known: str
     kind: str
     pressure_level: Tensor
@@ -97,9 +97,9 @@ class Closure:
 
     @property
     def failed(self) -> bool:
-        """Whether the default order of averaging fails at any frequency."""
+        """Whether the answer's order of averaging fails at any frequency."""
         count = len(self.pressure_level)
-        return any(self.verdict(ORDERS[0], index) == FAILS for index in range(count))
+        return any(self.verdict(self.order, index) == FAILS for index in range(count))
 
     def words(self, order: str, index: int = 0) -> str:
         """'-2.61 dB (-2.62 to -2.60), +3.1 degrees fails'; '-' where nothing is compared."""
@@ -156,7 +156,7 @@ class Closure:
             for o, order in enumerate(self.orders) for i, f in enumerate(frequency)
         ]  # fmt: skip
         return {
-            "known": self.known, "kind": self.kind, "limit": self.limit, "doubt": self.doubt,
+            "order": self.order, "known": self.known, "kind": self.kind, "limit": self.limit, "doubt": self.doubt,
             "confidence": self.confidence, "pressure_level": self.pressure_level.tolist(),
             "failed": self.failed, "rows": rows,
         }  # fmt: skip

@@ -150,6 +150,16 @@ class ImpedanceMap(Drawn):
         """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
         return mean_impedance(admittance_from_reflection(self.cell_reflection_velocity_first))
 
+    @property
+    def orders(self) -> tuple[str, ...]:
+        """Those of ``names.ORDERS`` that the map holds."""
+        return ORDERS
+
+    @property
+    def order(self) -> str:
+        """That of ``answer``: as chosen; ``probes first`` in files of older versions."""
+        return str(self.choices.get("order", ORDERS[0]))
+
     def of_liner(self, order: str) -> Tensor:
         """Whole liner, (F,), in one of ``names.ORDERS``."""
         return self.liner_impedance if order == ORDERS[0] else self.liner_impedance_velocity_first

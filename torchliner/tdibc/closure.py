@@ -18,6 +18,7 @@ The ratio of implied to known pressure is resampled with the same blocks of time
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,6 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import reflection_from_impedance, spl_from_pressure_amplitude
-from torchliner.names import ORDERS
 from torchliner.records import Closure, ImpedanceMap
 from torchliner.records.closure import Gap, gap_of
 from torchliner.signals.tones import line_sums
@@ -40,7 +40,7 @@ WAVENUMBERS = 241  # tried along x, up to three times that of sound
 def with_closure(
     prepared: Prepared, found: ImpedanceMap, series: Series, pressure: Any = None
 ) -> ImpedanceMap:
-    """The map with its closure, and a warning where the default order of averaging fails.
+    """The map with its closure, and a warning where the answer's order of averaging fails.
 
     Args:
         prepared: prepared plane.
@@ -53,7 +53,7 @@ def with_closure(
         return dataclasses.replace(found, choices={**found.choices, "closure": known})
     closure = closure_of(prepared, found, series, known)
     sentences = [
-        closure.sentence(ORDERS[0], f, i) for i, f in enumerate(prepared.frequency.tolist())
+        closure.sentence(found.order, f, i) for i, f in enumerate(prepared.frequency.tolist())
     ]
     notes = [f"{prepared.plane.name}: {text}" for text in sentences if text]
     choices = {**found.choices, "closure": "checked"}
@@ -69,7 +69,7 @@ def closure_of(
     chosen, moving = prepared.chosen, Coherent.of(prepared, known)
     pressure = torch.cat([known.liner[None], known.cells])
     ratios, bounds = [], []
-    for order in ORDERS:
+    for order in found.orders:
         z = torch.cat([found.of_liner(order)[None], found.of_cells(order)]).cpu()
         ratios.append(_implied(prepared, known, z, moving.velocity) / pressure)
         if order in series and moving.away is not None:
@@ -78,12 +78,13 @@ def closure_of(
                 _ends(prepared, known, z, torch.cat([liner[:, None], cells], 1).cpu(), moving.away)
             )
     ends = None
-    if len(bounds) == len(ORDERS):
+    if len(bounds) == len(ratios):
         low, high = zip(*bounds, strict=True)
         ends = torch.stack(low), torch.stack(high)
     gap = gap_of(torch.stack(ratios), ends, known.has_phase)
     return Closure(
-        orders=tuple(ORDERS),
+        orders=found.orders,
+        order=found.order,
         known=known.words,
         kind=known.kind,
         pressure_level=spl_from_pressure_amplitude(known.liner),
@@ -95,13 +96,13 @@ def closure_of(
     )
 
 
-def liner_closure(prepared: Prepared, known: KnownPressure, impedance: complex) -> float:
-    """Closure of one impedance of the whole plane at the first frequency, dB."""
-    velocity = Coherent.of(prepared, known).velocity[:1, :1]
-    z = torch.full((1, 1), impedance, dtype=torch.complex128)
-    alone = dataclasses.replace(prepared, frequency=prepared.frequency[:1])
-    ratio = _implied(alone, known, z, velocity) / known.liner[:1]
-    return float(20 * torch.log10(ratio.abs()))
+def closure_ratio(prepared: Prepared, known: KnownPressure) -> Callable[[Tensor], Tensor]:
+    """Implied over known pressure of the whole plane as a function of its Z, (..., F), complex.
+
+    The phase of the ratio means something where ``known.has_phase``.
+    """
+    velocity = Coherent.of(prepared, known).velocity[0]
+    return lambda impedance: _implied(prepared, known, impedance, velocity) / known.liner
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +120,9 @@ class Coherent:
     @classmethod
     def of(cls, prepared: Prepared, known: KnownPressure) -> Coherent:
         """From the survey of a plane."""
-        seen, probes = prepared.survey, prepared.plane.probes
-        cells = 2 * prepared.velocity_amplitude[probes:].cpu()
-        quiet = cells.abs() <= NO_TONE * seen.mean_square[probes:, None].sqrt().cpu()
+        seen, columns = prepared.survey, prepared.averaged
+        cells = 2 * prepared.velocity_amplitude[columns].cpu()
+        quiet = cells.abs() <= NO_TONE * seen.mean_square[columns, None].sqrt().cpu()
         cells = torch.where(quiet, torch.nan, cells)
         inside = prepared.cells.membership(prepared.used).sum(0) > 0  # cells with a probe at all
         weights = inside[:, None].to(torch.complex128) / inside.sum()
@@ -145,7 +146,7 @@ def _mean_lines(prepared: Prepared) -> Tensor:
         line_sums(torch.ones(end - begin), prepared.frequency, rate, begin) / (end - begin)
         for begin, end in zip(blocks.borders[:-1], blocks.borders[1:], strict=True)
     ])  # fmt: skip
-    mean = prepared.survey.mean[prepared.plane.probes :].cpu()
+    mean = prepared.survey.mean[prepared.averaged].cpu()
     return lines[:, None] * mean[:, None]
 
 

@@ -68,6 +68,11 @@ class Prepared:
         return WindowSums(window.zero.to(device), window.twice.to(device))
 
     @property
+    def averaged(self) -> slice:
+        """The columns of the cell averages."""
+        return slice(self.plane.probes, self.plane.probes + self.cells.count)
+
+    @property
     def velocity_amplitude(self) -> Tensor:
         """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
         return self.window_sums.tone_amplitude(-self.survey.line)
