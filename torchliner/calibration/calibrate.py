@@ -168,7 +168,7 @@ def calibrate(
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every
             plane holds, such as "true". None with ``closure``.
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
-        order: of averaging, ``velocity first`` or ``probes first``.
+        order: of averaging, one of ``names.ORDERS``.
         closure: fit to the pressures that are known, see ``torchliner.tdibc.closure``: one datum,
             the level, a plane and frequency, or two where the phase is known.
         pressure: of the planes, one each or None, as for ``educe``; with ``closure`` alone.
@@ -192,7 +192,7 @@ def calibrate(
     """
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
     if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "

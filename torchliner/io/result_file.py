@@ -11,6 +11,7 @@ from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import read_json, to_json, write_index
 from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
 from torchliner.records import Closure, Gap, Interval, Uncertainty
+from torchliner.records.closure import CLOSURE_FACTS
 
 HEADING: dict[str, Any] = {
     "title": "", "source_side": "unknown", "choices": {}, "notes": (), "fluid": Fluid(),
@@ -53,6 +54,8 @@ UNCERTAINTY = {
     "cells_velocity_first": interval_table("cell_velocity_first_", ("cell", "frequency")),
     "liner": interval_table("liner_", ("frequency",)),
     "liner_velocity_first": interval_table("liner_velocity_first_", ("frequency",)),
+    "cells_coherent_first": interval_table("cell_coherent_first_", ("cell", "frequency")),
+    "liner_coherent_first": interval_table("liner_coherent_first_", ("frequency",)),
 }
 
 
@@ -86,13 +89,12 @@ def gap_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-CLOSURE = ("order", "known", "kind", "limit", "doubt", "confidence")  # kept as text, with the orders
 CLOSURE_LEVEL = (real("closure_pressure_level", "dB", ("frequency",), field="pressure_level"),)
 
 
 def write_closure(file: h5py.File, found: Closure, of_cells: str = "cell") -> None:
     """Into an open file with the dimensions ``frequency`` and ``of_cells``."""
-    texts = {name: getattr(found, name) for name in CLOSURE}
+    texts = {name: getattr(found, name) for name in CLOSURE_FACTS}
     file.attrs["closure"] = to_json({"orders": found.orders, **texts})
     write_index(file, "order", len(found.orders))
     write_variables(file, found, CLOSURE_LEVEL)

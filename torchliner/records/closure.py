@@ -11,6 +11,7 @@ from torch import Tensor
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
 DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
+CLOSURE_FACTS = ("order", "known", "kind", "limit", "doubt", "confidence")  # plain fields
 CLOSES, OPEN, FAILS = "closes", "open", "fails"
 
 
@@ -156,9 +157,8 @@ class Closure:
             for o, order in enumerate(self.orders) for i, f in enumerate(frequency)
         ]  # fmt: skip
         return {
-            "order": self.order, "known": self.known, "kind": self.kind, "limit": self.limit, "doubt": self.doubt,
-            "confidence": self.confidence, "pressure_level": self.pressure_level.tolist(),
-            "failed": self.failed, "rows": rows,
+            **{name: getattr(self, name) for name in CLOSURE_FACTS},
+            "pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows,
         }  # fmt: skip
 
 
