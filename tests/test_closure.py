@@ -1,17 +1,20 @@
 """Closure: Z and the coherent velocity against a pressure that is known."""
 
 import dataclasses
+import json
 import math
 
 import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, Resistive, turbulence
+from test_stations import station
 
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.report.audit_report import format_audit, plain_audit, write_audit
+from torchliner.report.line_table import format_line, plain_line
 
 OF_AIR = tl.Fluid()
 LEVELS = 1e-6  # dB, of interpolation between levels
@@ -288,3 +291,44 @@ def test_an_audit_without_a_known_pressure_says_so():
     found = tl.audit(plane(velocity), MODEL, interval=None, **EDGE)
     assert found.closure is None
     assert "closure: not checked, state incident_level=" in format_audit(found)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
+    """rho c |Z||V| off the stated level; the file keeps it; another dB of level shows."""
+    about = {"source_side": "upstream"}
+    for level in (130.0, 131.0):
+        records = [dataclasses.replace(station(seed, seconds=0.2), incident_level=level, **about)
+                   for seed in range(3)]  # fmt: skip
+        line = tl.educe_bursts(records, tl.load_liner("onera"), segment=0.04, draws=199)
+        wanted = 20 * torch.log10(
+            line.fluid.characteristic_impedance * (line.impedance * line.velocity_amplitude).abs()
+            / pressure_amplitude_from_spl(level)
+        )  # fmt: skip
+        torch.testing.assert_close(line.closure.cells.level[0], wanted)
+        gap = line.closure.liner
+        assert bool((gap.level_low < gap.level).all() & (gap.level < gap.level_high).all())
+        assert any("closure at" in note for note in line.notes) == line.closure.failed
+    assert "closure: off the stated 131 dB at the wall" in format_line(line)
+    line.write(tmp_path / "line.h5")
+    again = tl.read_line(tmp_path / "line.h5").closure
+    torch.testing.assert_close(again.cells.level, line.closure.cells.level)
+    assert again.words("stations") == line.closure.words("stations")
+    assert plain_line(line)["closure"]["rows"][0]["verdict"]
+
+
+def test_values_beside_are_compared_in_their_joint_interval(capsys):
+    """In situ with pressure first differs from velocity first by what a subtraction says."""
+    options = ["--in-situ", str(DATA / "pressure_n130.h5"), "--quiet", "--json"]
+    assert main(["educe", str(DATA / "slit_n130_y2.5mm.h5"), *options]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    (beside,) = found["alongside"]
+    row = beside["differences"][1]
+    (order,) = (each for each in found["closure"]["rows"] if each["order"] in row["between"])
+    assert order["verdict"]
+    own = complex(*found["rows"][0]["coherent_first"].values())
+    wanted = own - complex(*beside["impedance"]["in situ (Dean), pressure first"].values())
+    assert complex(*row["difference"].values()) == pytest.approx(wanted)
+    low, high = (complex(*row[end].values()) for end in ("low", "high"))
+    assert low.real < wanted.real < high.real
+    assert row["differs"] == (low.real > 0 or high.real < 0 or low.imag > 0 or high.imag < 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,7 +132,7 @@ class Closure:
         )
         if verdict == OPEN:
             return f"{start}; the record is too short to tell: take a longer one"
-        others = [other for other in self.orders if self.verdict(other, index) == CLOSES]
+        others = [each for each in self.orders if self.verdict(each, index) == CLOSES]
         tried = (
             f"{' and '.join(others)} closes: take it" if others else
             "no order of averaging closes: take another height, calibrate the model (calibrate "
@@ -182,3 +183,10 @@ def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -
         parts += [nothing] * 3
     parts[0] = level
     return Gap(*parts)
+
+
+def words_of(closure: Closure | None, choices: Mapping[str, Any]) -> str:
+    """What a result is compared with, or why it is not, which its choices say."""
+    if closure is None:
+        return str(choices.get("closure", UNKNOWN))
+    return f"off {closure.known}, limit {closure.limit:.2g} dB"

@@ -19,7 +19,7 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
-from torchliner.records.closure import UNKNOWN, Closure
+from torchliner.records.closure import Closure, words_of
 from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
@@ -193,9 +193,7 @@ class ImpedanceMap(Drawn):
     @property
     def closure_words(self) -> str:
         """What the whole plane is compared with, or why it is not."""
-        if self.closure is None:
-            return str(self.choices.get("closure", UNKNOWN))
-        return f"off {self.closure.known}, limit {self.closure.limit:.2g} dB"
+        return words_of(self.closure, self.choices)
 
     def bounds_of_liner(self, order: str, index: int = 0) -> tuple[complex, complex] | None:
         """Of its statistical interval at one frequency; None without any."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from torchliner.records import ImpedanceMap
-from torchliner.report.alongside import alongside_surfaces
+from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
 from torchliner.report.closure_table import closure_lines, plain_closure
 from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
@@ -47,7 +47,8 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
     lines += closure_lines(results, WHERE)
-    return "\n".join([*lines, *_beside(results), _choices(results[0])])
+    lines += [*_beside(results), *difference_lines(results)]
+    return "\n".join([*lines, _choices(results[0])])
 
 
 def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
@@ -79,7 +80,11 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
         "rows": [vars(row) for row in against_height([result])],
         "reference": dict(result.reference),
         "alongside": [
-            {"frequency": f, "impedance": alongside_surfaces([result], i)}
+            {
+                "frequency": f,
+                "impedance": alongside_surfaces([result], i),
+                "differences": differences([result], i),
+            }
             for i, f in enumerate(result.frequency.tolist())
             if result.alongside
         ],

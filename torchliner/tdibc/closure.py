@@ -127,7 +127,11 @@ class Coherent:
         inside = prepared.cells.membership(prepared.used).sum(0) > 0  # cells with a probe at all
         weights = inside[:, None].to(torch.complex128) / inside.sum()
         if not known.moved:
-            weights = weights * _turned_back(prepared, torch.nan_to_num(cells))
+            speed = float(prepared.plane.fluid.sound_speed)
+            known_cells = torch.nan_to_num(cells)
+            weights = weights * turned_back(
+                prepared.cells.x, known_cells, prepared.frequency, speed
+            )
         liner = (weights * torch.where(inside[:, None], cells, 0)).sum(0)
         velocity = torch.cat([liner[None], cells])
         if seen.cell_blocks is None:
@@ -150,13 +154,18 @@ def _mean_lines(prepared: Prepared) -> Tensor:
     return lines[:, None] * mean[:, None]
 
 
-def _turned_back(prepared: Prepared, velocity: Tensor) -> Tensor:
-    """Unit factors that undo the phase of a wave along x, (C, F)."""
-    x = torch.nan_to_num(prepared.cells.x - prepared.cells.x.mean())
-    fluid = prepared.plane.fluid
+def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: float) -> Tensor:
+    """Unit factors that undo the phase of a wave along x.
+
+    Args:
+        x: m, (C,); nan where unknown.
+        velocity: complex, (C, F).
+        frequency: Hz, (F,).
+        sound_speed: m/s.
+    """
+    away = torch.nan_to_num(x - x.nanmean())[:, None]
     steps = torch.linspace(-3, 3, WAVENUMBERS, dtype=torch.float64)
-    k = steps[:, None] * (2 * torch.pi * prepared.frequency / float(fluid.sound_speed))
-    turns = torch.exp(1j * k[:, None] * x[:, None])  # (K, C, F)
+    turns = torch.exp(2j * torch.pi / sound_speed * steps[:, None, None] * away * frequency)
     best = (turns * velocity).sum(1).abs().argmax(0)
     return turns.gather(0, best.expand(1, len(x), -1))[0]
 

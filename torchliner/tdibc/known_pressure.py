@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,20 +79,37 @@ def known_pressure(prepared: Prepared, given: Any = None) -> KnownPressure | str
 
 
 def _stated(prepared: Prepared) -> KnownPressure | str:
-    plane, frequency = prepared.plane, prepared.frequency
-    level, side = plane.incident_level, plane.source_side
+    plane = prepared.plane
+    found = stated_pressure(plane, prepared.frequency, plane.frequency)
+    if isinstance(found, str):
+        return found
+    kind, words, pressure = found
+    cells = pressure.expand(prepared.cells.count, -1)
+    return KnownPressure(kind, words, pressure, cells, False, kind == INCIDENT)
+
+
+def stated_pressure(
+    record: Any, frequency: Tensor, tone: float | None
+) -> tuple[str, str, Tensor] | str:
+    """Kind, words and peak amplitude (Pa, nan off the tone) of a level, or why there is none.
+
+    Args:
+        record: with ``incident_level`` and ``source_side``.
+        frequency: Hz, (F,).
+        tone: of the level, Hz; None: the frequency itself, if it is one.
+    """
+    level, side = record.incident_level, record.source_side
     if side == "none":
         return NO_SOUND
     if level is None:
         return UNKNOWN
     if side == "unknown":
         return NO_SIDE
-    tone = plane.frequency or (float(frequency[0]) if len(frequency) == 1 else torch.nan)
+    tone = tone or (float(frequency[0]) if len(frequency) == 1 else math.nan)
     same = (frequency / tone - 1).abs() < SAME_FREQUENCY
     if not bool(same.any()):
         return OTHER_TONE
-    nothing = torch.full_like(frequency, torch.nan)
-    pressure = torch.where(same, pressure_amplitude_from_spl(level), nothing).to(torch.complex128)
+    pressure = torch.where(same, pressure_amplitude_from_spl(float(level)), torch.nan)
     kind, words = WALL, f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)"
     if side == "normal":
         kind = INCIDENT
@@ -99,8 +117,7 @@ def _stated(prepared: Prepared) -> KnownPressure | str:
             f"the stated {level:.4g} dB of the incident wave (normal incidence, "
             "rho c |Z + 1| |V|/2)"
         )
-    cells = pressure.expand(prepared.cells.count, -1)
-    return KnownPressure(kind, words, pressure, cells, False, side == "normal")
+    return kind, words, pressure.to(torch.complex128)
 
 
 def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
