@@ -12,7 +12,7 @@ from torchliner.report.table import Column, Table
 def closure_lines(
     results: Sequence[ImpedanceMap | ImpedanceLine], where: Sequence[Column]
 ) -> list[str]:
-    """What the whole planes are compared with, one row each and frequency, and what fails.
+    """What the whole planes are compared with, a row each and frequency; why the answer fails.
 
     Args:
         results: maps, or one line.
@@ -28,8 +28,7 @@ def closure_lines(
             height = getattr(result, "height", None)
             words = {order: closure.words(order, i) for order in closure.orders}
             rows.append({"height": height, "frequency": frequency, **words})
-            found = [closure.sentence(order, frequency, i) for order in closure.orders]
-            sentences += [text for text in found if text][:1]
+            sentences += filter(None, [closure.sentence(closure.order, frequency, i)])
     if not rows:
         return list(heading)
     orders = dict.fromkeys(order for result in results if result.closure is not None
