@@ -10,8 +10,7 @@ from torchliner import names
 from torchliner.cli.options import argument, dest, stated
 
 SHOWN = (
-    "phase order drive mean wall_filter engine edge window interval seed closure_limit device "
-    "dtype memory"
+    "phase order drive mean wall_filter engine edge window interval seed device dtype memory"
 ).split()  # by --help; --help-all shows the others too
 
 
