@@ -13,6 +13,7 @@ from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
 from torchliner.io.hdf5 import open_file, read_references, write_index, write_references
 from torchliner.io.point_file import read_alongside, write_alongside
 from torchliner.io.result_file import (
+    Sizes,
     read_closure,
     read_uncertainty,
     result_kind,
@@ -68,6 +69,7 @@ FURTHER = (
     real("inferred_incident_level", "dB", FULL, derived=True),
     real("phase_rule_used", "1", FULL, field="phase_rule", flag=True),
     real("wall", "1", FULL, flag=True, optional=True),
+    real("cell_weight", "1", ("cell",), optional=True),
     real("mean_velocity", "m/s", ("probes",)),
     real("velocity_rms", "m/s", ("probes",)),
     *numbers({"height": "m", "mach": "1", "incident_level": "dB"}),
@@ -108,8 +110,10 @@ def read_map(path: str | Path) -> ImpedanceMap:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path)
+        sizes: Sizes = {}
+        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path, sizes=sizes)
         shape = tuple(fields["mean_velocity"].shape)
+        sizes["along"] = shape[-1:]
         for key in ("x", "z"):
             values = read_coordinate(file, key, shape, path)
             fields[key] = None if values is None else torch.from_numpy(values)
@@ -117,9 +121,9 @@ def read_map(path: str | Path) -> ImpedanceMap:
             **fields,
             **KIND.read_head(file, path),
             reference=read_references(file, path),
-            uncertainty=read_uncertainty(file, path),
+            uncertainty=read_uncertainty(file, path, sizes=sizes),
             alongside=read_alongside(file, path),
-            closure=read_closure(file, path),
+            closure=read_closure(file, path, sizes),
         )
 
 

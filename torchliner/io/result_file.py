@@ -8,11 +8,12 @@ from typing import Any
 import h5py
 
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import read_json, to_json, write_index
+from torchliner.io.hdf5 import is_there, read_json, to_json, write_index
 from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
 from torchliner.records import Closure, Gap, Interval, Uncertainty
 from torchliner.records.closure import CLOSURE_FACTS
 
+Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 HEADING: dict[str, Any] = {
     "title": "", "source_side": "unknown", "choices": {}, "notes": (), "fluid": Fluid(),
 }  # fmt: skip
@@ -39,11 +40,13 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-def read_interval(file: h5py.File, table: Table, path: str | Path) -> Interval | None:
+def read_interval(
+    file: h5py.File, table: Table, path: str | Path, sizes: Sizes | None = None
+) -> Interval | None:
     """What is there of an ``interval_table``; None if nothing is."""
-    if table[0].names[0] not in file:
+    if not is_there(file, table[0].names[0], path):
         return None
-    return Interval(**read_variables(file, table, path))
+    return Interval(**read_variables(file, table, path, sizes=sizes))
 
 
 # Intervals of a map; "probes" are the dimensions of its probes, "along" the last of them.
@@ -70,11 +73,13 @@ def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]
             write_variables(file, getattr(found, name), table, axes, words)
 
 
-def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
+def read_uncertainty(
+    file: h5py.File, path: str | Path, sizes: Sizes | None = None
+) -> Uncertainty | None:
     """What ``write_uncertainty`` wrote; None if there is none."""
     if "uncertainty" not in file.attrs:
         return None
-    found = {name: read_interval(file, table, path) for name, table in UNCERTAINTY.items()}
+    found = {name: read_interval(file, table, path, sizes) for name, table in UNCERTAINTY.items()}
     settings = read_json(file, "uncertainty", path, {})
     return Uncertainty(**{n: v for n, v in found.items() if v is not None}, settings=settings)
 
@@ -103,18 +108,28 @@ def write_closure(file: h5py.File, found: Closure, of_cells: str = "cell") -> No
         write_variables(file, gap, gap_table(stem, dims), words=", ".join(found.orders))
 
 
-def read_closure(file: h5py.File, path: str | Path, of_cells: str = "cell") -> Closure | None:
-    """What ``write_closure`` wrote; None if there is none."""
-    texts = read_json(file, "closure", path, None)
-    if texts is None:
+def read_closure(
+    file: h5py.File, path: str | Path, sizes: Sizes, of_cells: str = "cell"
+) -> Closure | None:
+    """What ``write_closure`` wrote; None if there is none.
+
+    Raises:
+        ValueError: a variable has another shape or unit, or the attribute lacks a value.
+    """
+    texts = read_json(file, "closure", path, {})
+    if not texts:
         return None
+    missing = {"orders", *CLOSURE_FACTS} - set(texts)
+    if missing:
+        raise ValueError(f"{path}: attribute 'closure' lacks {', '.join(sorted(missing))}")
+    sizes["order"] = (len(texts["orders"]),)
     gaps = [
-        Gap(**read_variables(file, gap_table(stem, dims), path))
+        Gap(**read_variables(file, gap_table(stem, dims), path, sizes=sizes))
         for stem, dims in _closure_dims(of_cells).items()
     ]
-    level = read_variables(file, CLOSURE_LEVEL, path)
-    return Closure(**{**texts, "orders": tuple(texts["orders"])}, **level,
-                   liner=gaps[0], cells=gaps[1])  # fmt: skip
+    level = read_variables(file, CLOSURE_LEVEL, path, sizes=sizes)
+    facts = {name: texts[name] for name in CLOSURE_FACTS}
+    return Closure(tuple(texts["orders"]), **facts, **level, liner=gaps[0], cells=gaps[1])
 
 
 def _closure_dims(of_cells: str) -> dict[str, tuple[str, ...]]:

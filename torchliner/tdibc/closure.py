@@ -124,21 +124,22 @@ class Coherent:
         cells = 2 * prepared.velocity_amplitude[columns].cpu()
         quiet = cells.abs() <= NO_TONE * seen.mean_square[columns, None].sqrt().cpu()
         cells = torch.where(quiet, torch.nan, cells)
-        inside = prepared.cells.membership(prepared.used).sum(0) > 0  # cells with a probe at all
-        weights = inside[:, None].to(torch.complex128) / inside.sum()
+        count, share = prepared.cells.count, prepared.cells.weight
+        share = torch.ones(count, dtype=torch.float64) if share is None else share
+        weights = (share / share.sum())[:, None].to(torch.complex128)
         if not known.moved:
             speed = float(prepared.plane.fluid.sound_speed)
             known_cells = torch.nan_to_num(cells)
             weights = weights * turned_back(
                 prepared.cells.x, known_cells, prepared.frequency, speed
             )
-        liner = (weights * torch.where(inside[:, None], cells, 0)).sum(0)
+        liner = (weights * cells).sum(0)
         velocity = torch.cat([liner[None], cells])
         if seen.cell_blocks is None:
             return cls(velocity, None)
         lines = -2 * (seen.cell_blocks.line.cpu() - _mean_lines(prepared))
         away = lines - lines.mean(0)
-        whole = (weights * torch.where(inside[:, None], away, 0)).sum(1, keepdim=True)
+        whole = (weights * away).sum(1, keepdim=True)
         return cls(velocity, torch.cat([whole, away], 1) / velocity)
 
 
