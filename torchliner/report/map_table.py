@@ -7,7 +7,8 @@ from typing import Any
 
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
-from torchliner.report.alongside import alongside_surfaces
+from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
+from torchliner.report.closure_table import closure_lines, plain_closure
 from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,
@@ -46,7 +47,9 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
     if words:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
-    return "\n".join([*lines, *_beside(results), *_nearest(results), _choices(results[0])])
+    lines += closure_lines(results, WHERE)
+    lines += [*_beside(results), *difference_lines(results), *_nearest(results)]
+    return "\n".join([*lines, _choices(results[0])])
 
 
 def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
@@ -83,10 +86,15 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
         "rows": [vars(row) for row in against_height([result])],
         "reference": dict(result.reference),
         "alongside": [
-            {"frequency": f, "impedance": alongside_surfaces([result], i)}
+            {
+                "frequency": f,
+                "impedance": alongside_surfaces([result], i),
+                "differences": differences([result], i),
+            }
             for i, f in enumerate(result.frequency.tolist())
             if result.alongside
         ],
+        "closure": plain_closure(result),
         "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
         "nearest_truth": nearest_truth(result) or None,
         "choices": dict(result.choices),

@@ -38,6 +38,7 @@ from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
+    review_coherent,
     review_liner,
     review_record,
     review_survey,
@@ -103,6 +104,7 @@ def _survey(
     )
     notes += review_survey(plane, seen, used)
     if periodic is not None:
+        notes += review_coherent(plane, cells, periodic, wanted, liner.cell_pitch)
         weights = record.weights(0, plane.samples)
         seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
     running = chosen.running_window or 1 / float(wanted.min())
@@ -175,7 +177,6 @@ def _first_pass(
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
-    kept = blocks if moves else None
     rate = plane.sampling_rate
     harmonics = None
     if chosen.order == ORDERS[2]:
@@ -193,7 +194,7 @@ def _first_pass(
             sums = None
             if harmonics is not None:
                 sums = PeriodicSums(harmonics, plane.samples, held, used, device)
-            seen = survey(velocity, frequency, rate, weights, report, kept, sums)
+            seen = survey(velocity, frequency, rate, weights, report, blocks, moves, sums)
             return seen, None if sums is None else sums.result()
 
         (seen, periodic), more = with_smaller_slabs(velocity, work)
