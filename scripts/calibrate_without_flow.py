@@ -11,6 +11,7 @@ numbers, into docs/figures.
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from typing import Any
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.without_flow import PredictedRow, draw_without_flow
+from torchliner.audits.truth_rows import closure_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import ORDERS
@@ -76,10 +78,16 @@ def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
                     PredictedRow(
                         fit.name, case, case in fit.fitted, plane.height or 0.0, order,
                         complex(before.of_liner(order)[0]), complex(after.of_liner(order)[0]),
-                        complex(plane.reference["true"]),
+                        complex(plane.reference["true"]), closure_of(after, order),
                     )
                 )  # fmt: skip
     return rows
+
+
+def read_rows(path: Path) -> list[PredictedRow]:
+    """Rows of an earlier run."""
+    with path.open(newline="") as file:
+        return [PredictedRow.of_plain(row) for row in csv.DictReader(file)]
 
 
 def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
@@ -105,11 +113,14 @@ def prediction_table(rows: Sequence[PredictedRow]) -> str:
             f"{case}{' (fitted)' if rule.fitted else ''}", f"{1e3 * height:.1f}",
             format_complex(rule.true), format_complex(rule.before),
             *(format_complex(here[order].after) for order in ORDERS),
-            f"{round(share) + 0:+d} %", f"{rule.after.imag - rule.true.imag:+.2f}",
+            f"{rule.closure:+.2f}", f"{round(share) + 0:+d} %",
+            f"{rule.after.imag - rule.true.imag:+.2f}",
         ])  # fmt: skip
     orders = " | ".join(ORDERS)
     return table(
-        f"case | y (mm) | true Z | {RULE}, C_vc 0.8 | {orders} | R off by | X off by", lines
+        f"case | y (mm) | true Z | {RULE}, C_vc 0.8 | {orders} | its closure (dB) | its R "
+        "off by | its X off by",
+        lines,
     )
 
 
@@ -121,6 +132,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     fits = [(fit, calibrated(fit)) for fit in FITS]
     rows = [row for fit, found in fits for row in rows_of(fit, found)]
+    write_rows([row.plain() for row in rows], FOLDER / f"{STEM}.csv", ".5g")
+    rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
     tables = {"fits": fit_table(fits), "predictions": prediction_table(rows)}
     for name, text in tables.items():
         print(f"\n{name}\n{text}")

@@ -94,9 +94,11 @@ def truth_row_of(row: dict[str, str]) -> TruthRow:
 
     names = ("educed", "true", "in_situ", "low", "high")
     rest = ("closure", "speed", "velocity_rms", "mach", "incident_level", "periods")
-    words = (row[key] for key in ("drive", "mean", "phase", "order"))
-    numbers = (float(row[key]) for key in rest)
-    return TruthRow(row["case"], float(row["height"]), *words, *map(pair, names), *numbers)
+    educed, true, in_situ, low, high = map(pair, names)
+    return TruthRow(
+        row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["order"],
+        educed, true, in_situ, low, high, *(float(row[key]) for key in rest),
+    )  # fmt: skip
 
 
 def read_rows(path: Path) -> list[TruthRow]:

@@ -16,7 +16,8 @@ from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, st
 class PredictedRow:
     """One case, height (m) and order: Z of the preset, of the calibrated liner, and the true one.
 
-    ``model`` names the fit, ``fitted`` says that the case is among those it was made from.
+    ``model`` names the fit, ``fitted`` says that the case is among those it was made from;
+    ``closure`` (dB) is that of the calibrated liner.
     """
 
     model: str
@@ -27,15 +28,27 @@ class PredictedRow:
     before: complex
     after: complex
     true: complex
+    closure: float
 
     def plain(self) -> dict[str, Any]:
         """For CSV: complex values as two numbers."""
         row: dict[str, Any] = {"model": self.model, "case": self.case, "order": self.order,
-                               "fitted": int(self.fitted), "height": self.height}  # fmt: skip
+                               "fitted": int(self.fitted), "height": self.height,
+                               "closure": self.closure}  # fmt: skip
         for name in ("before", "after", "true"):
             value = getattr(self, name)
             row[f"{name}_resistance"], row[f"{name}_reactance"] = value.real, value.imag
         return row
+
+    @classmethod
+    def of_plain(cls, row: dict[str, str]) -> PredictedRow:
+        """The row of such a CSV again."""
+        before, after, true = (
+            complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
+            for name in ("before", "after", "true")
+        )
+        return cls(row["model"], row["case"], row["fitted"] == "1", float(row["height"]),
+                   row["order"], before, after, true, float(row["closure"]))  # fmt: skip
 
 
 @styled

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from torchliner.heights.facts import HeightFacts
@@ -24,13 +24,17 @@ FACTS = (
 )  # fmt: skip
 
 
+def _of(name: str, order: str) -> Callable[[HeightFacts], Any]:
+    """One order's entry of a mapping."""
+    return lambda one: getattr(one, name).get(order)
+
+
 def facts_table(facts: Sequence[HeightFacts]) -> Table:
     """Z of the whole plane and closure by order of averaging, and what else is known."""
     orders = list(facts[0].impedance)
-    values = [Column("", lambda one, order=order: one.impedance[order], order, format_complex)
-              for order in orders]  # fmt: skip
-    gaps = [Column("", lambda one, order=order: one.closure.get(order), f"closure dB, {order}",
-                   "+.2f") for order in orders if facts[0].closure]  # fmt: skip
+    values = [Column("", _of("impedance", order), order, format_complex) for order in orders]
+    gaps = [Column("", _of("closure", order), f"closure dB, {order}", "+.2f")
+            for order in orders if facts[0].closure]  # fmt: skip
     return Table(facts, [Column("", "height", "y mm", ".2f", 1e3), *values, *gaps, *FACTS])
 
 
