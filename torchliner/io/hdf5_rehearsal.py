@@ -39,6 +39,11 @@ def rehearse(path: str | Path) -> None:
         _rehearse(path, status.st_size, status.st_mtime_ns)
 
 
+def _stop(child: subprocess.Popen[bytes], late: threading.Event) -> None:
+    late.set()
+    child.kill()
+
+
 @functools.lru_cache(maxsize=1024)
 def _rehearse(path: Path, size: int, changed: int) -> None:
     """Once for a file as it is at present."""
@@ -55,7 +60,7 @@ def _rehearse(path: Path, size: int, changed: int) -> None:
         assert child.stdin is not None
         assert child.stdout is not None
         late = threading.Event()
-        timer = threading.Timer(LIMIT, _give_up, (child, late))
+        timer = threading.Timer(LIMIT, _stop, (child, late))
         timer.start()
         try:
             child.stdin.write(os.fsencode(path).hex().encode() + b"\n")
@@ -70,11 +75,6 @@ def _rehearse(path: Path, size: int, changed: int) -> None:
                 f"{path}: the HDF5 library {how} on its structure, which is damaged; copy it again "
                 "from where it comes from, or repair it (h5clear, h5repack)"
             )
-
-
-def _give_up(child: subprocess.Popen[bytes], late: threading.Event) -> None:
-    late.set()
-    child.kill()
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
