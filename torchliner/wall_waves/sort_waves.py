@@ -29,8 +29,8 @@ class SortedWaves:
             (..., F).
         at: x, m.
         source_side: which of them is the incident one.
-        residual: rms of what they leave over that of the pressures, (..., F); 0 for two
-            microphones.
+        residual: rms of what they leave over that of the pressures, (..., F); nan for two
+            microphones, which two waves always fit.
         condition: condition number of the equations, (F,).
         microphones: x of those used, m, (M,).
         notes: warnings, with numbers.
