@@ -118,7 +118,9 @@ def fit_field(
     result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                **errors, "draws": draws, "source_side": line.source_side, "source": line.name,
-               "microphones": line.microphones, "unknowns": solver.mesh.unknowns}  # fmt: skip
+               "microphones": line.microphones,
+               "mach": float(solver.case.profile.bulk_mach),
+               "unknowns": solver.mesh.unknowns}  # fmt: skip
     notes = warnings_of(result, found, line, wall, freedom)
     result = replace(result, choices=choices, notes=notes)
     tell(notes)
@@ -242,7 +244,9 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
     }
     for name, (mine, theirs) in stated.items():
-        if abs(float(mine) - float(theirs)) > SAME * max(abs(float(mine)), abs(float(theirs))):
+        if mine is not None and abs(float(mine) - float(theirs)) > SAME * max(
+            abs(float(mine)), abs(float(theirs))
+        ):
             raise ValueError(
                 f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
                 "and the same in both"

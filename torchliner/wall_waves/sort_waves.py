@@ -106,7 +106,7 @@ def sort_waves(
     there = some.pressure.device
     waves, residual, condition = split_waves(
         some.pressure, (some.x - place).to(there), line.frequency.to(there),
-        float(line.fluid.sound_speed), float(line.mach),
+        float(line.fluid.sound_speed), line.stated_mach,
     )  # fmt: skip
     notes = duct_notes(line) + _condition_notes(line, condition)
     tell(notes)
