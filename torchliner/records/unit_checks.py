@@ -1,4 +1,4 @@
-"""Levels that look like pascals, phases that look like radians, and those that nobody measures."""
+"""Levels that look like pascals and phases that look like radians."""
 
 from __future__ import annotations
 
@@ -6,46 +6,12 @@ import math
 
 from torch import Tensor
 
-LOUDEST = 194.0  # dB: a peak of one atmosphere
-WIDEST = 100.0  # dB below the loudest: 16 bits hold 96
-MOST_DEGREES = 360e3  # a thousand turns; beyond, a phase is no measured one
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 # Over half a wavelength even a standing wave turns by pi, so that in degrees the steps from
 # microphone to microphone add up to some 57 times those in radians.
 WHOLE = math.pi
 NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
-
-
-def require_measurable(name: str, level: Tensor, phase: Tensor, count: int) -> None:
-    """Refuse levels and phases out of any range.
-
-    Args:
-        name: of the record.
-        level: dB.  phase: degrees, of the same shape, (..., N, F) or (..., N).
-        count: N.
-    Raises:
-        ValueError: a level is above ``LOUDEST`` or ``WIDEST`` below the loudest at its frequency, a
-            phase beyond ``MOST_DEGREES``.
-    """
-    if level.numel() == 0:
-        return
-    single = level.ndim == 1 or level.shape[-2] != count
-    axis = -1 if single else -2
-    for bad, value, unit, why in (
-        (level > LOUDEST, level, "dB", f"above {LOUDEST:g} dB, where the amplitude is one "
-         "atmosphere; SPL in dB re 20 uPa rms is needed"),
-        (level < level.amax(axis, keepdim=True) - WIDEST, level, "dB", f"more than {WIDEST:g} dB "
-         "below the loudest; correct it or leave that microphone out"),
-        (phase.abs() > MOST_DEGREES, phase, "degrees", f"beyond {MOST_DEGREES:g} degrees; correct "
-         "it or leave that microphone out"),
-    ):  # fmt: skip
-        if bool(bad.any()):
-            place = bad.nonzero()[0].tolist()
-            raise ValueError(
-                f"{name}: microphone {place[axis]} has {float(value[tuple(place)]):.4g} {unit}, "
-                f"{why}"
-            )
 
 
 def unit_warnings(
