@@ -85,8 +85,8 @@ def fit_field(
     Warns:
         DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
             that cannot be distinguished from a rigid one, a negative resistance, an end that
-            reflects more than it gets; the same text is in ``notes``. A misfit tells of a wrong
-            duct only as far as there are more microphones than unknowns.
+            reflects more than it gets, a field that a growing wave feeds; the same text is in
+            ``notes``. A misfit tells of a wrong duct only as far as there are more microphones than unknowns.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
@@ -121,7 +121,7 @@ def fit_field(
                "microphones": line.microphones,
                "mach": float(solver.case.profile.bulk_mach),
                "unknowns": solver.mesh.unknowns}  # fmt: skip
-    notes = warnings_of(result, found, line, wall, freedom)
+    notes = warnings_of(result, found, line, wall, freedom, model.gains(found.place))
     result = replace(result, choices=choices, notes=notes)
     tell(notes)
     if draws:
