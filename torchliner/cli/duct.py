@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files, require_ending, show_results, write_copy
+from torchliner.cli.files import show_results, write_copy
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
@@ -109,9 +109,6 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.lee.solver import DuctSolver
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
-    require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
-    outputs = [options.output, options.field]
-    check_files(options, [options.duct], ".csv", ".h5", ".nc", outputs=outputs)
     keep = "all" if options.field is not None else "walls"
     solver = DuctSolver(setup.case, setup.frequency, keep=keep)
     field = solver.solve(setup.impedance)
@@ -130,7 +127,6 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.setup_modes import modes_of
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
-    check_files(options, [options.duct], ".csv")
     modes = modes_of(setup, options.count)
     table = mode_table(setup, modes)
     show_results(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.files import liner_names, read_planes, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ OPTIONS = {
         "planes PLANE ...": "plane files; several: heights of a case",
         **frequency_option("the tone of the file, or the lines of --incident"),
         "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
-        "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
+        "--in-situ RECORD": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
         "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), "
                              "or a .wav or .npy file; default: tones of --frequency",
@@ -34,14 +34,17 @@ def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.io.whole_file import writable
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
 
     outputs = _outputs(options.output, options.planes)
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
-    inputs = [*options.planes, options.liner, options.incident, options.in_situ]
-    check_files(options, inputs, outputs=[*outputs, options.reflected])
+    for path in outputs:
+        writable(path)
+    if options.reflected in outputs:
+        raise ValueError(f"--reflected {options.reflected} is another output; name another file")
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     planes = read_planes(options.planes)
     found = _educed(options, planes)

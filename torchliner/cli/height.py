@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes, show_results
+from torchliner.cli.files import only_liner, read_planes, show_results
 from torchliner.cli.options import progress_bar, shared
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.heights.study import study_heights
     from torchliner.report.height_table import format_study, height_table, plain_study
 
-    check_files(options, [*options.planes, options.liner], ".csv")
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = read_planes(options.planes)

@@ -6,7 +6,7 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes, show_results
+from torchliner.cli.files import only_liner, read_planes, show_results
 from torchliner.cli.options import order_option, progress_bar, shared, split_pair
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
@@ -42,7 +42,6 @@ def run(options: argparse.Namespace) -> int:
         sensitivity_table,
     )
 
-    check_files(options, [options.plane, options.liner], ".csv")
     tolerances, correlation = _tolerances(options)
     (plane,) = planes = read_planes([options.plane])
     liner = only_liner(options.liner, planes, [options.plane])

@@ -14,7 +14,7 @@ from torchliner.records import PointImpedances
 
 KIND = FileKind(
     "torchliner points 1", "set of point impedances",
-    {"name": "points", "choices": {}, "notes": ()},
+    {"name": "points", "choices": {}, "notes": ()}, others=(".csv",),
 )  # fmt: skip
 GROUP = "alongside_"  # of a map file
 FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
