@@ -154,8 +154,8 @@ def _require_output(path: Path, flag: str, endings: tuple[str, ...]) -> None:
     if not endings:
         writable_folder(path)
         return
-    require_ending(path, endings, flag)
     writable(path)
+    require_ending(path, endings, flag)
 
 
 def _require_matplotlib() -> None:
