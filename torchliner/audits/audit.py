@@ -47,7 +47,7 @@ def audit(
     liner: Liner,
     frequency: float | None = None,
     *,
-    order: str = ORDERS[0],
+    order: str = ORDERS[2],
     progress: Callable[[int], None] | None = None,
     **choices: Any,
 ) -> Audit:
@@ -58,7 +58,7 @@ def audit(
             are its other heights.
         liner: as for ``educe``.
         frequency: Hz, one; default the plane's own tone.
-        order: of averaging, ``probes first`` or ``velocity first``.
+        order: of averaging, one of ``names.ORDERS``.
         progress: called with samples read.
         choices: of the base, see ``torchliner.tdibc.choices.Choices``; the phase rule is
             ``averaged`` and the engine ``spectral``.
@@ -151,8 +151,9 @@ class _Work:
             quiet = dataclasses.replace(variant.ready, blocks=None)
             found = Replayed(quiet, LineSums(_column(sums, i), None)).map("averaged")
             self._add(variant.factor, variant.name, self._value(found))
-        (other,) = (order for order in ORDERS if order != self.order)
-        self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
+        for other in self.found.orders:
+            if other != self.order:
+                self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
 
     def _of_pass(self, ready: Prepared) -> complex:
         """Another pass over data, without error bars."""
@@ -203,8 +204,9 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples
-            )
+                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples,
+                ready.drive.periodic,
+            )  # fmt: skip
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
             self.readings += drive != "rms"
@@ -231,7 +233,7 @@ class _Work:
         cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
         averaged = averaged_planes(plane, cut)
         self.readings += 1
-        rules = dataclasses.replace(ready.chosen, interval=None)
+        rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0])
         for share, each in zip(shares, averaged, strict=True):
             # One by one: their levels, like the base's, come from their own velocities.
             (small,) = prepare([each], ready.liner, ready.frequency, rules)

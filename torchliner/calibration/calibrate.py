@@ -133,7 +133,7 @@ def calibrate(
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every
             plane holds, such as "true".
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
-        order: of averaging, ``velocity first`` or ``probes first``.
+        order: of averaging, one of ``names.ORDERS``.
         noise: standard uncertainty of R and X of each reference: one number, a complex number
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
         prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
@@ -153,7 +153,7 @@ def calibrate(
     """
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
     if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "

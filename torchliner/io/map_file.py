@@ -27,6 +27,7 @@ KIND = result_kind("torchliner map 1", "impedance map")
 # "probes" stands for the dimensions of the probes: (z, x), (probe,) or none.
 FULL, CELL, LINER = ("probes", "frequency"), ("cell", "frequency"), ("frequency",)
 SPREAD = "standard deviation of {part} over the probes: spread over positions, no uncertainty"
+ANSWER = "{part} of the whole liner in the order of averaging that was chosen"
 FREQUENCY = (real("frequency", "Hz", LINER),)
 CELLS = (real("cell_x", "m", ("cell",)), real("cell_z", "m", ("cell",)))
 FIELDS = (
@@ -40,6 +41,17 @@ FIELDS = (
     cartesian("cell_reflection_velocity_first", "cell_velocity_first_reflection", CELL),
     impedance("liner_impedance", "liner_", LINER, derived=True),
     impedance("liner_impedance_velocity_first", "liner_velocity_first_", LINER, derived=True),
+    impedance("impedance_coherent_first", "coherent_first_", FULL, derived=True, optional=True),
+    cartesian("reflection_coherent_first", "coherent_first_reflection", FULL, optional=True),
+    impedance("cell_impedance_coherent_first", "cell_coherent_first_", CELL, derived=True,
+              optional=True),
+    cartesian("cell_reflection_coherent_first", "cell_coherent_first_reflection", CELL,
+              optional=True),
+    impedance("liner_impedance_coherent_first", "liner_coherent_first_", LINER, derived=True,
+              optional=True),
+    cartesian("liner_reflection_coherent_first", "liner_coherent_first_reflection", LINER,
+              optional=True),
+    impedance("answer", "answer_", LINER, derived=True, attributes={"long_name": ANSWER}),
     impedance("liner_spread", "liner_spread_", LINER, derived=True,
               attributes={"long_name": SPREAD}),
 )  # fmt: skip

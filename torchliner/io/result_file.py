@@ -53,6 +53,8 @@ UNCERTAINTY = {
     "cells_velocity_first": interval_table("cell_velocity_first_", ("cell", "frequency")),
     "liner": interval_table("liner_", ("frequency",)),
     "liner_velocity_first": interval_table("liner_velocity_first_", ("frequency",)),
+    "cells_coherent_first": interval_table("cell_coherent_first_", ("cell", "frequency")),
+    "liner_coherent_first": interval_table("liner_coherent_first_", ("frequency",)),
 }
 
 

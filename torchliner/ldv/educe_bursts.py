@@ -20,6 +20,7 @@ from torchliner.ldv.station import educe_station
 from torchliner.ldv.station_key import liner_fingerprint, station_key
 from torchliner.ldv.station_reference import checked_phases
 from torchliner.liners.model import Liner, as_liner
+from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
@@ -170,4 +171,5 @@ def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
     rest = {key: value for key, value in choices.items() if key not in names}
     if rest.get("incident") is not None:
         raise ValueError("stations of bursts are educed for tones; leave incident out")
-    return station_choices, Choices(**rest)
+    # A station is one place: the coherent velocity of its cell is not known.
+    return station_choices, Choices(**{"order": ORDERS[0], **rest})

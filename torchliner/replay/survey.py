@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.replay.periodic import PeriodicSums
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
 from torchliner.replay.survey_blocks import VelocityBlocks, VelocityBlockSums
@@ -53,6 +55,15 @@ class Survey:
         """rms of v with its mean removed, eq. (3.6), (P,)."""
         return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
 
+    @classmethod
+    def join(cls, parts: Sequence[Survey]) -> Survey:
+        """Groups of columns side by side."""
+        per_column = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
+        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in per_column}
+        blocks = [part.blocks for part in parts if part.blocks is not None]
+        kept = VelocityBlocks.join(blocks) if blocks else None
+        return cls(**joined, segments=parts[0].segments, blocks=kept)
+
 
 def survey(
     source: ProbeVelocity,
@@ -61,6 +72,7 @@ def survey(
     weights: Tensor,
     progress: Callable[[int], None] | None = None,
     blocks: Blocks | None = None,
+    periodic: PeriodicSums | None = None,
 ) -> Survey:
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
@@ -71,6 +83,7 @@ def survey(
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
         blocks: over which the velocity's own means are kept too.
+        periodic: to be given the probes of the first group as they come by.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
     is that between v and a tone of constant phase, from S segments of two periods with Hann
@@ -91,16 +104,13 @@ def survey(
                 group.add(low, high, rows, slab[low - begin : high - begin])
         for each, slab in zip(means, slabs, strict=bool(means)):
             each.add(begin, slab)
+        if periodic is not None:
+            periodic.add(begin, slabs[0])
         if progress is not None:
             progress(end - begin)
     kept = VelocityBlocks.join([each.result() for each in means]) if means else None
-    return _join([group.result() for group in groups], analysis.segments, kept)
-
-
-def _join(parts: list[Survey], segments: int, blocks: VelocityBlocks | None) -> Survey:
-    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
-    joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
-    return Survey(**joined, segments=segments, blocks=blocks)
+    found = Survey.join([group.result() for group in groups])
+    return dataclasses.replace(found, blocks=kept)
 
 
 def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:

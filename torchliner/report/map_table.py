@@ -23,6 +23,7 @@ NULL_TEST = (
 )
 WHERE = (Column("", "height", "y mm", ".2f", 1e3), Column("", "frequency", "f Hz", ".1f"))
 AVERAGES = (
+    Column("", "coherent_first", "Z, coherent first", format_complex),
     Column("", "probes_first", "Z, admittance over probes", format_complex),
     Column("", "spread", "spread R, X", format_pair),
     Column("", "velocity_first", "Z, velocity first", format_complex),
@@ -30,6 +31,7 @@ AVERAGES = (
     Column("", "level", "incident dB", ".1f"),
 )
 INTERVALS = (
+    Column("", "interval_coherent_first", "coherent first", format_bounds),
     Column("", "interval", "admittance over probes", format_bounds),
     Column("", "interval_velocity_first", "velocity first", format_bounds),
 )

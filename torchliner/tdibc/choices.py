@@ -19,6 +19,7 @@ from torchliner.names import (
     KERNELS,
     MEANS,
     MISSING,
+    ORDERS,
     PHASE_RULES,
     RESAMPLED,
     RESPONSES,
@@ -31,9 +32,9 @@ FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING, "compile": COMPILE,
-    "resample": RESAMPLED,
+    "resample": RESAMPLED, "order": ORDERS,
 }  # fmt: skip
-CALLED = {"phase": "phase rule", "edge": "edge rule"}
+CALLED = {"phase": "phase rule", "edge": "edge rule", "order": "order of averaging"}
 PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
@@ -87,6 +88,11 @@ class Choices:
         draws, seed: of the moving-block bootstrap behind them.
         resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
             z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
+        order: of averaging, which gives the map's ``answer``. ``coherent first`` (the default for
+            tones): what of v is periodic with the tone is averaged over the cell, the rest drives
+            each probe where it is; ``velocity first``: all of v over the cell; ``probes first``
+            (the paper, and the default with an incident signal): nothing. The first takes another
+            replay of every probe and is left out where one of the others is asked for.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -121,6 +127,7 @@ class Choices:
     seed: int = 0
     resample: str = "time"
     wall_filter: float | None = None
+    order: str = "auto"
 
     def __post_init__(self) -> None:
         self._fill_in()
@@ -192,12 +199,15 @@ class Choices:
              "is none, leave it out"),
             (wave is None and self.segment is not None,
              "segment is only used with an incident signal"),
+            (wave is not None and self.order == ORDERS[2],
+             f"order {ORDERS[2]!r} takes v apart by a tone; an incident signal is none"),
         ):  # fmt: skip
             if wrong:
                 raise ValueError(reason)
         defaults = {
             "engine": "spectral" if wave is None else "unfold",
             "edge": "finite" if wave is None else wave.edge,
+            "order": ORDERS[2] if wave is None else ORDERS[0],
             "window": "hann" if wave is None or self.segment is not None else wave.window,
         }
         for name, value in defaults.items():

@@ -43,7 +43,7 @@ def uncertainty_of(
 
     Args:
         prepared: prepared plane, with blocks.
-        reflection: R of probes and cell averages, complex128, (P + C, F).
+        reflection: R of all columns, complex128, (N, F).
         deviations: those of some of its columns in each block, (S, columns, F).
         wall: probes that count as wall, (P, F), of ``find_walls``.
     """
@@ -64,14 +64,12 @@ def uncertainty_of(
         for name, (labels, count) in _labels(prepared).items()
     }
     parts = []
-    step = max(1, COLUMNS // reflection.shape[1])
-    for low in range(0, plane.probes, step):
-        part = slice(low, min(low + step, plane.probes))
+    for part in _parts(plane.probes, reflection):
         series = deviations(part)
         parts.append(of_probes.over_time(series, reflection[part]))
         _add(groups.values(), part, reflection[part], series, how, excluded[part])
-    averaged = reflection[plane.probes :]
-    series = deviations(slice(plane.probes, plane.probes + cells.count))
+    averaged = reflection[prepared.averaged]
+    series = deviations(prepared.averaged)
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
         prepared.blocks.count,
@@ -85,12 +83,49 @@ def uncertainty_of(
         cells_velocity_first=how.over_time(series, averaged),
         liner=_of_liner(groups, how, wide),
         liner_velocity_first=first.interval(how).map(_only),
+        **_coherent_first(prepared, reflection, deviations, how, excluded),
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed,
             "resampled": chosen.resample if wide else "time",
             "blocks": prepared.blocks.count, "periods_per_block": prepared.blocks.periods,
         },
     )  # fmt: skip
+
+
+def _parts(probes: int, reflection: Tensor) -> Iterable[slice]:
+    step = max(1, COLUMNS // reflection.shape[1])
+    return (slice(low, min(low + step, probes)) for low in range(0, probes, step))
+
+
+def _coherent_first(
+    prepared: Prepared,
+    reflection: Tensor,
+    deviations: Callable[[slice], Tensor],
+    how: Resampling,
+    excluded: Tensor,
+) -> dict[str, Interval]:
+    """Of cells and the whole liner under v*, whose coherent part is taken as known."""
+    if prepared.drive.periodic is None or prepared.blocks is None:
+        return {}
+    begin, inside = len(reflection) - prepared.plane.probes, prepared.in_cells
+    star, cells = reflection[begin:], prepared.cells
+    outside = excluded | ~inside.to(star.device)[:, None]
+    admittance = torch.where(outside, 0, admittance_from_reflection(star))
+    groups = {
+        "cells_coherent_first": (torch.where(inside, cells.labels, -1), cells.count),
+        "liner_coherent_first": (torch.where(inside, 0, -1), 1),
+    }
+    found = {
+        name: Groups(labels, count, admittance, prepared.blocks.count)
+        for name, (labels, count) in groups.items()
+    }
+    for part in _parts(len(star), star):
+        series = deviations(slice(begin + part.start, begin + part.stop))
+        _add(found.values(), part, star[part], series, how, outside[part])
+    return {
+        "cells_coherent_first": found["cells_coherent_first"].interval(how),
+        "liner_coherent_first": found["liner_coherent_first"].interval(how).map(_only),
+    }
 
 
 def _add(

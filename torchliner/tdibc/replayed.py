@@ -29,7 +29,7 @@ class Replayed:
 
     @functools.cached_property
     def means(self) -> Means:
-        """What the phase rules take, of probes and cell averages."""
+        """What the phase rules take, of all columns."""
         return Means.of(self.sums, self.prepared.window_sums)
 
     def rule(
@@ -40,7 +40,7 @@ class Replayed:
         Args:
             phase, reference_phase: as for ``map``.
             coherent: half the complex peak amplitude of the part of v into the liner that belongs
-                to the sound, m/s, and its squared coherence, (P + C, F); default from the survey.
+                to the sound, m/s, and its squared coherence, (N, F); default from the survey.
         Raises:
             ValueError: as ``map``.
         """
@@ -91,7 +91,7 @@ class Replayed:
 
 
 def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:
-    """psi of probes and cells, (P + C, F or 1); a cell's is the mean direction of the probes'."""
+    """psi of all columns, (N, F or 1); a cell's is the mean direction of the probes'."""
     if not phase_rule(rule).takes_phase:
         if phase is not None:
             raise ValueError(f"reference_phase is only used with phase='given', not {rule!r}")
@@ -109,7 +109,8 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
             continue
         weights = prepared.cells.membership(prepared.used).to(torch.complex128)
         cells = (weights.T @ torch.exp(1j * psi)).angle()
-        return torch.cat([psi, cells])
+        coherent = [psi] if prepared.drive.periodic is not None else []
+        return torch.cat([psi, cells, *coherent])
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "
         f"{shape} (and {count} frequencies)"
