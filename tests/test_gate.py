@@ -19,7 +19,6 @@ from torchliner.cli import gate, info
 from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.cli.messages import in_command_words
 from torchliner.io import whole_file
-from torchliner.io.burst_file import write_bursts
 from torchliner.io.csv_rows import text_cell, write_rows
 from torchliner.io.line_file import write_line
 from torchliner.io.map_file import write_map
@@ -128,7 +127,7 @@ def test_an_ending_that_cannot_be_written_is_refused(capsys, folder, ending):
     plane = tl.read_plane("plane.h5")
     with pytest.raises(ValueError, match=r"it must be one of \.h5, \.hdf5, \.nc$"):
         plane.write(name)
-    for write in (write_map, write_line, write_points, write_bursts):
+    for write in (write_map, write_line, write_points):
         with pytest.raises(ValueError, match=r"it must be one of .*\.csv$"):
             write(plane, name)
     assert not (folder / name).exists()

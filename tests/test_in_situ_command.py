@@ -41,7 +41,7 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
         ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")],
          "is an input"),
-        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "must be one of .csv, .h5, .hdf5, .nc"),
+        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "one of .csv, .h5, .hdf5, .nc"),
         ([str(DATA / "pressure_n130.h5"), "--figure", "no/a.png"], "the folder no does not exist"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
     ],

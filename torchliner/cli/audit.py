@@ -32,8 +32,9 @@ def run(options: argparse.Namespace) -> int:
 
     planes = read_planes(options.planes)
     liner = load_liner(liner_names(options.liner, planes[:1], options.planes[:1])[0])
-    total = sum(2 * plane.samples for plane in planes) + 2 * planes[0].samples
-    with progress_bar(total, options.planes[0].name, options) as step:
+    reading = sum(plane.samples for plane in planes)
+    total = 2 * reading + 2 * planes[0].samples
+    with progress_bar(total, options.planes[0].name, options, reading=reading) as step:
         found = audit(
             planes, liner, options.frequency, order=options.order, progress=step,
             **chosen_from(options, CHOICES),

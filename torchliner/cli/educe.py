@@ -69,7 +69,9 @@ def _educed(options: argparse.Namespace, planes: list[VelocityPlane]) -> list[Im
     for name in dict.fromkeys(names):
         members = [i for i, each in enumerate(names) if each == name]
         total = sum(2 * planes[i].samples for i in members)
-        with progress_bar(total, options.planes[members[0]].name, options) as step:
+        with progress_bar(
+            total, options.planes[members[0]].name, options, reading=total // 2
+        ) as step:
             several = educe(
                 [planes[i] for i in members], load_liner(name), options.frequency,
                 progress=step, reflected=options.reflected, **choices,

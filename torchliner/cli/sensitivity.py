@@ -46,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
     (plane,) = planes = read_planes([options.plane])
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
-    with progress_bar(2 * plane.samples, options.plane.name, options) as step:
+    with progress_bar(
+        2 * plane.samples, options.plane.name, options, reading=plane.samples
+    ) as step:
         choices = chosen_from(options, CHOICES)
         found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
     frequency, order = found.found.frequency.tolist(), options.order

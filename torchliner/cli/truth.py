@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     planes = read_planes(options.planes, lazy=False)
     names = liner_names(options.liner, planes, options.planes)
     liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
-    with progress_bar(len(planes), "truth table", options) as step:
+    with progress_bar(len(planes), "truth table", options, "plane") as step:
         rows = truth_table(planes, lambda plane: liners[id(plane)], step)
     tables = (format_truth, format_rules, format_summary)
     plain = plain_truth(rows)

@@ -12,7 +12,7 @@ from torchliner.io.axes import read_coordinate, write_coordinates
 from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
 from torchliner.io.hdf5 import open_file, read_references, write_index, write_references
 from torchliner.io.point_file import read_alongside, write_alongside
-from torchliner.io.result_file import read_uncertainty, result_kind, write_uncertainty
+from torchliner.io.result_file import Sizes, read_uncertainty, result_kind, write_uncertainty
 from torchliner.io.tables import (
     cartesian,
     impedance,
@@ -100,8 +100,10 @@ def read_map(path: str | Path) -> ImpedanceMap:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path)
+        sizes: Sizes = {}
+        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path, sizes=sizes)
         shape = tuple(fields["mean_velocity"].shape)
+        sizes["along"] = shape[-1:]
         for key in ("x", "z"):
             values = read_coordinate(file, key, shape, path)
             fields[key] = None if values is None else torch.from_numpy(values)
@@ -109,7 +111,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             **fields,
             **KIND.read_head(file, path),
             reference=read_references(file, path),
-            uncertainty=read_uncertainty(file, path),
+            uncertainty=read_uncertainty(file, path, sizes=sizes),
             alongside=read_alongside(file, path),
         )
 

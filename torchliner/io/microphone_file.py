@@ -15,13 +15,14 @@ import numpy as np
 import torch
 
 from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
-from torchliner.io.hdf5 import get_dataset, open_file, read_si, write_index
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, write_index
 from torchliner.io.microphone_csv import (
     TEXT_ENDINGS,
     UNITS,
     read_microphone_csv,
     write_microphone_csv,
 )
+from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
 from torchliner.records import MicrophoneLine
 from torchliner.signals.reference_coherence import reject_flow_noise
@@ -96,8 +97,8 @@ def read_microphones(
         head = {**read_case(file, KIND, DUCT, path), "name": str(path)}
         if "duct_height" not in head | about:
             get_dataset(file, "duct_height", path)  # says what is there instead
-        amplitudes = AMPLITUDES[0].names[0] in file
-        if amplitudes or "frequency" in file:
+        amplitudes = is_there(file, AMPLITUDES[0].names[0], path)
+        if amplitudes or is_there(file, "frequency", path):
             head |= read_variables(file, FREQUENCY, path)
         if amplitudes:
             head |= read_variables(file, AMPLITUDES, path)
@@ -123,6 +124,7 @@ def _from_signals(
     """Pressure, coherence, provenance and notes from signals."""
     dataset = get_dataset(file, "pressure", path)
     channel = get_dataset(file, "reference", path)
+    reference = read_values(channel, place(file, "reference", path), path)
     rate, samples = read_times(file, path)
     if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
@@ -134,7 +136,7 @@ def _from_signals(
         )
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
-        torch.from_numpy(np.asarray(channel[()], dtype=np.float64).reshape(-1)),
+        torch.from_numpy(reference.astype(np.float64).reshape(-1)),
         torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
         rate, name=str(path), **options,
     )  # fmt: skip

@@ -8,10 +8,11 @@ from typing import Any
 import h5py
 
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import read_json, to_json
+from torchliner.io.hdf5 import is_there, read_json, to_json
 from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
 from torchliner.records import Interval, Uncertainty
 
+Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 HEADING: dict[str, Any] = {
     "title": "", "source_side": "unknown", "choices": {}, "notes": (), "fluid": Fluid(),
 }  # fmt: skip
@@ -38,11 +39,13 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-def read_interval(file: h5py.File, table: Table, path: str | Path) -> Interval | None:
+def read_interval(
+    file: h5py.File, table: Table, path: str | Path, sizes: Sizes | None = None
+) -> Interval | None:
     """What is there of an ``interval_table``; None if nothing is."""
-    if table[0].names[0] not in file:
+    if not is_there(file, table[0].names[0], path):
         return None
-    return Interval(**read_variables(file, table, path))
+    return Interval(**read_variables(file, table, path, sizes=sizes))
 
 
 # Intervals of a map; "probes" are the dimensions of its probes, "along" the last of them.
@@ -69,10 +72,12 @@ def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]
             write_variables(file, getattr(found, name), table, axes, words)
 
 
-def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
+def read_uncertainty(
+    file: h5py.File, path: str | Path, sizes: Sizes | None = None
+) -> Uncertainty | None:
     """What ``write_uncertainty`` wrote; None if there is none."""
     if "uncertainty" not in file.attrs:
         return None
-    found = {name: read_interval(file, table, path) for name, table in UNCERTAINTY.items()}
+    found = {name: read_interval(file, table, path, sizes) for name, table in UNCERTAINTY.items()}
     settings = read_json(file, "uncertainty", path, {})
     return Uncertainty(**{n: v for n, v in found.items() if v is not None}, settings=settings)

@@ -64,7 +64,8 @@ class ProbeVelocity:
             size += self.dtype.itemsize
         columns = sum(self.widths) + self.derived
         longest = max(SLAB_ROWS, tile, NARROW // columns)
-        most = rows_per_slab(columns, size, self.memory, most=longest)
+        packed = getattr(stored, "tile_bytes", 0)
+        most = rows_per_slab(columns, size, self.memory, most=longest, tile=packed)
         rows = most if tile > most else most - most % tile
         return bounds_of(self.samples, min(rows, self.most_rows or rows))
 
