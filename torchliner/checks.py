@@ -102,8 +102,8 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
             f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values of {value.size}; "
             "fill them or leave them out"
         )
-    floats = value if value.dtype.kind == "f" else value.astype(np.float64)
-    return np.asarray(floats.filled(np.nan))
+    floats = value.data if value.dtype.kind == "f" else value.data.astype(np.float64)
+    return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:

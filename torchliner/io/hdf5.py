@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import naming, require_regular
+from torchliner.io.hdf5_rehearsal import rehearse
 from torchliner.io.stored_values import read_values, require_stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
@@ -36,9 +37,11 @@ def hold_open(path: str | Path) -> h5py.File:
     Raises:
         FileNotFoundError: no such file.
         OSError: a folder or a device, not HDF5, or truncated.
+        ValueError: the library breaks down on it.
     """
     path = Path(path)
     require_regular(path)
+    rehearse(path)
     try:
         try:
             return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)

@@ -180,8 +180,6 @@ def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
             f"{label} is a virtual dataset that has sources for {mapped} of its {dataset.size} "
             f"values; the others would read as {dataset.fillvalue}"
         )
-    names = sorted({part.file_name for part in sources})
-    tell(f"{label} is a virtual dataset; its values stand in {', '.join(names)}")
     for part in sources:
         source = Path(dataset.file.filename if part.file_name == "." else folder / part.file_name)
         if not source.is_file():
@@ -190,6 +188,8 @@ def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
             if part.dset_name not in file:
                 raise ValueError(f"{label}: its source {source}:{part.dset_name} is not there")
             require_stored(file[part.dset_name], f"{source}:{part.dset_name}", source)
+    names = sorted({part.file_name for part in sources})
+    tell(f"{label} is a virtual dataset; its values stand in {', '.join(names)}")
 
 
 def read_values(dataset: h5py.Dataset, label: str, path: str | Path, part: Any = ()) -> np.ndarray:
