@@ -134,9 +134,8 @@ def make(name: str, folder: Path) -> Case:
 def python_record(kind: str, path: Path):
     """A file that only Python reads."""
     if kind == "read_map":
-        tl.educe(tl.read_plane(plane_file(path)), tl.load_liner("polito"), interval=None).write(
-            path
-        )
+        plane = tl.read_plane(plane_file(path))
+        tl.educe(plane, tl.load_liner("polito"), interval=None).write(path)
         return tl.read_map, path
     if kind == "read_line":
         bursts = [station(seed, seconds=0.2) for seed in range(2)]
@@ -188,11 +187,13 @@ def test_mutated_files(tmp_path, name, record_property):
     report(name, case.counts, case.faults)
 
 
-VALUES = ("nan", "inf", "-inf", "0", "-1", "1", "2", "0.5", "1e20", "1e300", "-1e300", "1e-300", "",
-          " ", "x", "1,5", "\x1b[2J", "100000000000000000000", "1400", "1400:1e9:1", "0:0:0",
-          "nan:1:1",          "a=b", "porosity=2 %", "porosity=nan", "1+2j", "nan+1j", "auto", "all", "1GB", "-1GB",
-          "1e400GB", "hann", "kaiser,8", "kaiser,nan", "tones:0", "noise:1:2:3", "nothing.h5",
-          "nothing/x.png", "/", ".")  # fmt: skip
+VALUES = (
+    "nan", "inf", "-inf", "0", "-1", "1", "2", "0.5", "1e20", "1e300", "-1e300", "1e-300", "", " ",
+    "x", "1,5", "\x1b[2J", "100000000000000000000", "1400", "1400:1e9:1", "0:0:0", "nan:1:1",
+    "a=b", "porosity=2 %", "porosity=nan", "1+2j", "nan+1j", "auto", "all", "1GB", "-1GB",
+    "1e400GB", "hann", "kaiser,8", "kaiser,nan", "tones:0", "noise:1:2:3", "nothing.h5",
+    "nothing/x.png", "/", ".",
+)  # fmt: skip
 COMMANDS = {
     "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "truth": ["plane.h5"],
     "sensitivity": ["plane.h5"], "kt": ["line.csv"], "liner": ["onera"], "ldv info": ["bursts.csv"],
