@@ -61,7 +61,8 @@ class LevelWeights:
 
     def impedance(self, response: Tensor) -> Tensor:
         """Z of the liner, (..., F), from the model's R at lines and levels, (..., L, V)."""
-        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2)
+        weights = None if self.order == ORDERS[0] else self.ready.cells.weight
+        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2, weights)
 
     def anchored(self, liner: LinerModel) -> LevelWeights:
         """The same with E of ``liner``, from a whole replay."""

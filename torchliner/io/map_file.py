@@ -62,6 +62,7 @@ FURTHER = (
     real("inferred_incident_level", "dB", FULL, derived=True),
     real("phase_rule_used", "1", FULL, field="phase_rule", flag=True),
     real("wall", "1", FULL, flag=True, optional=True),
+    real("cell_weight", "1", ("cell",), optional=True),
     real("mean_velocity", "m/s", ("probes",)),
     real("velocity_rms", "m/s", ("probes",)),
     *numbers({"height": "m", "mach": "1", "incident_level": "dB"}),

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_array, real_tensor, tell
+from torchliner.checks import make_plain, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.text_columns import Array, Column, number_of, read_columns
@@ -43,6 +43,7 @@ class TabulatedLiner(LinerModel):
     name: str = "table"
 
     def __post_init__(self) -> None:
+        make_plain(self)
         frequency = real_tensor(self.frequency).reshape(-1)
         values = self.values
         if not isinstance(values, Tensor):  # a list of complex would become complex64

@@ -55,6 +55,8 @@ class ImpedanceMap(Drawn):
         notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
         alongside: what other methods found for the same case, such as ``in_situ``.
+        cell_weight: share of its probes that each cell has, in averages over cells, (C,); None: all
+            have all. Cells without any probe left are no cells of the map.
     """
 
     frequency: Tensor
@@ -83,6 +85,7 @@ class ImpedanceMap(Drawn):
     uncertainty: Uncertainty | None = None
     wall: Tensor | None = None
     alongside: tuple[PointImpedances, ...] = ()
+    cell_weight: Tensor | None = None
     reflection_coherent_first: Tensor | None = None
     cell_reflection_coherent_first: Tensor | None = None
     liner_reflection_coherent_first: Tensor | None = None
@@ -153,8 +156,9 @@ class ImpedanceMap(Drawn):
 
     @property
     def liner_impedance_velocity_first(self) -> Tensor:
-        """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
-        return mean_impedance(admittance_from_reflection(self.cell_reflection_velocity_first))
+        """1 / mean over cells, each by its share of probes, of Y from their velocity, (F,)."""
+        admittance = admittance_from_reflection(self.cell_reflection_velocity_first)
+        return mean_impedance(admittance, weights=self.cell_weight)
 
     @property
     def liner_impedance_coherent_first(self) -> Tensor | None:

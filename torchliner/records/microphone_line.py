@@ -13,6 +13,7 @@ from torch import Tensor
 from torchliner.checks import (
     frequency_tensor,
     index_of_frequency,
+    make_plain,
     plain_array,
     plain_number,
     real_tensor,
@@ -78,6 +79,7 @@ class MicrophoneLine(Written):
     name: str = field(default="microphones", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
         frequency = frequency_tensor(self.frequency)
         object.__setattr__(self, "frequency", frequency)
         self._check_places()

@@ -9,7 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_array, require_positive, require_positive_where_stated
+from torchliner.checks import (
+    make_plain,
+    plain_array,
+    require_positive,
+    require_positive_where_stated,
+)
 from torchliner.fluid import Fluid
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, finite_places, signal_tensor
@@ -78,6 +83,7 @@ class PressureRecord(Written, AtProbes):
     name: str = field(default="pressure", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         for label, unit in SIGNALS.items():
             value = getattr(self, label)
             if value is not None:

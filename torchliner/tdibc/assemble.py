@@ -135,5 +135,6 @@ def assemble(
         notes=tuple(notes),
         uncertainty=uncertainty,
         wall=None if wall is None else on_probes(wall),
+        cell_weight=cells.weight,
         **known,
     )

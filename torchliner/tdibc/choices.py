@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import torch
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import (
     COMPILE,
     DRIVES,
@@ -143,6 +143,7 @@ class Choices:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         self._fill_in()
         for name, known in NAMED.items():
             if name != "response" or self.response is not None:

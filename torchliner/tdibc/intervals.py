@@ -72,7 +72,7 @@ def uncertainty_of(
     series = deviations(prepared.averaged)
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
-        prepared.blocks.count,
+        prepared.blocks.count, cells.weight,
     )  # fmt: skip
     _add([first], slice(0, cells.count), averaged, series, how)
     wide = _tile_rows(groups, chosen.resample)
@@ -189,7 +189,7 @@ def _one_row(prepared: Prepared, found: Uncertainty) -> list[str]:
     rule = prepared.chosen.resample
     if rule == "time" or found.settings["resampled"] != "time":
         return []
-    count = int(_rows(prepared).max()) + 1
+    count = _labels(prepared)["rows"][1]
     one, many = ("cell", "cells") if rule == "time-cells" else ("row along z", "rows along z")
     reason = f"finds one {one}" if count == 1 else f"finds {count} {many} that move as one"
     return [f"{prepared.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
@@ -206,8 +206,10 @@ def _labels(prepared: Prepared) -> dict[str, tuple[Tensor, int]]:
         columns = plane.probe_shape[1]
         found["x"] = (torch.arange(plane.probes) % columns, columns)
     if prepared.chosen.resample != "time":
-        rows = _rows(prepared)
-        found["rows"] = (rows, int(rows.max()) + 1)
+        rows = torch.where(prepared.used, _rows(prepared), -1)
+        filled, number = torch.unique(rows, return_inverse=True)  # without rows left out
+        none = int(filled[0] < 0)
+        found["rows"] = (number - none, len(filled) - none)
     return found
 
 

@@ -35,7 +35,13 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress
-from torchliner.tdibc.review import needs_kernels, review_liner, review_record, review_survey
+from torchliner.tdibc.review import (
+    needs_kernels,
+    review_cells,
+    review_liner,
+    review_record,
+    review_survey,
+)
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
@@ -92,7 +98,7 @@ def _survey(
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, liner.cell_pitch)
     blocks = _blocks(plane, wanted, record, chosen, notes)
-    velocity, seen, used, periodic = _first_pass(
+    velocity, seen, used, cells, periodic = _first_pass(
         plane, cells, wanted, record, blocks, chosen, progress, notes
     )
     notes += review_survey(plane, seen, used)
@@ -161,8 +167,9 @@ def _first_pass(
     chosen: Choices,
     progress: Progress | None,
     notes: list[str],
-) -> tuple[ProbeVelocity, Survey, Tensor, PeriodicPart | None]:
-    """Over the probes and the cell averages; probes with faults are found and left out, (P,)."""
+) -> tuple[ProbeVelocity, Survey, Tensor, Cells, PeriodicPart | None]:
+    """Over the probes and the cell averages; probes with faults are found and left out, (P,), and
+    with them the cells that hold no other."""
     like = plane.velocity
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
@@ -177,14 +184,15 @@ def _first_pass(
     def over(
         used: Tensor, report: Progress | None
     ) -> tuple[ProbeVelocity, Survey, PeriodicPart | None]:
-        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
+        held = cells.kept(used)
+        velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
         if harmonics is not None:
             velocity.derived = plane.probes
 
         def work() -> tuple[Survey, PeriodicPart | None]:
             sums = None
             if harmonics is not None:
-                sums = PeriodicSums(harmonics, plane.samples, cells, used, device)
+                sums = PeriodicSums(harmonics, plane.samples, held, used, device)
             seen = survey(velocity, frequency, rate, weights, report, kept, sums)
             return seen, None if sums is None else sums.result()
 
@@ -197,7 +205,8 @@ def _first_pass(
     if not bool(used.all()):
         _refuse_bad_probes(plane, seen, used, chosen)
         velocity, seen, periodic = over(used, None)
-    return velocity, seen, used, periodic
+        notes += review_cells(plane, cells, used)
+    return velocity, seen, used, cells.kept(used), periodic
 
 
 def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:

@@ -8,6 +8,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
+from torchliner.records.cells import Cells
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.replay.survey import Survey
@@ -110,6 +111,25 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
         for label, mine, theirs, unit in pairs
         if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
     ]
+
+
+def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
+    """Cells that lose probes, or all of them, and with that the averages over cells."""
+    kept = cells.kept(used)
+    notes = []
+    if gone := cells.count - kept.count:
+        notes.append(
+            f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count "
+            "in no average"
+        )
+    if kept.weight is not None:
+        short = kept.weight[kept.weight < 1]
+        notes.append(
+            f"{plane.name}: {len(short)} of {cells.count} cells have lost some of their probes; in "
+            "averages over cells each weighs the share that it has, the least "
+            f"{float(short.min()):.2g}"
+        )
+    return notes
 
 
 def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]:
