@@ -17,7 +17,7 @@ from torchliner.units import require_plausible, si_factor
 
 Array = NDArray[np.float64]
 # What spreadsheets write into a cell that they cannot compute; a remark looks otherwise.
-NO_VALUE = re.compile(r"#[A-Z0-9\u00c0-\u00de]+[/A-Z0-9]*[!?]?|#{2,}")
+NO_VALUE = re.compile(r"#[A-Z\u00c0-\u00de][/A-Z0-9\u00c0-\u00de]*[!?]?|#{2,}")
 SEPARATORS = (";", "\t", ",")
 LABEL = re.compile(r"(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 

@@ -10,10 +10,9 @@ from typing import Any
 import h5py
 import numpy as np
 from scipy.io import loadmat, whosmat
-from scipy.io.matlab import MatReadError
 
 from torchliner.checks import plain_array
-from torchliner.file_checks import DAMAGE, naming, require_memory, require_regular
+from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import open_file
 from torchliner.io.stored_values import read_values
 from torchliner.names import ARRAY_ENDINGS, did_you_mean, resolve
@@ -48,7 +47,7 @@ def read_npy(path: Path, variable: str | None) -> np.ndarray:
     """The array of a .npy file, read as it is used."""
     try:
         found = np.load(path, mmap_mode="c", allow_pickle=False)
-    except (ValueError, *DAMAGE) as error:
+    except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole .npy file: {error}") from error
     if not isinstance(found, np.ndarray):
         raise ValueError(
@@ -81,7 +80,7 @@ def read_hdf5(path: Path, variable: str | None) -> np.ndarray:
 def _mat5(function: Callable[..., Any], path: Path, **options: Any) -> Any:
     try:
         return function(path, **options)
-    except (ValueError, TypeError, OSError, MatReadError, *DAMAGE) as error:
+    except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
 
 

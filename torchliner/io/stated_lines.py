@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +12,7 @@ from typing import Any, TextIO
 
 from torchliner.io.whole_file import printable
 from torchliner.names import did_you_mean
-from torchliner.units import SI_QUANTITY, si_factor
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
 def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def _stated_value(text: str, kind: str, label: str) -> Any:
     if kind == "text":
         return text
     if kind == "json":
-        with suppress(ValueError):
+        with suppress(ValueError, RecursionError):
             if isinstance(found := json.loads(text), dict):
                 return found
         raise ValueError(f"{label} is {text!r}; it cannot be read, counts by reason are needed")
@@ -55,7 +56,11 @@ def _stated_value(text: str, kind: str, label: str) -> Any:
         amount = float(parts[1] if parts else text)
     except ValueError as error:
         raise ValueError(f"{label} is {text!r}; it cannot be read") from error
-    return amount * si_factor(SI_QUANTITY[kind], parts[2] if parts else "", label)
+    value = amount * si_factor(SI_QUANTITY[kind], parts[2] if parts else "", label)
+    if not math.isfinite(value):
+        raise ValueError(f"{label} is {text!r}; a finite number is needed")
+    require_plausible(value, SI_QUANTITY[kind], label)
+    return value
 
 
 def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str | Path) -> None:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import plain_array
-from torchliner.units import SI_QUANTITY, si_factor
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
 class AtProbes:
@@ -112,7 +112,7 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
     """Coordinates as float64, (N,).
 
     Raises:
-        ValueError: values that are not finite.
+        ValueError: values that are not finite, masked, in another unit, or beyond any duct.
     """
     if not isinstance(value, Tensor):
         _require_unit(value, f"{name}: {label}", "m")
@@ -120,6 +120,7 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
     values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
+    require_plausible(values.numpy(), "length", f"{name}: {label}")
     return values
 
 
