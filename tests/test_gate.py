@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
 import os
+import re
 import stat
 import subprocess
 import sys
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 import torch
@@ -18,6 +21,7 @@ import torchliner as tl
 from torchliner.cli import gate, info
 from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.cli.messages import in_command_words
+from torchliner.cli.options import progress_bar
 from torchliner.io import whole_file
 from torchliner.io.csv_rows import text_cell, write_rows
 from torchliner.io.line_file import write_line
@@ -279,6 +283,23 @@ def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
     assert [text_cell(text) for text in ("@a", "+1e3", "a=b", "")] == ["'@a", "+1e3", "a=b", ""]
 
 
+def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
+    """With the names of the others, whose numbers differ."""
+
+    def doubtful(_):
+        for i in range(3):
+            warnings.warn(f"p{i}.h5:/v: rests on {i}.5 blocks, few", tl.DataWarning, stacklevel=2)
+        raise ValueError("done")
+
+    for i in range(3):
+        (folder / f"p{i}.h5").write_bytes(b"")
+    monkeypatch.setattr("torchliner.cli.educe.read_planes", doubtful)
+    err = run(capsys, "educe", "p0.h5", "p1.h5", "p2.h5")[2].splitlines()
+    assert err[0] == "warning: p0.h5:/v: rests on 0.5 blocks, few"
+    assert err[1].endswith("'rests on # blocks, few ...' holds of 2 more: p1.h5, p2.h5")
+    assert len(err) == 3
+
+
 def test_warnings_come_once_and_are_ours(capsys, folder, monkeypatch):
     """A doubt that several planes share is said once; what libraries plan is left to --debug."""
 
@@ -323,6 +344,59 @@ def test_convert_in_json(capsys, folder):
     assert json.loads(out) == {
         "output": "p.h5", "probes": [4], "samples": 50, "sampling_rate": 5e4,
     }  # fmt: skip
+
+
+def test_info_tells_what_educe_refuses(capsys, folder):
+    """Too few periods; a Mach number of 0 is stated, and said once."""
+    plane = plane_of(turbulence((2, 119)), mach=0.0, incident_level=0.0, liner="polito")
+    plane.write("short.h5")
+    code, out, _ = run(capsys, "info", "short.h5")
+    assert (code, "3.97 periods of the tone, fewer than 4: educe refuses" in out) == (1, True)
+    assert len(re.findall(r"\bmach\b", out)) == 1
+    assert run(capsys, "educe", "short.h5")[0] == BAD_INPUT
+
+
+def test_arrays_in_groups_are_found(capsys, folder):
+    """By their path; where there is none, that is said."""
+    with h5py.File("groups.h5", "w") as file:
+        file["run/velocity"] = np.zeros((50, 4))
+        file["run/pressure"] = np.zeros((50, 4))
+    words = ["convert", "groups.h5", *ARRAY[2:], "-o", "p.h5"]
+    code, _, err = run(capsys, *words)
+    assert (code, "holds run/pressure, run/velocity; name the one" in err) == (BAD_INPUT, True), err
+    assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
+
+
+def test_progress_has_a_bar_for_the_first_pass(monkeypatch, capsys):
+    """Reading is quick and replaying is not: one bar for both would say 45 % after 1 s of 15."""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    bars = []
+
+    class Bar:
+        def __init__(self, total, desc, **_):
+            self.n, self.desc, self.total = 0, f"{desc}: ", total
+            bars.append(self)
+
+        def update(self, done):
+            self.n += done
+
+        def set_description(self, desc, refresh):
+            self.desc = f"{desc}: "
+
+        def reset(self, total):
+            self.n, self.total = 0, total
+
+        __enter__, __exit__ = lambda self: self, lambda *_: None
+
+    monkeypatch.setattr("tqdm.tqdm", Bar)
+    options = argparse.Namespace(quiet=False)
+    with progress_bar(300, "p.h5", options, reading=100) as step:
+        step(60)
+        assert (bars[0].desc, bars[0].n, bars[0].total) == ("p.h5, reading: ", 60, 100)
+        step(50)
+        assert (bars[0].desc, bars[0].n, bars[0].total) == ("p.h5, replaying: ", 10, 200)
+        step(100)
+        assert (bars[0].n, bars[0].total) == (110, 200)
 
 
 def test_pictures_are_written_whole(folder):

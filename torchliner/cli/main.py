@@ -119,7 +119,7 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
     try:
         command = importlib.import_module(f"torchliner.cli.{options.command}")
         with (
-            warnings_on_stderr(options, parser),
+            warnings_on_stderr(options, parser, inputs),
             printable_output(),
             passed(parser, options) as named,
         ):

@@ -17,6 +17,7 @@ from torchliner.io.whole_file import printable
 PACKAGE = str(Path(__file__).resolve().parents[1])
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
 KEYWORD = r"(?<![\w-])([a-z]\w*)=(\([^()]*\)|'[^']*'|\.\.\.|[\w+-]+(?:\.\w+)*)"  # and its value
+NUMBERS = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
 
 
@@ -91,18 +92,28 @@ def printable_output() -> Iterator[None]:
 
 
 @contextmanager
-def warnings_on_stderr(options: argparse.Namespace, parser: Parser) -> Iterator[None]:
+def warnings_on_stderr(
+    options: argparse.Namespace, parser: Parser, inputs: Sequence[str]
+) -> Iterator[None]:
     """Show each warning once, on one line, or none with --quiet.
 
-    What libraries will change one day is for their users' programs, so it is left to --debug.
+    One that several inputs share, but for its numbers, is shown for the first of them; the others
+    are named at the end. What libraries will change one day is left to --debug.
+
+    Args:
+        options, parser: of the command.
+        inputs: names of the files, which may still be filled in.
     """
-    seen: set[str] = set()
+    seen: dict[str, list[str]] = {}
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = printable(in_command_words(str(message), parser))
-        if text not in seen:
+        named = max((name for name in inputs if name in text), key=len, default="")
+        others = seen.setdefault(re.sub(NUMBERS, "#", text.replace(named, "")), [])
+        if not others:
             print(f"warning: {text}", file=sys.stderr)
-        seen.add(text)
+        if named not in others:
+            others.append(named)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if getattr(options, "quiet", False) else "always")
@@ -110,4 +121,12 @@ def warnings_on_stderr(options: argparse.Namespace, parser: Parser) -> Iterator[
             for category in (DeprecationWarning, PendingDeprecationWarning, FutureWarning):
                 warnings.simplefilter("ignore", category)
         warnings.showwarning = show
-        yield
+        try:
+            yield
+        finally:
+            for text, (_, *others) in seen.items():
+                if others:
+                    words = " ".join(text.partition(": ")[2].split()[:7])
+                    names = ", ".join(others)
+                    print(f"warning: '{words} ...' holds of {len(others)} more: {names}",
+                          file=sys.stderr)  # fmt: skip
