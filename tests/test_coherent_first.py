@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -178,7 +179,8 @@ def test_probes_left_out_and_probes_of_no_cell(onera):
     velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
     broken = velocity.clone()
     broken[2, 100] = torch.nan
-    with pytest.warns(tl.DataWarning, match="1 of 19 probes"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)  # of the excluded probe
         found = educed(on_cells(broken), onera, missing="exclude", velocity_max=20.0)
     kept = torch.arange(len(velocity)) != 2
     plane = on_cells(velocity)
@@ -235,3 +237,36 @@ def test_lines_of_several_tones_are_told_apart():
     made = periodic.Harmonics.of((1000.0, 2000.0), 9000.0)
     assert made.lines.tolist() == [1000.0, 2000.0, 3000.0, 4000.0]
     assert periodic.Harmonics.of((), 9000.0).rows(3, 7).tolist() == [[1.0] * 4]
+
+
+def without_pitch(liner):
+    return liner.replace(cell_pitch=None)
+
+
+@pytest.mark.parametrize(
+    ("change", "liner_of", "asked", "words"),
+    [
+        (
+            {"x": 0.05 * torch.arange(16.0)},
+            without_pitch,
+            None,
+            "states no cell_pitch, so that",
+        ),
+        ({"x": 0.02 * torch.arange(16.0)}, lambda one: one, None, "no cell holds more than one"),
+        ({"frequency": None}, lambda one: one, [900.0, 1000.0, 1100.0, 1200.0], "of v only the"),
+    ],
+    ids=["one long cell", "one probe a cell", "no tone"],
+)
+def test_cells_that_are_not_what_their_name_says(onera, change, liner_of, asked, words):
+    plane = dataclasses.replace(on_cells(mixed()), **change)
+    with pytest.warns(tl.DataWarning, match=words):
+        educed(plane, liner_of(onera), frequency=asked)
+
+
+def test_record_too_short_to_tell(onera):
+    plane = on_cells(sound(70))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", tl.DataWarning)
+        found = educed(plane, onera, allow_short=True, edge="silent", window="boxcar")
+    assert any("too short to tell what of v is periodic" in str(one.message) for one in caught)
+    assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-8

@@ -39,6 +39,11 @@ def rehearse(path: str | Path) -> None:
         _rehearse(path, status.st_size, status.st_mtime_ns)
 
 
+def _stop(child: subprocess.Popen[bytes], late: threading.Event) -> None:
+    late.set()
+    child.kill()
+
+
 @functools.lru_cache(maxsize=1024)
 def _rehearse(path: Path, size: int, changed: int) -> None:
     """Once for a file as it is at present."""
@@ -55,7 +60,7 @@ def _rehearse(path: Path, size: int, changed: int) -> None:
         assert child.stdin is not None
         assert child.stdout is not None
         late = threading.Event()
-        timer = threading.Timer(LIMIT, lambda: (late.set(), child.kill()))
+        timer = threading.Timer(LIMIT, _stop, (child, late))
         timer.start()
         try:
             child.stdin.write(os.fsencode(path).hex().encode() + b"\n")

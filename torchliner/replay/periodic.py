@@ -92,6 +92,7 @@ class PeriodicPart:
         harmonics: the rows.
         deviation: coefficients of g d, m/s, (K, P).
         share: g by line (the mean first) and cell, (1 + H, C).
+        has_shares: whether the record is long enough to tell them; else they are 1.
         sums: of v times the rows, m/s, (K, P).
         gram: sums of products of the rows, (K, K).
     """
@@ -99,6 +100,7 @@ class PeriodicPart:
     harmonics: Harmonics
     deviation: Tensor
     share: Tensor
+    has_shares: bool
     sums: Tensor
     gram: Tensor
 
@@ -203,8 +205,9 @@ class PeriodicSums:
         share = self._shares(away)
         deviation = share[self.harmonics.owner.to(self.device)][:, self.labels] * away
         return PeriodicPart(
-            self.harmonics, deviation, share[:, : self.count], self.total, self.gram.to(self.device)
-        )
+            self.harmonics, deviation, share[:, : self.count],
+            self.blocks.count >= FEWEST_BLOCKS, self.total, self.gram.to(self.device),
+        )  # fmt: skip
 
     def _shares(self, away: Tensor) -> Tensor:
         """g, (1 + H, C + 1); 1 where there are too few blocks to know better."""

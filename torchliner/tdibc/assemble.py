@@ -32,6 +32,10 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         "surface": plane.liner,
         "data": dict(plane.provenance),
     }
+    if prepared.drive.periodic is not None:
+        part = prepared.drive.periodic
+        facts["coherent_lines"] = part.harmonics.lines.tolist()
+        facts["coherent_share"] = part.share.mean(1).tolist()
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)

@@ -38,6 +38,7 @@ from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
+    review_coherent,
     review_liner,
     review_record,
     review_survey,
@@ -103,6 +104,7 @@ def _survey(
     )
     notes += review_survey(plane, seen, used)
     if periodic is not None:
+        notes += review_coherent(plane, cells, periodic, wanted, liner.cell_pitch)
         weights = record.weights(0, plane.samples)
         seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
     running = chosen.running_window or 1 / float(wanted.min())
