@@ -142,13 +142,17 @@ def test_every_file_has_a_part(name, parser):
     """What an option's value is called says whether it is read or written; nothing else may be."""
     for action in parser._actions:
         text = parser.text_of(action)
-        if action.metavar in gate.WRITTEN:
-            assert gate.writes(action, text), f"{name} {action.metavar}: {text}"
+        if gate.writes(action, text):
             assert action.metavar == "FOLDER" or gate.endings_of(text)
         elif str(action.type).count("Path"):
-            assert action.metavar in gate.READ
-    endings = {e for a in parser._actions if a.metavar == "FILE"
-               for e in gate.endings_of(parser.text_of(a))}  # fmt: skip
+            assert gate.reads(action, text), f"{name} {action.metavar}: {text}"
+    endings = {
+        e
+        for a in parser._actions
+        if a.metavar == "FILE"
+        if gate.writes(a, parser.text_of(a))
+        for e in gate.endings_of(parser.text_of(a))
+    }
     assert endings <= {*HDF5, ".csv", ".toml"}
 
 

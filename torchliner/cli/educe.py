@@ -19,7 +19,7 @@ OPTIONS = {
         "planes PLANE ...": "plane files; several: heights of a case",
         **frequency_option("the tone of the file, or the lines of --incident"),
         "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
-        "--in-situ RECORD": "pressure record of the same case: its in situ impedance stands in "
+        "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
         "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), "
                              "or a .wav or .npy file; default: tones of --frequency",

@@ -53,7 +53,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
         ImportError: a figure is asked for, and matplotlib is not there.
     """
     given = [(a, v) for a in parser._actions for v in _values(options, a)]
-    named = [str(v) for a, v in given if a.metavar in READ]
+    named = [str(v) for a, v in given if reads(a, parser.text_of(a))]
     named += [found for a, v in given if a.metavar in MAYBE and (found := _own_file(a, str(v)))]
     for name in named:
         require_input(Path(name))
@@ -73,6 +73,11 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
                     "another file"
                 )
         yield named
+
+
+def reads(action: argparse.Action, text: str) -> bool:
+    """Whether an option names an input that must be there."""
+    return action.metavar in READ or (action.metavar == "FILE" and not writes(action, text))
 
 
 def writes(action: argparse.Action, text: str) -> bool:
