@@ -31,8 +31,10 @@ from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.closure import closure_ratio
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.engines import block_lines_of
+from torchliner.tdibc.known_pressure import known_pressure
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared
 from torchliner.tdibc.replayed import Replayed
@@ -163,8 +165,19 @@ class _Work:
     def _value(self, found: ImpedanceMap) -> complex:
         return complex(found.of_liner(self.order)[0])
 
-    def _add(self, factor: str, variant: str, impedance: complex) -> None:
-        self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
+    def _add(
+        self, factor: str, variant: str, impedance: complex, ready: Prepared | None = None
+    ) -> None:
+        off = self._closure(impedance, ready or self.ready)
+        self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base, off))
+
+    def _closure(self, impedance: complex, ready: Prepared) -> float | None:
+        """dB, with the velocity of a plane; None where no pressure is known."""
+        known = known_pressure(ready)
+        if isinstance(known, str):
+            return None
+        z = torch.tensor([impedance], dtype=torch.complex128)
+        return float(20 * torch.log10(closure_ratio(ready, known)(z).abs()))
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
@@ -252,7 +265,7 @@ class _Work:
             self.readings += 1
             height = other.plane.height
             name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
-            self._add("height", name, value)
+            self._add("height", name, value, other)
 
     def result(self) -> Audit:
         """Sorted."""
@@ -267,6 +280,7 @@ class _Work:
             found.title or self.ready.plane.name, float(self.ready.frequency[0]),
             self.order, self.base, low, high, level, tuple(rows), self.skipped, self.readings,
             dict(found.choices), found.notes,
+            self._closure(self.base, self.ready), found.closure_words,
         )  # fmt: skip
 
 

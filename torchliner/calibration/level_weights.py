@@ -132,3 +132,12 @@ def level_weights(ready: Prepared, order: str) -> LevelWeights:
     at = torch.tensor([f for each in lines for f in each], dtype=torch.float64)
     nothing = torch.zeros(weights.shape[2], len(frequency), dtype=torch.complex128)
     return LevelWeights(ready, order, at, belongs, weights, nothing)
+
+
+def driving_speed(ready: Prepared, order: str) -> float:
+    """rms over the record and the columns of the |v| that drives the model, m/s."""
+    seen, columns = ready.survey, _columns(ready, order).to(ready.survey.mean_square.device)
+    square = seen.mean_square[columns]
+    if ready.chosen.mean == "removed":
+        square = square - seen.mean[columns] ** 2
+    return float(square.mean().clamp(min=0).sqrt())

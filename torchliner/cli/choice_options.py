@@ -68,6 +68,10 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--seed N": "of the bootstrap; default 0",
         "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
     },
+    "closure": {
+        "--closure-limit DB": "that Z with the velocity may be off a known pressure; default 0.3",
+        "--level-doubt DB": "of that pressure, adds to the limit; default 0",
+    },
     "machine": {
         "--device NAME": "cpu, cuda or cuda:1; default: that of the data",
         "--dtype": (names.DTYPES, "precision; default: that of the data"),

@@ -18,7 +18,14 @@ from torchliner.io.hdf5 import (
     write_references,
     write_texts,
 )
-from torchliner.io.result_file import Sizes, interval_table, read_interval, result_kind
+from torchliner.io.result_file import (
+    Sizes,
+    interval_table,
+    read_closure,
+    read_interval,
+    result_kind,
+    write_closure,
+)
 from torchliner.io.tables import (
     cartesian,
     impedance,
@@ -98,6 +105,8 @@ def write_line(line: ImpedanceLine, path: str | Path) -> None:
             write_variables(file, line.interval, INTERVAL, words=words)
         write_variables(file, line, NUMBERS)
         write_references(file, line.reference)
+        if line.closure is not None:
+            write_closure(file, line.closure, "station")
         if line.average is not None:
             _write_average(file, line.average)
 
@@ -147,6 +156,7 @@ def read_line(path: str | Path) -> ImpedanceLine:
             names=names,
             average=_read_average(file, path, sizes),
             reference=read_references(file, path),
+            closure=read_closure(file, path, sizes, "station"),
         )
 
 
@@ -176,6 +186,8 @@ def line_rows(line: ImpedanceLine) -> Rows:
         "wall": "" if line.wall is None else line.wall.int(),
         "flags": [[len(flags)] for flags in line.flags],
     }
+    if line.closure is not None:
+        columns["closure (dB)"] = line.closure.cells.level[0]
     names = [name for name in line.names for _ in range(shape[1])]
     return [{"station": name, **row}
             for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip

@@ -12,7 +12,14 @@ from torchliner.io.axes import read_coordinate, write_coordinates
 from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
 from torchliner.io.hdf5 import open_file, read_references, write_index, write_references
 from torchliner.io.point_file import read_alongside, write_alongside
-from torchliner.io.result_file import Sizes, read_uncertainty, result_kind, write_uncertainty
+from torchliner.io.result_file import (
+    Sizes,
+    read_closure,
+    read_uncertainty,
+    result_kind,
+    write_closure,
+    write_uncertainty,
+)
 from torchliner.io.tables import (
     cartesian,
     impedance,
@@ -88,6 +95,8 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         write_references(file, result.reference)
         if result.uncertainty is not None:
             write_uncertainty(file, result.uncertainty, dims)
+        if result.closure is not None:
+            write_closure(file, result.closure)
         write_alongside(file, result.alongside)
 
 
@@ -114,6 +123,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             reference=read_references(file, path),
             uncertainty=read_uncertainty(file, path, sizes=sizes),
             alongside=read_alongside(file, path),
+            closure=read_closure(file, path, sizes),
         )
 
 

@@ -22,9 +22,10 @@ from torchliner.io.microphone_csv import (
     read_microphone_csv,
     write_microphone_csv,
 )
+from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
-from torchliner.records import MicrophoneLine
+from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.signals.reference_coherence import reject_flow_noise
 
 KIND = FileKind(
@@ -107,6 +108,19 @@ def read_microphones(
             head["frequency"] = frequency
         head |= _from_signals(file, path, head, **signals)
     return MicrophoneLine(**{**head, **about})
+
+
+def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
+    """Microphones along the wall of a duct, or a pressure record: what has no duct is the latter.
+
+    Raises:
+        As ``read_microphones`` and ``read_pressure``.
+    """
+    if Path(path).suffix.lower() in TEXT_ENDINGS:
+        return read_microphones(path)
+    with open_file(path) as file:
+        along = "duct_height" in file
+    return read_microphones(path) if along else read_pressure(path)
 
 
 def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> MicrophoneLine:

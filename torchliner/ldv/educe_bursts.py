@@ -15,6 +15,7 @@ from torchliner.io.line_parts import LineParts
 from torchliner.ldv.join_stations import join_lines
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
+from torchliner.ldv.line_closure import with_line_closure
 from torchliner.ldv.line_warnings import warnings_of
 from torchliner.ldv.station import educe_station
 from torchliner.ldv.station_key import liner_fingerprint, station_key
@@ -103,7 +104,7 @@ def educe_bursts(
             progress(1)
     line = join_lines(lines)
     average = average_line(line, replay_choices, station_choices.monte_carlo)
-    line = dataclasses.replace(line, average=average)
+    line = with_line_closure(dataclasses.replace(line, average=average), replay_choices)
     notes = warnings_of(line)
     tell(notes)
     return dataclasses.replace(line, notes=tuple(notes))

@@ -19,6 +19,7 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
+from torchliner.records.closure import Closure, words_of
 from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
@@ -57,6 +58,8 @@ class ImpedanceMap(Drawn):
         alongside: what other methods found for the same case, such as ``in_situ``.
         cell_weight: share of its probes that each cell has, in averages over cells, (C,); None: all
             have all. Cells without any probe left are no cells of the map.
+        closure: whether Z and the coherent velocity give the pressure that is known; None where
+            that is not checked, see ``closure_words``.
     """
 
     frequency: Tensor
@@ -89,6 +92,7 @@ class ImpedanceMap(Drawn):
     reflection_coherent_first: Tensor | None = None
     cell_reflection_coherent_first: Tensor | None = None
     liner_reflection_coherent_first: Tensor | None = None
+    closure: Closure | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -189,6 +193,11 @@ class ImpedanceMap(Drawn):
     def of_cells(self, order: str) -> Tensor:
         """Each cell, (C, F), in one of ``orders``."""
         return self._in_order(self, f"cell_impedance{ENDS[order]}", order)
+
+    @property
+    def closure_words(self) -> str:
+        """What the whole plane is compared with, or why it is not."""
+        return words_of(self.closure, self.choices)
 
     def bounds_of_liner(self, order: str, index: int = 0) -> tuple[complex, complex] | None:
         """Of its statistical interval at one frequency; None without any."""

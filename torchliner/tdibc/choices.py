@@ -94,6 +94,8 @@ class Choices:
             each probe where it is; ``velocity first``: all of v over the cell; ``probes first``
             (the paper, and the default with an incident signal): nothing. The first takes another
             replay of every probe and is left out where one of the others is asked for.
+        closure_limit: dB that Z and the coherent velocity may be off a known pressure.
+        level_doubt: dB by which that pressure is itself doubtful; adds to the limit.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -129,6 +131,8 @@ class Choices:
     resample: str = "time"
     wall_filter: float | None = None
     order: str = "auto"
+    closure_limit: float = 0.3
+    level_doubt: float = 0.0
 
     def __new__(cls, *_: Any, **choices: Any) -> Self:
         """Names alone are looked at here, so that a slip of one is told with what was meant.
@@ -164,6 +168,9 @@ class Choices:
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 1:
                 raise ValueError(f"{name} is {value:g}; it is a squared coherence, 0 to 1")
+        for name in ("closure_limit", "level_doubt"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
         self._check_resampling()
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))

@@ -177,7 +177,6 @@ def _first_pass(
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
-    kept = blocks if moves else None
     rate = plane.sampling_rate
     harmonics = None
     if chosen.order == ORDERS[2]:
@@ -195,7 +194,7 @@ def _first_pass(
             sums = None
             if harmonics is not None:
                 sums = PeriodicSums(harmonics, plane.samples, held, used, device)
-            seen = survey(velocity, frequency, rate, weights, report, kept, sums)
+            seen = survey(velocity, frequency, rate, weights, report, blocks, moves, sums)
             return seen, None if sums is None else sums.result()
 
         (seen, periodic), more = with_smaller_slabs(velocity, work)
