@@ -30,7 +30,7 @@ from torchliner.io.point_file import write_points
 from torchliner.io.whole_file import HDF5, PICTURES, written_whole
 
 TOML = 'model = "table"\nname = "mine"\nfile = "table.csv"\n'
-TABLE = "frequency [Hz], resistance, reactance\n300, 0.5, -1\n3000, 0.5, 1\n"
+TABLE = "frequency, resistance, reactance\n300, 0.5, -1\n3000, 0.5, 1\n"
 
 
 @pytest.fixture
@@ -369,6 +369,24 @@ def test_arrays_in_groups_are_found(capsys, folder):
     code, _, err = run(capsys, *words)
     assert (code, "holds run/pressure, run/velocity; name the one" in err) == (BAD_INPUT, True), err
     assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
+
+
+def test_damage_that_hides_attributes_is_no_absence(capsys, folder):
+    """HDF5 says of an attribute in a damaged list that it is not there; the liner was lost so."""
+    data = bytearray((folder / "plane.h5").read_bytes())
+    at = data.index(b"source_side\0") - 8  # the sizes before the name
+    data[at : at + 4] = b"\xff" * 4
+    (folder / "plane.h5").write_bytes(data)
+    code, out, err = run(capsys, "info", "plane.h5")
+    assert (code, out, "plane.h5 is damaged" in err) == (BAD_INPUT, "", True), err
+
+
+@pytest.mark.parametrize("cell", ["1_000", "\u0661\u0662"])
+def test_numbers_that_python_alone_reads_are_refused(capsys, folder, cell):
+    """A slip of the keyboard, in every table of text."""
+    (folder / "table.csv").write_text(TABLE.replace("300,", f"{cell},", 1), encoding="utf-8")
+    code, _, err = run(capsys, "liner", "lt.toml")
+    assert (code, "a number is needed" in err) == (BAD_INPUT, True), err
 
 
 def test_progress_has_a_bar_for_the_first_pass(monkeypatch, capsys):
