@@ -23,11 +23,11 @@ from torchliner.flow_profiles import MeanFlow
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
-STAGES = ((4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
+STAGES = ((4, math.inf, math.inf), (4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
 ALIKE = 1e-2  # of |alpha|: roots of a stage that are one
 NEAREST, FARTHEST, ALONG = 0.8, 80.0, 14  # Re alpha of the starts, in k/M_max
 ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
-STEPS, LONGEST = 12, 0.25  # of Newton's method, of |alpha|
+STEPS, LONGEST = 6, 0.25  # of Newton's method, of |alpha|
 SETTLED = 1e-10  # a step, of |alpha|
 LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
 NEPER = 20 * math.log10(math.e)  # dB
