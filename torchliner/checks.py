@@ -154,13 +154,42 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
     return value
 
 
+def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
+    """What is like an array, as one, if nothing of it is lost thereby.
+
+    Args:
+        value: array, list, number, or what NumPy takes for an array.
+        name: for messages.
+        missing: masked real numbers become nan, of a floating-point dtype; else they are refused.
+    Raises:
+        TypeError: a table, whose rows and columns have names that an array has not.
+        ValueError: masked values.
+    """
+    if hasattr(value, "iloc") and getattr(value, "ndim", 1) != 1:
+        raise TypeError(
+            f"{name} is a {type(value).__name__}, whose rows and columns have names; give "
+            ".to_numpy(), turned so that the axes are as documented"
+        )
+    if isinstance(value, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in value):
+        value = np.ma.stack(value)
+    if not isinstance(value, np.ma.MaskedArray) or not np.ma.getmaskarray(value).any():
+        return np.asarray(value)
+    if not missing or value.dtype.kind not in "fiu":
+        raise ValueError(
+            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values of {value.size}; "
+            "fill them or leave them out"
+        )
+    floats = value.data if value.dtype.kind == "f" else value.data.astype(np.float64)
+    return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
+
+
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
     """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept."""
     if isinstance(value, Tensor):
         if value.is_complex():
             raise TypeError("a real number is needed, not a complex tensor")
         return value.to(dtype)
-    array = np.asarray(value)
+    array = plain_array(value, "the array")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"a real number is needed, not {array.dtype}")
     return torch.as_tensor(array.astype(np.float64)).to(dtype)

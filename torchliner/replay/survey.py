@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.replay.periodic import PeriodicSums
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.sources import block_elements, blocks, in_full_precision, weighted_sums
 from torchliner.replay.survey_blocks import VelocityBlocks, VelocityBlockSums
@@ -33,7 +35,8 @@ class Survey:
         line: sum of w (v - mean) e^{-j omega t}, (P, F).
         coherence: of v with a steady tone, 0 to 1, (P, F).
         segments: behind ``coherence`` at each frequency, F of them.
-        blocks: means over blocks of the record, where they were asked for.
+        blocks, cell_blocks: means over blocks of the record, of all columns where they were asked
+            for, of the cells, the last group, wherever there are blocks.
     """
 
     mean: Tensor
@@ -46,11 +49,21 @@ class Survey:
     coherence: Tensor
     segments: tuple[int, ...]
     blocks: VelocityBlocks | None = None
+    cell_blocks: VelocityBlocks | None = None
 
     @property
     def rms(self) -> Tensor:
         """rms of v with its mean removed, eq. (3.6), (P,)."""
         return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+    @classmethod
+    def join(cls, parts: Sequence[Survey]) -> Survey:
+        """Groups of columns side by side."""
+        columns = set(vars(parts[0])) - {"segments", "blocks", "cell_blocks"}
+        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in columns}
+        blocks = [part.blocks for part in parts if part.blocks is not None]
+        kept = VelocityBlocks.join(blocks) if blocks else None
+        return dataclasses.replace(parts[0], **joined, blocks=kept)
 
 
 @in_full_precision
@@ -61,6 +74,8 @@ def survey(
     weights: Tensor,
     progress: Callable[[int], None] | None = None,
     blocks: Blocks | None = None,
+    of_probes: bool = True,
+    periodic: PeriodicSums | None = None,
 ) -> Survey:
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
@@ -70,7 +85,9 @@ def survey(
         sampling_rate: Hz.
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
-        blocks: over which the velocity's own means are kept too.
+        blocks: over which the velocity's own means are kept too; ``of_probes``: of all columns,
+            not of the cells alone.
+        periodic: to be given the probes of the first group as they come by.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
     is that between v and a tone of constant phase, from S segments of two of its own periods with
@@ -79,27 +96,26 @@ def survey(
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
     groups = [_Sums(analysis, width, source.device) for width in source.widths]
-    means = [] if blocks is None else [
+    first = 0 if of_probes else -1
+    means = [
         VelocityBlockSums(blocks, frequency.cpu(), sampling_rate, width, source.device)
-        for width in source.widths
-    ]  # fmt: skip
+        for width in source.widths[first:]
+        if blocks is not None
+    ]
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
         rows = analysis.rows(begin, end)
         for group, slab in zip(groups, slabs, strict=True):
             group.add(begin, rows, slab)
-        for each, slab in zip(means, slabs, strict=bool(means)):
+        for each, slab in zip(means, slabs[first:], strict=bool(means)):
             each.add(begin, slab)
+        if periodic is not None:
+            periodic.add(begin, slabs[0])
         if progress is not None:
             progress(end - begin)
-    kept = VelocityBlocks.join([each.result() for each in means]) if means else None
-    return _join([group.result() for group in groups], analysis.counts(), kept)
-
-
-def _join(parts: list[Survey], segments: tuple[int, ...], blocks: VelocityBlocks | None) -> Survey:
-    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
-    joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
-    return Survey(**joined, segments=segments, blocks=blocks)
+    kept, found = [each.result() for each in means], Survey.join([g.result() for g in groups])
+    joined = VelocityBlocks.join(kept) if kept and of_probes else None
+    return dataclasses.replace(found, blocks=joined, cell_blocks=kept[-1] if kept else None)
 
 
 def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
@@ -170,9 +186,8 @@ class _Analysis:
     """Rows of e^{-j omega t} under the window, and the segments of each frequency."""
 
     def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
-        self.samples = n
+        self.samples, self.weights = n, weights
         self.frequency, self.sampling_rate = frequency.cpu(), sampling_rate
-        self.weights = weights
         # Two of each frequency's own periods, so that no other frequency matters to it.
         lengths = (PERIODS_PER_SEGMENT * sampling_rate / self.frequency).round().clamp(1, n)
         self.lengths = lengths.to(torch.int64)
@@ -212,20 +227,9 @@ class _Segments:
 
     def pieces(self, begin: int, end: int) -> list[tuple[int, int]]:
         """begin .. end - 1 in parts of a segment and whole segments; none beyond the last."""
-        length = self.length
-        end = min(end, self.count * length)
-        if begin >= end:
-            return []
-        first, last = -(-begin // length) * length, end // length * length
-        if first >= last:
-            cuts = [begin, first, end] if begin < first < end else [begin, end]
-        else:
-            cuts = [
-                begin,
-                *([first] if first > begin else []),
-                last,
-                *([end] if end > last else []),
-            ]
+        end = min(end, self.count * self.length)
+        borders = (-(-begin // self.length) * self.length, end // self.length * self.length)
+        cuts = sorted({begin, end, *(k for k in borders if begin < k < end)}) if begin < end else []
         return list(itertools.pairwise(cuts))
 
 

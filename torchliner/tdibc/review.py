@@ -11,6 +11,7 @@ from torchliner.records.cells import Cells
 from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
+from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
@@ -19,6 +20,7 @@ FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
+LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
 
 def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
@@ -166,5 +168,39 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
         raise ValueError(
             f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, "
             f"{sound:.4g} m/s; check the unit of the data"
+        )
+    return notes
+
+
+def review_coherent(
+    plane: VelocityPlane, cells: Cells, periodic: PeriodicPart, asked: Tensor, pitch: float | None
+) -> list[str]:
+    """Where the coherent velocity of a cell is not what its name says."""
+    notes = []
+    if len(periodic.harmonics.lines) == 0:
+        notes.append(
+            f"{plane.name} states no tone, and {len(asked)} frequencies are asked for: of v only "
+            "the mean is averaged over the cells; state frequency= of the data"
+        )
+    if plane.probes > 1 and int(torch.bincount(cells.labels[cells.labels >= 0]).max()) == 1:
+        notes.append(
+            f"{plane.name}: no cell holds more than one probe, so the coherent velocity of a cell "
+            "is that of its probe, and 'coherent first' is 'probes first'; more probes a cell are "
+            "needed"
+        )
+    if pitch is None and plane.x is not None:
+        length = float(plane.x.max() - plane.x.min())
+        wave = float(plane.fluid.sound_speed) / float(asked.max())
+        if length > LONG_CELL * wave:
+            notes.append(
+                f"{plane.name}: the liner states no cell_pitch, so that all of {1e3 * length:.3g} "
+                f"mm counts as one cell, {length / wave:.2g} wavelengths, over which the phase of "
+                "the tone turns; state cell_pitch, or choose order='probes first'"
+            )
+    if not periodic.has_shares:
+        notes.append(
+            f"{plane.name} is too short to tell what of v is periodic and what is turbulence: "
+            "all that a fit of the tone finds counts as periodic; "
+            f"{FEWEST_BLOCKS} periods are the least"
         )
     return notes
