@@ -71,7 +71,8 @@ class Replayed:
         prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
-        uncertainty, series, notes = None, {}, [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        uncertainty, series = None, dict[str, tuple[Tensor, Tensor]]()
         if rule.phase is not None:
             notes += _review_phase(prepared, rule.phase.cpu())
         if self._keeps_blocks(rule):
