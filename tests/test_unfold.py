@@ -68,9 +68,7 @@ def test_reflected_signal_is_that_of_direct(kernels, direct, method, edge, dtype
     for repeats, blocks in ((True, (None, 517)), (False, (100,))):
         speed, record, emission, wanted = direct(samples, edge, repeats)
         for block in blocks:
-            found = unfolded(
-                speed.to(dtype), kernels, emission, record, method=method, block=block
-            )
+            found = unfolded(speed.to(dtype), kernels, emission, record, method=method, block=block)
             assert float((found - wanted).abs().max()) < ERROR[dtype]
             assert found.dtype == dtype
 
