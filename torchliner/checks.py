@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -38,15 +39,92 @@ def plain_number(value: Any) -> float:
     return float(value.detach() if isinstance(value, Tensor) else value)
 
 
+def one_number(name: str, value: Any) -> float:
+    """A number as a float: Python's, NumPy's, or an array or tensor that holds just one.
+
+    Raises:
+        TypeError: text, a truth value, None, several numbers, a complex one.
+    """
+    plain = _without_array(value)
+    try:
+        if isinstance(plain, (bool, np.bool_, complex, np.complexfloating)):
+            raise TypeError
+        number = float(plain)
+    except (TypeError, ValueError):  # None, several numbers
+        raise TypeError(f"{name} is {value!r}; one number is needed") from None
+    if isinstance(plain, str):
+        raise TypeError(f"{name} is the text {value!r}; a number is needed")
+    return number
+
+
+def whole_number(name: str, value: Any) -> int:
+    """A whole number as an int; TypeError for 200.0, text and truth values."""
+    plain = _without_array(value)
+    if isinstance(plain, (bool, np.bool_)) or not isinstance(plain, (int, np.integer)):
+        raise TypeError(f"{name} is {value!r}; a whole number is needed")
+    return int(plain)
+
+
+def truth_value(name: str, value: Any) -> bool:
+    """A switch as a bool; TypeError for 'no', 0 and the like, whose truth is another's guess."""
+    plain = _without_array(value)
+    if not isinstance(plain, (bool, np.bool_)):
+        raise TypeError(f"{name} is {value!r}; True or False is needed")
+    return bool(plain)
+
+
+def _complex_number(name: str, value: Any) -> complex:
+    plain = _without_array(value)
+    if isinstance(plain, (str, bool, np.bool_)):
+        raise TypeError(f"{name} is {value!r}; a number is needed, complex or real")
+    try:
+        return complex(plain)
+    except TypeError:
+        raise TypeError(f"{name} is {value!r}; one number is needed, complex or real") from None
+
+
+def _named_values(name: str, values: Mapping[str, Any]) -> dict[str, complex]:
+    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in values.items()}
+
+
+def _without_array(value: Any) -> Any:
+    """The one element of an array or tensor of one; else the value itself."""
+    if isinstance(value, (Tensor, np.ndarray)) and math.prod(value.shape) == 1:
+        return value.item()
+    return value
+
+
+KINDS = {
+    "float": one_number, "Parameter": one_number, "int": whole_number, "bool": truth_value,
+    "complex | Tensor": _complex_number, "Mapping[str, complex]": _named_values,
+}  # fmt: skip
+
+
+def make_plain(record: Any, *, tensors: bool = False) -> None:
+    """Numbers, whole numbers and switches of a frozen dataclass as Python's own.
+
+    A NumPy scalar computes in its own precision: a sampling rate in float32, as a float32 time axis
+    gives it, moves phases by 1e-3 within a second.
+
+    Args:
+        record: its fields are known by their annotations; None stays None.
+        tensors: leave tensors, through which derivatives may pass.
+    Raises:
+        TypeError: a field of another kind; the message names record and field.
+    """
+    prefix = f"{record.name}: " if getattr(record, "name", "") else ""
+    for each in fields(record):
+        kind = KINDS.get(str(each.type).removesuffix(" | None"))
+        value = getattr(record, each.name)
+        if kind is None or (value is None and "None" in each.type):
+            continue
+        if not (tensors and isinstance(value, Tensor)):
+            object.__setattr__(record, each.name, kind(f"{prefix}{each.name}", value))
+
+
 def require_positive(name: str, value: Any) -> None:
     """Refuse what is not a finite number above zero."""
-    value = value.detach() if isinstance(value, Tensor) else value
-    try:
-        number = float(value)
-    except (TypeError, ValueError, RuntimeError):  # None, text, several numbers
-        raise TypeError(f"{name} is {value!r}; one number is needed") from None
-    if isinstance(value, str):
-        raise TypeError(f"{name} is the text {value!r}; a number is needed")
+    number = one_number(name, value)
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"{name} is {number:g}; it must be finite and above 0")
 
@@ -76,13 +154,42 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
     return value
 
 
+def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
+    """What is like an array, as one, if nothing of it is lost thereby.
+
+    Args:
+        value: array, list, number, or what NumPy takes for an array.
+        name: for messages.
+        missing: masked real numbers become nan, of a floating-point dtype; else they are refused.
+    Raises:
+        TypeError: a table, whose rows and columns have names that an array has not.
+        ValueError: masked values.
+    """
+    if hasattr(value, "iloc") and getattr(value, "ndim", 1) != 1:
+        raise TypeError(
+            f"{name} is a {type(value).__name__}, whose rows and columns have names; give "
+            ".to_numpy(), turned so that the axes are as documented"
+        )
+    if isinstance(value, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in value):
+        value = np.ma.stack(value)
+    if not isinstance(value, np.ma.MaskedArray) or not np.ma.getmaskarray(value).any():
+        return np.asarray(value)
+    if not missing or value.dtype.kind not in "fiu":
+        raise ValueError(
+            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values of {value.size}; "
+            "fill them or leave them out"
+        )
+    floats = value.data if value.dtype.kind == "f" else value.data.astype(np.float64)
+    return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
+
+
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
     """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept."""
     if isinstance(value, Tensor):
         if value.is_complex():
             raise TypeError("a real number is needed, not a complex tensor")
         return value.to(dtype)
-    array = np.asarray(value)
+    array = plain_array(value, "the array")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"a real number is needed, not {array.dtype}")
     return torch.as_tensor(array.astype(np.float64)).to(dtype)

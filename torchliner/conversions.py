@@ -61,9 +61,18 @@ def impedance_from_admittance(admittance: Tensor) -> Tensor:
     return torch.where(rigid, torch.full_like(found, torch.inf), found)
 
 
-def mean_impedance(admittance: Tensor, axis: int = 0) -> Tensor:
-    """1 over the mean of 1/Z along an axis, as eq. (5.2) averages; inf, not nan, if that is 0."""
-    return impedance_from_admittance(admittance.mean(axis))
+def mean_impedance(admittance: Tensor, axis: int = 0, weights: Tensor | None = None) -> Tensor:
+    """1 over the mean of 1/Z along an axis, as eq. (5.2) averages; inf, not nan, if that is 0.
+
+    Args:
+        admittance: 1/Z, normalised, complex.
+        axis: of the mean.
+        weights: above 0, one for each along the axis; None for equal ones.
+    """
+    if weights is None:
+        return impedance_from_admittance(admittance.mean(axis))
+    share = (weights / weights.sum()).to(admittance)
+    return impedance_from_admittance((admittance.movedim(axis, -1) * share).sum(-1))
 
 
 def reflection_from_admittance(admittance: Tensor) -> Tensor:

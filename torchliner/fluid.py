@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchliner.checks import require_positive
+from torchliner.checks import make_plain, require_positive
 
 GAS_CONSTANT_AIR = 287.05  # J/(kg K)
 SUTHERLAND_VISCOSITY = 1.458e-6  # kg/(m s sqrt(K)), U.S. Standard Atmosphere 1976
@@ -35,6 +35,7 @@ class Fluid:
     prandtl: float = 0.71
 
     def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
         for name in self.__dataclass_fields__:
             require_positive(f"fluid {name}", getattr(self, name))
         if float(self.heat_capacity_ratio) < 1:

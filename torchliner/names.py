@@ -33,7 +33,9 @@ MISSING = ("refuse", "exclude")
 RESAMPLED = ("time", "time-span", "time-cells")
 COMPILE = ("auto", "never", "always")
 DTYPES = ("float32", "float64")
-ORDERS = ("probes first", "velocity first")  # of averaging: Y over probes, or v and then Y
+# Of averaging: Y over probes; v over a cell and then Y; or what of v is coherent with the tone over
+# the cell, then Y over probes.
+ORDERS = ("probes first", "velocity first", "coherent first")
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers

@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchliner.file_checks import read_bytes
 from torchliner.names import did_you_mean
-from torchliner.units import si_factor
+from torchliner.units import require_plausible, si_factor
 
 Array = NDArray[np.float64]
+# What spreadsheets write into a cell that they cannot compute; a remark looks otherwise.
+NO_VALUE = re.compile(r"#[A-Z\u00c0-\u00de][/A-Z0-9\u00c0-\u00de]*[!?]?|#{2,}")
 SEPARATORS = (";", "\t", ",")
 LABEL = re.compile(r"(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 
@@ -26,19 +29,11 @@ def read_lines(path: str | Path, head: int | None = None) -> list[str]:
         path: file.
         head: bytes that are read from its beginning, the line cut there included; None for all.
     Raises:
-        FileNotFoundError: no such file.
-        OSError: a folder.
-        ValueError: the file is empty, or is no text.
+        FileNotFoundError, OSError: as ``read_bytes``.
+        ValueError: the file is empty, or is no text; as ``read_bytes``.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise OSError(f"{path} is a folder, not a file")
-    with path.open("rb") as file:
-        raw = file.read() if head is None else file.read(head)
-    if b"\0" in raw:
-        raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
+    raw = read_bytes(path, head)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -54,10 +49,24 @@ def header_line(lines: Sequence[str], path: str | Path) -> int:
     Raises:
         ValueError: there is none.
     """
-    start = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
+    start = next((i for i, line in enumerate(lines) if not is_remark(line)), None)
     if start is None:
         raise ValueError(f"{path} has no header line with the names of the columns")
     return start
+
+
+def is_remark(line: str, separator: str | None = None) -> bool:
+    """Whether a line is blank or begins with '#'.
+
+    Args:
+        line: of a file.
+        separator: of cells, for a line below the header: ``#N/A`` in the first of several cells is
+            a value that is missing, no remark.
+    """
+    if not line.strip():
+        return True
+    cells = cells_of(line, separator) if separator else []
+    return line[0] == "#" and not (len(cells) > 1 and NO_VALUE.fullmatch(cells[0]))
 
 
 def separator_of(header: str) -> str:
@@ -78,11 +87,13 @@ class Column:
         name: as the reader calls it.
         index: of the column, from 0.
         factor: to SI.
+        quantity: a key of ``units.FACTORS``; None for values that stand as they are.
     """
 
     name: str
     index: int
     factor: float
+    quantity: str | None = None
 
 
 def find_columns(
@@ -129,7 +140,7 @@ def find_columns(
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
         if quantity is not None:
             factor = si_factor(quantity, unit, where)
-        found[name] = Column(name, index, factor)
+        found[name] = Column(name, index, factor, quantity)
     for name in known:
         if name not in found and name not in optional:
             raise ValueError(
@@ -162,7 +173,8 @@ def read_columns(
         special: columns that may hold inf, though not nan; default: all, and nan as well.
         comma: the decimal mark may be a comma.
     Raises:
-        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks.
+        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a
+            value that no measurement has (``units.PLAUSIBLE``).
     """
     for number, row in zip(numbers, rows, strict=True):
         if len(row) > count and any(row[count:]):
@@ -187,6 +199,9 @@ def read_columns(
                 f"{texts[at] if texts else ''!r}; a number is needed"
             )
         found[column.name] = values * column.factor
+        if column.quantity is not None:
+            label = f"{path}: column {column.name!r}"
+            require_plausible(found[column.name], column.quantity, label, numbers)
     return found
 
 
@@ -215,7 +230,7 @@ def read_table(
         labels.pop()
     columns = find_columns(labels, known, path, **about)
     numbers = [i for i, line in enumerate(lines, 1)
-               if i > start + 1 and line.strip() and line[0] != "#"]  # fmt: skip
+               if i > start + 1 and not is_remark(line, separator)]  # fmt: skip
     if not numbers:
         raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
     rows = [cells_of(lines[i - 1], separator) for i in numbers]
@@ -258,10 +273,11 @@ def _numbers(texts: Sequence[str]) -> Array:
     try:
         return np.array(texts, dtype=np.str_).astype(np.float64)
     except ValueError:
-        return np.array([_number(text) for text in texts])
+        return np.array([number_of(text) for text in texts])
 
 
-def _number(text: str) -> float:
+def number_of(text: str) -> float:
+    """The number that a cell holds; nan where there is none."""
     try:
         return float(text)
     except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -10,8 +11,12 @@ from typing import Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from torchliner.file_checks import read_bytes
 from torchliner.fluid import Fluid
 from torchliner.names import did_you_mean
+
+LONGEST = 1 << 20  # letters of a TOML file
+MISTAKES = 20  # that a message lists
 
 
 class Strict(BaseModel):
@@ -83,12 +88,11 @@ def read_text(path: Path) -> str:
     """A UTF-8 file.
 
     Raises:
-        FileNotFoundError, ValueError: missing, or not UTF-8.
+        FileNotFoundError, OSError: missing; no regular file.
+        ValueError: not UTF-8; a line that is no line.
     """
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: no such file") from None
+        return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
 
@@ -97,11 +101,15 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
     """The content of a TOML text.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is none, is nested too deep, or longer than ``LONGEST``.
     """
+    if len(text) > LONGEST:
+        raise ValueError(
+            f"{path} has {len(text)} letters; a TOML file of ours has {LONGEST} at most"
+        )
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
 
 
@@ -137,9 +145,11 @@ def validated(
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        mistakes = [_explain(mistake, model, tables) for mistake in error.errors()]
+        found = error.errors()
+        mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
+        more = [f"and {len(found) - MISTAKES} more"] if len(found) > MISTAKES else []
         raise ValueError(
-            f"{path} has {len(mistakes)} mistake(s):\n  " + "\n  ".join(mistakes)
+            f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join([*mistakes, *more])
         ) from None
 
 
@@ -154,4 +164,4 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
     if mistake["type"] == "missing":
         return f"{place}: missing"
     message = mistake["msg"].removeprefix("Value error, ")  # of our own checks
-    return f"{place} = {mistake['input']!r}: {message[0].lower()}{message[1:]}"
+    return f"{place} = {reprlib.repr(mistake['input'])}: {message[0].lower()}{message[1:]}"

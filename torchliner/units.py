@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from torchliner.names import did_you_mean
 
@@ -53,6 +56,40 @@ def si_factor(quantity: str, unit: str | None, name: str) -> float:
         f"{name} has units {unit!r}{did_you_mean(text, list(known))}; a {quantity} is needed in "
         f"one of {', '.join(k for k in known if k)}"
     )
+
+
+# What no measurement of this field exceeds, SI: a wrong unit, a mark of missing values, damage.
+PLAUSIBLE = {
+    "velocity": (-1e6, 1e6), "length": (-1e5, 1e5), "time": (-1e9, 1e9), "frequency": (0.0, 1e9),
+    "level": (-1e3, 1e3), "phase": (-1e6, 1e6), "density": (0.0, 1e5), "pressure": (-1e12, 1e12),
+    "viscosity": (0.0, 1e3), "temperature": (0.0, 1e4),
+    "impedance": (-1e6, 1e6),
+}  # fmt: skip
+
+
+def require_plausible(
+    values: Any, quantity: str, label: str, lines: Sequence[int] | None = None
+) -> None:
+    """Refuse finite values that are none of a quantity; nan and inf are the reader's affair.
+
+    Args:
+        values: array, SI.
+        quantity: a key of ``FACTORS``, or "impedance" in rho c.
+        label: FILE:/dataset or FILE: column, for the message.
+        lines: number of the line of each value, for the message.
+    Raises:
+        ValueError: a value lies outside ``PLAUSIBLE``.
+    """
+    low, high = PLAUSIBLE.get(quantity, (-math.inf, math.inf))
+    bad = np.isfinite(values) & ((values < low) | (values > high))
+    if bad.any():
+        worst = np.asarray(values)[bad].reshape(-1)[0]
+        label = label if lines is None else f"{label}, line {lines[int(bad.argmax())]},"
+        unit = next(iter(FACTORS.get(quantity, ("rho c",))))
+        raise ValueError(
+            f"{label} holds {worst:g} {unit}, which is no {quantity} ({low:g} to {high:g} {unit}); "
+            "check the unit, or mark values that are missing"
+        )
 
 
 _TEXT = re.compile(r"(?:±|\+/?-)?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)\s*(.*)")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from torchliner.io.hdf5 import open_file, read_si
+from torchliner.io.hdf5 import open_file, read_attribute, read_si
 from torchliner.io.resolved import (
     complex_attribute,
-    read_attribute,
     require_case,
     resolved_cases,
     resolved_fluid,

@@ -31,8 +31,10 @@ from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.closure import closure_ratio
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.engines import block_lines_of
+from torchliner.tdibc.known_pressure import known_pressure
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared
 from torchliner.tdibc.replayed import Replayed
@@ -47,7 +49,7 @@ def audit(
     liner: Liner,
     frequency: float | None = None,
     *,
-    order: str = ORDERS[0],
+    order: str = ORDERS[2],
     progress: Callable[[int], None] | None = None,
     **choices: Any,
 ) -> Audit:
@@ -58,7 +60,7 @@ def audit(
             are its other heights.
         liner: as for ``educe``.
         frequency: Hz, one; default the plane's own tone.
-        order: of averaging, ``probes first`` or ``velocity first``.
+        order: of averaging, one of ``names.ORDERS``.
         progress: called with samples read.
         choices: of the base, see ``torchliner.tdibc.choices.Choices``; the phase rule is
             ``averaged`` and the engine ``spectral``.
@@ -151,8 +153,9 @@ class _Work:
             quiet = dataclasses.replace(variant.ready, blocks=None)
             found = Replayed(quiet, LineSums(_column(sums, i), None)).map("averaged")
             self._add(variant.factor, variant.name, self._value(found))
-        (other,) = (order for order in ORDERS if order != self.order)
-        self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
+        for other in self.found.orders:
+            if other != self.order:
+                self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
 
     def _of_pass(self, ready: Prepared) -> complex:
         """Another pass over data, without error bars."""
@@ -162,8 +165,19 @@ class _Work:
     def _value(self, found: ImpedanceMap) -> complex:
         return complex(found.of_liner(self.order)[0])
 
-    def _add(self, factor: str, variant: str, impedance: complex) -> None:
-        self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base))
+    def _add(
+        self, factor: str, variant: str, impedance: complex, ready: Prepared | None = None
+    ) -> None:
+        off = self._closure(impedance, ready or self.ready)
+        self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base, off))
+
+    def _closure(self, impedance: complex, ready: Prepared) -> float | None:
+        """dB, with the velocity of a plane; None where no pressure is known."""
+        known = known_pressure(ready)
+        if isinstance(known, str):
+            return None
+        z = torch.tensor([impedance], dtype=torch.complex128)
+        return float(20 * torch.log10(closure_ratio(ready, known)(z).abs()))
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
@@ -203,8 +217,9 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples
-            )
+                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples,
+                ready.drive.periodic,
+            )  # fmt: skip
             rules = dataclasses.replace(chosen, drive=drive, mean=mean)
             value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
             self.readings += drive != "rms"
@@ -231,7 +246,7 @@ class _Work:
         cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
         averaged = averaged_planes(plane, cut)
         self.readings += 1
-        rules = dataclasses.replace(ready.chosen, interval=None)
+        rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0])
         for share, each in zip(shares, averaged, strict=True):
             # One by one: their levels, like the base's, come from their own velocities.
             (small,) = prepare([each], ready.liner, ready.frequency, rules)
@@ -250,7 +265,7 @@ class _Work:
             self.readings += 1
             height = other.plane.height
             name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
-            self._add("height", name, value)
+            self._add("height", name, value, other)
 
     def result(self) -> Audit:
         """Sorted."""
@@ -265,6 +280,7 @@ class _Work:
             found.title or self.ready.plane.name, float(self.ready.frequency[0]),
             self.order, self.base, low, high, level, tuple(rows), self.skipped, self.readings,
             dict(found.choices), found.notes,
+            self._closure(self.base, self.ready), found.closure_words,
         )  # fmt: skip
 
 

@@ -14,12 +14,14 @@ class AuditRow:
         factor, variant: what was changed, and to what.
         impedance: whole liner, normalised, in the order of averaging of the audit.
         change: what that is off the base.
+        closure: dB that it is off the known pressure with the velocity; None where none is known.
     """
 
     factor: str
     variant: str
     impedance: complex
     change: complex
+    closure: float | None = None
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Audit:
         readings: how often the velocity was read through, over all planes.
         choices: behind the base.
         notes: warnings about the base.
+        closure, closure_words: of the base, dB, and what it rests on, or why there is none.
     """
 
     title: str
@@ -50,6 +53,8 @@ class Audit:
     readings: int
     choices: dict[str, Any]
     notes: tuple[str, ...]
+    closure: float | None = None
+    closure_words: str = ""
 
     @property
     def factors(self) -> list[str]:

@@ -152,8 +152,8 @@ def budget_of(
     covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
     return Budget(
         stated, half_widths, standard, limits, matrix,
-        {order: changes[order] for order in ORDERS},
-        {order: covariance[order] for order in ORDERS},
+        {order: changes[order] for order in ORDERS if order in changes},
+        {order: covariance[order] for order in ORDERS if order in covariance},
         **{name: standard_of(covariance[name]) for name in OF_PLACES},
     )  # fmt: skip
 

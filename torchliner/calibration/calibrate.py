@@ -7,6 +7,7 @@ values found make the fit exact: they are repeated until the values settle.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,10 +17,17 @@ from torch import Tensor
 
 from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
-from torchliner.calibration.level_weights import level_weights
-from torchliner.calibration.misfit import FreeLiners, Misfit
+from torchliner.calibration.level_weights import driving_speed, level_weights
+from torchliner.calibration.misfit import ClosureMisfit, FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, Prediction
-from torchliner.calibration.targets import bounds_of, noise_of, prior_of, references_of
+from torchliner.calibration.targets import (
+    bounds_of,
+    nepers_of,
+    noise_of,
+    prior_of,
+    references_of,
+    ties_of,
+)
 from torchliner.checks import require_choice, tell
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.names import ORDERS
@@ -29,6 +37,7 @@ from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
 QUANTILES = (0.025, 0.975)
+BEYOND = 1.1  # times the |v| fitted from which a prediction is warned of
 START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 
 
@@ -52,6 +61,10 @@ class Calibration:
         wanted, found: impedances of all planes and frequencies, (D,).
         anchor_error: change of Z from the last whole replay: error of the sum over levels.
         order, choices, notes: as chosen; all warnings.
+        data: real numbers that the parameters were fitted to.
+        speeds: least and greatest rms |v| of the planes fitted, m/s, of what drives the model.
+        closure: dB that the fit leaves of each known pressure, (D,); None for fits to references,
+            whose ``wanted`` it lacks.
     """
 
     parameters: tuple[str, ...]
@@ -74,6 +87,9 @@ class Calibration:
     order: str
     choices: Choices
     notes: tuple[str, ...]
+    data: int = 0
+    speeds: tuple[float, float] = (0.0, math.inf)
+    closure: Tensor | None = None
 
     @property
     def standard(self) -> Tensor:
@@ -99,6 +115,8 @@ class Calibration:
             plane: wall-normal velocity.
             liner: its liner, whose other numbers are kept; default that of the fit.
             frequency: Hz; default the plane's tone.
+        Warns:
+            DataWarning: its |v| lies more than 10 % outside that of the planes fitted.
         """
         base = self.liner if liner is None else as_liner(liner)
         named_numbers(base, self.parameters)
@@ -107,7 +125,22 @@ class Calibration:
         free = FreeLiners([level_weights(ready, self.order)], [base], self.parameters)
         free = free.anchored(self.values)
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
-        return Prediction(ready.frequency, free.impedance(self.values), draws, self.posterior)
+        notes = self._beyond(plane, driving_speed(ready, self.order))
+        tell(notes, depth=2)
+        best_z = free.impedance(self.values)
+        return Prediction(ready.frequency, best_z, draws, self.posterior, tuple(notes))
+
+    def _beyond(self, plane: VelocityPlane, speed: float) -> list[str]:
+        """Whether the plane is faster or slower than all that was fitted."""
+        low, high = self.speeds
+        if low / BEYOND <= speed <= high * BEYOND:
+            return []
+        side, times = ("fastest", speed / high) if speed > high else ("slowest", speed / low)
+        return [
+            f"{plane.name}: rms |v| is {speed:.3g} m/s, {times:.2g} times that of the {side} plane "
+            f"fitted (fitted: {low:.3g} to {high:.3g} m/s); the spread of the fit does not cover "
+            "what the model misses out there: fit a plane at this level too"
+        ]
 
 
 def calibrate(
@@ -117,6 +150,8 @@ def calibrate(
     parameters: Mapping[str, tuple[float, float]],
     *,
     order: str = "velocity first",
+    closure: bool = False,
+    pressure: Any = None,
     noise: Any = None,
     prior: Mapping[str, tuple[float, float]] | None = None,
     frequency: Any = None,
@@ -124,17 +159,21 @@ def calibrate(
     seed: int = 0,
     **choices: Any,
 ) -> Calibration:
-    """Fit parameters to reference impedances, phase ``averaged``.
+    """Fit parameters to reference impedances, or to closure, phase ``averaged``.
 
     Args:
         planes: one or several.
         liners: that state ``numbers``, one for all planes, or one each; the free parameters are
             shared by all of them.
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every
-            plane holds, such as "true".
+            plane holds, such as "true". None with ``closure``.
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
-        order: of averaging, ``velocity first`` or ``probes first``.
-        noise: standard uncertainty of R and X of each reference: one number, a complex number
+        order: of averaging, one of ``names.ORDERS``.
+        closure: fit to the pressures that are known, see ``torchliner.tdibc.closure``: one datum,
+            the level, a plane and frequency, or two where the phase is known.
+        pressure: of the planes, one each or None, as for ``educe``; with ``closure`` alone.
+        noise: with ``closure`` dB of the levels; else standard uncertainty of R and X of each
+            reference: one number, a complex number
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
         prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
         frequency: Hz; default each plane's tone.
@@ -153,7 +192,7 @@ def calibrate(
     """
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
     if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
             "a calibration replays tones with engine 'spectral', phase 'averaged', not "
@@ -168,15 +207,22 @@ def calibrate(
         for plane, liner in zip(several, models, strict=True)
     ]
     counts = [len(one.frequency) for one in ready]
-    wanted, spread = references_of(several, references, counts), noise_of(noise, counts)
-    if 2 * len(wanted) + len(known) < len(names):
+    if closure:
+        ties = ties_of(ready, references, pressure)
+        wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
+        spread = noise_of(None if noise is None else nepers_of(noise), counts)
+    else:
+        wanted, spread = references_of(several, references, counts), noise_of(noise, counts)
+    weights = [level_weights(one, order) for one in ready]
+    about = (weights, models, names, low, high, wanted, spread, known)
+    misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)
+    if misfit.data + len(known) < len(names):
+        what = "levels and phases" if closure else f"R and X of {len(wanted)} impedances"
         raise ValueError(
-            f"{2 * len(wanted)} data (R and X of {len(wanted)} impedances) and {len(known)} priors "
+            f"{misfit.data} data ({what}) and {len(known)} priors "
             f"cannot fix {len(names)} parameters ({', '.join(names)}); add planes or frequencies, "
             "or free fewer"
         )
-    weights = [level_weights(one, order) for one in ready]
-    misfit = Misfit(weights, models, names, low, high, wanted, spread, known)
     start = values_of(named_numbers(models[0], names))
     share = ((start - low) / (high - low)).clamp(*START)
     fit = fit_misfit(misfit, share, noise is not None)
@@ -204,6 +250,11 @@ def _result(
     values = misfit.values(fit.share)
     posterior, messages = fit.posterior(draws, seed)
     interval = torch.full((2, len(values)), torch.nan, dtype=torch.float64)
+    speeds = [driving_speed(plane.ready, order) for plane in misfit.planes]
+    found = misfit.impedance(values)
+    left = None
+    if isinstance(misfit, ClosureMisfit):
+        left = 20 / math.log(10) * torch.cat([each.real for each in misfit.logarithms(found)])
     if posterior is not None:
         interval = posterior.quantiles(posterior.draws, QUANTILES)
     return Calibration(
@@ -222,9 +273,12 @@ def _result(
         unseen=fit.unseen,
         on_bound=fit.on_bound,
         wanted=misfit.wanted,
-        found=misfit.impedance(values),
+        found=found,
         anchor_error=fit.anchor_error,
         order=order,
         choices=chosen,
         notes=(*notes, *messages, *fit.warnings()),
+        data=misfit.data,
+        speeds=(min(speeds), max(speeds)),
+        closure=left,
     )

@@ -103,7 +103,7 @@ class Fit:
         """Draws in SI, and warnings about them; None without draws or where no noise is known."""
         if draws < 1 or self.scale != self.scale:
             return None, []
-        misfit, count, lowest = self.misfit, 2 * len(self.misfit.wanted), [self.chi_square]
+        misfit, count, lowest = self.misfit, self.misfit.data, [self.chi_square]
 
         def log_density(at: Tensor) -> Tensor:
             values = misfit.values(at)
@@ -158,7 +158,7 @@ class Fit:
             )
         if not self.stated and self.freedom == 0:
             notes.append(
-                f"{2 * len(self.misfit.wanted)} data fix {len(self.share)} parameters with nothing "
+                f"{self.misfit.data} data fix {len(self.share)} parameters with nothing "
                 "left over: no residual says how uncertain they are; state noise"
             )
         return notes

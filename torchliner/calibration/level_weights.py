@@ -61,7 +61,8 @@ class LevelWeights:
 
     def impedance(self, response: Tensor) -> Tensor:
         """Z of the liner, (..., F), from the model's R at lines and levels, (..., L, V)."""
-        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2)
+        weights = None if self.order == ORDERS[0] else self.ready.cells.weight
+        return mean_impedance(admittance_from_reflection(self.reflection(response)), -2, weights)
 
     def anchored(self, liner: LinerModel) -> LevelWeights:
         """The same with E of ``liner``, from a whole replay."""
@@ -82,10 +83,12 @@ def responses_of(liner: LinerModel, planes: Sequence[LevelWeights]) -> list[Tens
 
 
 def _columns(ready: Prepared, order: str) -> Tensor:
-    """Indices of the probes in use, or of the cells."""
+    """Those that the order averages over, as indices."""
     probes = ready.plane.probes
     if order == ORDERS[0]:
         return ready.used.nonzero()[:, 0]
+    if order == ORDERS[2]:
+        return probes + ready.cells.count + ready.in_cells.nonzero()[:, 0]
     return torch.arange(probes, probes + ready.cells.count)
 
 
@@ -123,9 +126,18 @@ def level_weights(ready: Prepared, order: str) -> LevelWeights:
             for line in range(count):
                 weights[line].index_add_(0, place, (amounts[:, line, None] * node).flatten())
     weights = weights.reshape(count, grid.levels, width).cpu() / ready.window_sums.zero.cpu()
-    if order == ORDERS[0]:
-        weights = weights[:, :, ready.used]
+    if order != ORDERS[1]:
+        weights = weights[:, :, ready.used if order == ORDERS[0] else ready.in_cells]
     belongs = torch.nn.functional.one_hot(owner, len(frequency)).T.to(torch.complex128)
     at = torch.tensor([f for each in lines for f in each], dtype=torch.float64)
     nothing = torch.zeros(weights.shape[2], len(frequency), dtype=torch.complex128)
     return LevelWeights(ready, order, at, belongs, weights, nothing)
+
+
+def driving_speed(ready: Prepared, order: str) -> float:
+    """rms over the record and the columns of the |v| that drives the model, m/s."""
+    seen, columns = ready.survey, _columns(ready, order).to(ready.survey.mean_square.device)
+    square = seen.mean_square[columns]
+    if ready.chosen.mean == "removed":
+        square = square - seen.mean[columns] ** 2
+    return float(square.mean().clamp(min=0).sqrt())

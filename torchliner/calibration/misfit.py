@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -87,14 +87,23 @@ class Misfit(FreeLiners):
     noise: Tensor
     prior: Mapping[str, tuple[float, float]]
 
+    @property
+    def data(self) -> int:
+        """How many real numbers the fit is held to, priors apart."""
+        return 2 * len(self.wanted)
+
+    def misses(self, impedance: Tensor) -> list[Tensor]:
+        """Residuals of the data, each (..., n), from Z (..., D)."""
+        away = impedance - self.wanted
+        return [away.real / self.noise.real, away.imag / self.noise.imag]
+
     def values(self, share: Tensor) -> Tensor:
         """SI, from the place in the box, 0 to 1, (..., n)."""
         return self.low + share * (self.high - self.low)
 
     def residuals(self, values: Tensor, impedance: Tensor) -> Tensor:
-        """(..., 2 D + priors) from values (..., n) and Z (..., D)."""
-        away = impedance - self.wanted
-        parts = [away.real / self.noise.real, away.imag / self.noise.imag]
+        """(..., data + priors) from values (..., n) and Z (..., D)."""
+        parts = self.misses(impedance)
         for i, name in enumerate(self.names):
             if name in self.prior:
                 mean, spread = self.prior[name]
@@ -111,3 +120,44 @@ class Misfit(FreeLiners):
                 rows, slope = found.primal, found.tangent
                 columns.append(torch.zeros_like(rows) if slope is None else slope)
         return rows, torch.stack(columns, dim=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureMisfit(Misfit):
+    """Held to closure alone: logarithm of implied over known pressure, no reference.
+
+    ``noise`` is that of the level in nepers (real part) and of the phase in rad.
+
+    Args:
+        ratios: of each plane, from its Z (..., F); see ``torchliner.tdibc.closure``.
+        has_phase: of each plane, whether the phase is known too.
+    """
+
+    ratios: Sequence[Callable[[Tensor], Tensor]]
+    has_phase: Sequence[bool]
+
+    @property
+    def counts(self) -> list[int]:
+        """Frequencies of each plane."""
+        return [len(plane.ready.frequency) for plane in self.planes]
+
+    @property
+    def data(self) -> int:
+        """A level each, and a phase where it is known."""
+        both = zip(self.counts, self.has_phase, strict=True)
+        return sum(count * (2 if phase else 1) for count, phase in both)
+
+    def logarithms(self, impedance: Tensor) -> list[Tensor]:
+        """Of each plane, complex, (..., F), from Z (..., D)."""
+        parts = impedance.split(self.counts, -1)
+        return [ratio(z).log() for ratio, z in zip(self.ratios, parts, strict=True)]
+
+    def misses(self, impedance: Tensor) -> list[Tensor]:
+        """Residuals of levels, and of phases where known."""
+        found = []
+        both = zip(self.logarithms(impedance), self.noise.split(self.counts), strict=True)
+        for (away, noise), phase in zip(both, self.has_phase, strict=True):
+            found.append(away.real / noise.real)
+            if phase:
+                found.append(away.imag / noise.imag)
+        return found

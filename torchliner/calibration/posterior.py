@@ -109,12 +109,14 @@ class Prediction:
         impedance: at the best values, complex, (F,).
         draws: at each draw of the posterior, (M, F); None without one.
         posterior: the weights of the draws.
+        notes: warnings, with numbers.
     """
 
     frequency: Tensor
     impedance: Tensor
     draws: Tensor | None
     posterior: Posterior | None
+    notes: tuple[str, ...] = ()
 
     @property
     def mean(self) -> Tensor:

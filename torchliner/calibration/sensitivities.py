@@ -12,19 +12,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.forward_mode import dual_level
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.impedance_map import ENDS
 from torchliner.replay.edges import EdgeTable, Reach
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import impedance_of, reflection_at_levels
@@ -45,6 +45,8 @@ FIELDS = {  # of the sensitivities, by that of the map which they differentiate
     "cells_velocity_first": "cell_impedance_velocity_first",
     "liner": "liner_impedance",
     "liner_velocity_first": "liner_impedance_velocity_first",
+    "cells_coherent_first": "cell_impedance_coherent_first",  # these where the map holds them
+    "liner_coherent_first": "liner_impedance_coherent_first",
 }
 
 
@@ -55,8 +57,9 @@ class Sensitivities(OfParameters):
     Args:
         numbers: parameters by name, n of them, at which the derivatives hold.
         probes: complex, (n, ..., F) on the probe axes of the plane; nan where excluded.
-        cells, cells_velocity_first: (n, C, F), in both orders of averaging.
-        liner, liner_velocity_first: whole liner, (n, F), in both orders.
+        cells, cells_velocity_first, cells_coherent_first: (n, C, F), by order of averaging; the
+            last is None where it was left out.
+        liner, liner_velocity_first, liner_coherent_first: whole liner, (n, F), by order.
         level_error: largest error of dR/dp from the interpolation between velocity levels, relative
             to the largest |dR/dp|, (n,).
         found: the map itself.
@@ -69,6 +72,8 @@ class Sensitivities(OfParameters):
     liner_velocity_first: Tensor
     level_error: Tensor
     found: ImpedanceMap
+    cells_coherent_first: Tensor | None = None
+    liner_coherent_first: Tensor | None = None
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -77,7 +82,8 @@ class Sensitivities(OfParameters):
 
     def of_liner(self, order: str) -> Tensor:
         """Whole liner, (n, F), in one of ``ORDERS``."""
-        return self.liner if order == ORDERS[0] else self.liner_velocity_first
+        require_choice("order of averaging", order, self.found.orders)
+        return cast(Tensor, getattr(self, f"liner{ENDS[order]}"))
 
     def scaled(self, steps: Any) -> Sensitivities:
         """Change of Z, to first order, for a step of each parameter.
@@ -87,8 +93,9 @@ class Sensitivities(OfParameters):
         """
         amounts = torch.as_tensor(steps, dtype=torch.float64)
         moved = {
-            name: (part := getattr(self, name)) * amounts.reshape(-1, *(1,) * (part.ndim - 1))
+            name: part * amounts.reshape(-1, *(1,) * (part.ndim - 1))
             for name in FIELDS
+            if (part := getattr(self, name)) is not None
         }
         return dataclasses.replace(self, **moved)
 
@@ -120,7 +127,7 @@ class Sensitivities(OfParameters):
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
         """
         slopes = {
-            **{order: self.of_liner(order) for order in ORDERS},
+            **{order: self.of_liner(order) for order in self.found.orders},
             **{name: getattr(self, name) for name in OF_PLACES},
         }
         return budget_of(self.numbers, slopes, tolerances, limits, correlation)
@@ -253,8 +260,9 @@ def _assemble(
             )
             found = Replayed(ready, moved).map(phase, reference_phase)
             for name, field in FIELDS.items():
-                rows[name].append(_tangent(getattr(found, field)))
+                if (value := getattr(found, field)) is not None:
+                    rows[name].append(_tangent(value))
     at_values = LineSums(forward[0], None if backward is None else backward[0])
     nominal = Replayed(ready, at_values).map(phase, reference_phase)
-    stacked = {name: torch.stack(each) for name, each in rows.items()}
+    stacked = {name: torch.stack(each) for name, each in rows.items() if each}
     return Sensitivities(numbers, **stacked, level_error=level_error, found=nominal)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -12,6 +12,9 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.records import VelocityPlane
+from torchliner.tdibc.closure import closure_ratio
+from torchliner.tdibc.known_pressure import known_pressure
+from torchliner.tdibc.prepared import Prepared
 
 
 def bounds_of(
@@ -124,3 +127,35 @@ def prior_of(
                 "0 are needed"
             )
     return dict(prior)
+
+
+def ties_of(
+    ready: Sequence[Prepared], references: Any, pressure: Any
+) -> tuple[list[Callable[[Tensor], Tensor]], list[bool]]:
+    """What closure holds each plane to: implied over known pressure, and whether it has a phase.
+
+    Raises:
+        ValueError: references are given as well, pressures do not fit the planes, or nothing is
+            known of a plane.
+    """
+    if references is not None:
+        raise ValueError("closure needs no references; leave them out, or leave closure out")
+    given = list(pressure) if isinstance(pressure, (list, tuple)) else [pressure] * len(ready)
+    if len(given) != len(ready):
+        raise ValueError(f"{len(given)} pressures for {len(ready)} planes; one each, or None")
+    ratios, phases = [], []
+    for one, record in zip(ready, given, strict=True):
+        known = known_pressure(one, record)
+        if isinstance(known, str) or not bool(torch.isfinite(known.liner.abs()).all()):
+            words = known if isinstance(known, str) else f"not at all frequencies: {known.words}"
+            raise ValueError(f"{one.plane.name} cannot be fitted by closure: {words}")
+        ratios.append(closure_ratio(one, known))
+        phases.append(known.has_phase)
+    return ratios, phases
+
+
+def nepers_of(decibels: Any) -> Any:
+    """Noise of levels, dB, as that of logarithms."""
+    if isinstance(decibels, (int, float)):
+        return decibels * math.log(10) / 20
+    return [value * math.log(10) / 20 for value in decibels]

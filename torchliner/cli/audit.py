@@ -9,7 +9,8 @@ from torchliner.cli.files import check_files, liner_names, read_planes, show_res
 from torchliner.cli.options import order_option, progress_bar, shared
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
-          "segment", "no_intervals", "rank_tolerance")  # fmt: skip  # by the audit, or not at all
+          "order", "segment", "no_intervals", "rank_tolerance")  # fmt: skip
+# By the audit, or not at all.
 
 CHOICES = [name for name in ALL if name not in VARIED]
 OPTIONS = {
@@ -18,7 +19,7 @@ OPTIONS = {
         "--frequency HZ": "default: the tone of the file",
         "--figure PICTURE": "draw the table there",
     }
-    | order_option("probes first")
+    | order_option("coherent first")
     | shared("--liner", "--output", "--json", "--quiet")
 } | choice_options(CHOICES)
 

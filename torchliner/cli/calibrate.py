@@ -21,10 +21,12 @@ OPTIONS = {
             "action": "append", "required": True, "help": "parameter to fit and its bounds, SI; "
             "default 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
         "--reference Z ...": {
-            "default": ["true"], "help": "name of an impedance in the files, or one value "
-            "each, e.g. 0.168-0.066j; default true"},
-        "--noise U": "standard uncertainty of R and X of the references, by rho c; default: "
-                     "from the residual",
+            "help": "name of an impedance in the files, or one value each, e.g. 0.168-0.066j; "
+            "default true"},
+        "--closure": "fit to the stated levels of the sound alone, no reference: levels and "
+                     "heights as planes",
+        "--noise U": "standard uncertainty of R and X of the references, by rho c, with --closure "
+                     "of the levels, dB; default: from the residual",
         "--predict PLANE ...": {
             "default": [], "help": "to predict with the spread of the fit; default: none"},
         "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
@@ -55,18 +57,22 @@ def run(options: argparse.Namespace) -> int:
     both = read_planes(paths)
     liner = only_liner(options.liner, both, paths)
     planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
+    if options.closure and options.reference is not None:
+        raise ValueError("--closure needs no --reference; leave one of them out")
+    names = options.reference or ["true"]
     found = calibrate(
-        planes, liner, _references(options.reference), _bounds(options.free, liner),
-        order=options.order, noise=options.noise, draws=options.draws, seed=options.seed,
+        planes, liner, None if options.closure else _references(names),
+        _bounds(options.free, liner), order=options.order, closure=options.closure,
+        noise=options.noise, draws=options.draws, seed=options.seed,
         **chosen_from(options, CHOICES),
     )  # fmt: skip
-    noise = options.noise or 0.0
+    noise = 0.0 if options.closure else options.noise or 0.0
     rows = [
         row
         for path, plane in zip(options.predict, predicted, strict=True)
         for row in prediction_rows(
             found, plane, liner, label=path.stem,
-            reference=options.reference[0], noise=complex(noise, noise),
+            reference=names[0], noise=complex(noise, noise),
         )
     ]  # fmt: skip
     panels = {f"averaging: {found.order}": rows}
@@ -117,6 +123,11 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
     return found
 
 
+def _held_to(options: argparse.Namespace) -> str:
+    names = " ".join(options.reference or ["true"])
+    return "closure with the stated levels" if options.closure else f"reference {names}"
+
+
 def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     from torchliner.liners.catalogue import liner_text
 
@@ -129,7 +140,7 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     source = (
         f"{before.name} calibrated by torchliner: {fitted}; fitted to "
         + ", ".join(path.name for path in options.planes)
-        + f" (reference {' '.join(options.reference)}), {found.order}, uncertainty from the "
+        + f" ({_held_to(options)}), {found.order}, uncertainty from the "
         + found.scaling
     )
     if found.on_bound:

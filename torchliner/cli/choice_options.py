@@ -10,7 +10,7 @@ from torchliner import names
 from torchliner.cli.options import argument, dest, stated
 
 SHOWN = (
-    "phase drive mean wall_filter engine edge window interval seed device dtype memory"
+    "phase order drive mean wall_filter engine edge window interval seed device dtype memory"
 ).split()  # by --help; --help-all shows the others too
 
 
@@ -32,6 +32,9 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD); default: none",
         "--minimum-coherence C": "squared coherence, 0 to 1, below which --phase self-consistent "
                                  "falls back to averaged; default 0.5",
+        "--order": (names.ORDERS, "of averaging, which the answer follows: default coherent first, "
+                    "what of v is coherent with the tone is averaged over a cell; with an incident "
+                    "signal probes first"),
         "--running-window S": "of --drive running-rms, s; default one period of the lowest "
                               "frequency",
         "--missing": (names.MISSING, "probes with nan or inf; default refuse"),
@@ -64,6 +67,10 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--draws N": "of the moving-block bootstrap; default 999",
         "--seed N": "of the bootstrap; default 0",
         "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
+    },
+    "closure": {
+        "--closure-limit DB": "that Z with the velocity may be off a known pressure; default 0.3",
+        "--level-doubt DB": "of that pressure, adds to the limit; default 0",
     },
     "machine": {
         "--device NAME": "cpu, cuda or cuda:1; default: that of the data",

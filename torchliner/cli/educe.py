@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import check_files, liner_names, read_planes, show_results
-from torchliner.cli.options import frequency_option, progress_bar, shared
+from torchliner.cli.options import frequency_option, progress_bar, shared, stated
+from torchliner.names import SOURCE_SIDES
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -21,6 +23,12 @@ OPTIONS = {
         "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
         "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
+        "--wall-pressure FILE": "pressure record, or microphones along the wall, that closure is "
+                                "checked with; default: that of --in-situ, else the stated level",
+        "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), "
+                               "dB re 20 uPa rms; default: that of the file",
+        "--source-side": (SOURCE_SIDES, "that the sound comes from; default: the file's"),
+        "--strict": "exit code 1 where closure fails for the order that comes first",
         "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), "
                              "or a .wav or .npy file; default: tones of --frequency",
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
@@ -33,6 +41,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.in_situ_method.beside_maps import with_in_situ
+    from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
@@ -40,11 +49,14 @@ def run(options: argparse.Namespace) -> int:
     outputs = _outputs(options.output, options.planes)
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
-    inputs = [*options.planes, options.liner, options.incident, options.in_situ]
+    beside = [options.in_situ, options.wall_pressure]
+    inputs = [*options.planes, options.liner, options.incident, *beside]
     check_files(options, inputs, outputs=[*outputs, options.reflected])
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
-    planes = read_planes(options.planes)
-    found = _educed(options, planes)
+    wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
+    stated_by_user = stated(options, ("incident_level", "source_side"))
+    planes = [replace(plane, **stated_by_user) for plane in read_planes(options.planes)]
+    found = _educed(options, planes, wall or pressure)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
     for path, result in zip(outputs, found, strict=False):
@@ -52,10 +64,13 @@ def run(options: argparse.Namespace) -> int:
     if options.figures is not None:
         draw_pictures(found, planes, options.figures)
     show_results(options, lambda: format_maps(found), lambda: [*map(plain_map, found)])
-    return 0
+    failed = any(result.closure is not None and result.closure.failed for result in found)
+    return 1 if options.strict and failed else 0
 
 
-def _educed(options: argparse.Namespace, planes: list[VelocityPlane]) -> list[ImpedanceMap]:
+def _educed(
+    options: argparse.Namespace, planes: list[VelocityPlane], pressure: Any
+) -> list[ImpedanceMap]:
     """The map of each plane; planes of one liner share levels and kernels."""
     from torchliner.liners.catalogue import load_liner
     from torchliner.tdibc.educe import educe
@@ -69,7 +84,7 @@ def _educed(options: argparse.Namespace, planes: list[VelocityPlane]) -> list[Im
         with progress_bar(total, options.planes[members[0]].name, options) as step:
             several = educe(
                 [planes[i] for i in members], load_liner(name), options.frequency,
-                progress=step, reflected=options.reflected, **choices,
+                pressure=pressure, progress=step, reflected=options.reflected, **choices,
             )  # fmt: skip
         found |= dict(zip(members, several, strict=True))
     return [found[i] for i in range(len(planes))]

@@ -130,7 +130,10 @@ def shared(*wanted: str) -> dict[str, Any]:
 
 def order_option(default: str) -> dict[str, Any]:
     """--order of averaging."""
-    text = f"of averaging: the admittance over probes, or the velocity; default '{default}'"
+    text = (
+        "of averaging: what of v is coherent with the tone over a cell, all of v over a cell, or "
+        f"the admittance over probes alone; default '{default}'"
+    )
     return {"--order": {"choices": names.ORDERS, "default": default, "help": text}}
 
 

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 
+from torchliner.checks import plain_array
+
 
 def displacement_thickness(
     y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None
@@ -25,7 +27,8 @@ def displacement_thickness(
     >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
     0.005
     """
-    heights, speeds = np.asarray(y, float), np.asarray(velocity, float)
+    heights, speeds = (np.asarray(plain_array(values, name), float)
+                       for name, values in (("y", y), ("velocity", velocity)))  # fmt: skip
     if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < 2:
         raise ValueError(
             f"y has shape {heights.shape} and velocity {speeds.shape}; two equal lists of at "

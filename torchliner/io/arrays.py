@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,11 @@ from typing import Any
 import h5py
 import numpy as np
 from scipy.io import loadmat, whosmat
-from scipy.io.matlab import MatReadError
 
+from torchliner.checks import plain_array
+from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import open_file
+from torchliner.io.stored_values import read_values
 from torchliner.names import ARRAY_ENDINGS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
@@ -30,12 +32,12 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
         ValueError: unknown ending, unknown variable, not numeric.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
+    require_regular(path)
     ending = path.suffix.lower()
     if ending not in ARRAY_ENDINGS:
         raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
-    values: np.ndarray = resolve(ARRAY_ENDINGS[ending])(path, variable)
+    with naming(path):
+        values: np.ndarray = resolve(ARRAY_ENDINGS[ending])(path, variable)
     if values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
     return values
@@ -44,30 +46,38 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
 def read_npy(path: Path, variable: str | None) -> np.ndarray:
     """The array of a .npy file, read as it is used."""
     try:
-        return np.load(path, mmap_mode="c", allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        found = np.load(path, mmap_mode="c", allow_pickle=False)
+    except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole .npy file: {error}") from error
+    if not isinstance(found, np.ndarray):
+        raise ValueError(
+            f"{path} is an archive of arrays (.npz), no .npy file; take one of them out"
+        )
+    return found
 
 
 def read_matlab(path: Path, variable: str | None) -> np.ndarray:
     """An array of a MATLAB file, v7.3 (HDF5) or before."""
     if h5py.is_hdf5(path):
         return read_hdf5(path, variable).T
-    chosen = _pick([name for name, _, _ in _mat5(whosmat, path)], variable, path)
+    there = {name: shape for name, shape, _ in _mat5(whosmat, path)}
+    chosen = _pick(list(there), variable, path)
+    require_memory(8 * math.prod(there[chosen]), f"{path}: {chosen}, {there[chosen]},")
     return np.asarray(_mat5(loadmat, path, variable_names=[chosen])[chosen])
 
 
 def read_hdf5(path: Path, variable: str | None) -> np.ndarray:
     """An array of an HDF5 file."""
     with open_file(path) as file:
-        names = [k for k, v in file.items() if isinstance(v, h5py.Dataset)]
-        return np.asarray(file[_pick(names, variable, path)][()])
+        names = [k for k in file if isinstance(file.get(k), h5py.Dataset)]
+        name = _pick(names, variable, path)
+        return read_values(file[name], f"{path}:/{name}", path)
 
 
 def _mat5(function: Callable[..., Any], path: Path, **options: Any) -> Any:
     try:
         return function(path, **options)
-    except (ValueError, OSError, MatReadError, zlib.error) as error:
+    except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
 
 
@@ -115,6 +125,7 @@ def plane_from_array(
         TypeError: complex or not numeric.
         ValueError: axes do not fit the array, unknown unit.
     """
+    values = plain_array(values, name, missing=True)
     if values.dtype.kind not in "fiu":
         raise TypeError(f"{name} is {values.dtype}; real numbers are needed")
     values = np.squeeze(values) if values.ndim > len(axes) else np.asarray(values)
@@ -143,8 +154,12 @@ def plane_from_array(
     return VelocityPlane(
         scaled,
         sampling_rate=sampling_rate,
-        x=None if x is None else np.asarray(x, float).reshape(-1) * metre,
-        z=None if z is None else np.asarray(z, float).reshape(-1) * metre,
+        x=None
+        if x is None
+        else np.asarray(plain_array(x, f"{name}: x"), float).reshape(-1) * metre,
+        z=None
+        if z is None
+        else np.asarray(plain_array(z, f"{name}: z"), float).reshape(-1) * metre,
         name=name,
         **about,
     )

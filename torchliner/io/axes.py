@@ -13,6 +13,7 @@ from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
     factor_to,
     get_dataset,
+    is_there,
     place,
     read_references,
     read_si,
@@ -21,8 +22,11 @@ from torchliner.io.hdf5 import (
     write_references,
     write_variable,
 )
+from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
 
+# How netCDF-4 says that a dimension has a length and no coordinates.
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
@@ -79,8 +83,9 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
     found = {**kind.read_head(file, path), **read_variables(file, table, path)}
     if "title" in found:
         found["title"] = found["title"] or path.stem
+    gas = read_variables(file, FLUID, path)
     try:
-        found["fluid"] = Fluid(**read_variables(file, FLUID, path))
+        found["fluid"] = Fluid(**gas)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return {**found, "reference": read_references(file, path)}
@@ -100,11 +105,14 @@ def write_times(file: h5py.File, record: Any) -> None:
 def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
     """Factor from the units of a signal to an SI unit.
 
+    Integers count where ``scale_factor`` says what they stand for.
+
     Raises:
         ValueError: it is missing, is not floating-point, or has no unit of this quantity.
     """
     dataset = get_dataset(file, key, path)
-    if dataset.dtype.kind != "f":
+    packed = dataset.dtype.kind in "iu" and "scale_factor" in dataset.attrs
+    if dataset.dtype.kind != "f" and not packed:
         raise ValueError(
             f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed"
         )
@@ -119,22 +127,25 @@ def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) 
     """
     factor = float_factor(file, key, unit, path)
     axis = find_time_axis(file[key], samples, path)
-    values = np.asarray(file[key][()])
+    values = read_values(file[key], place(file, key, path), path)
     values = values if values.dtype in (np.float32, np.float64) else values.astype(np.float32)
     moved = np.ascontiguousarray(np.moveaxis(values, axis, -1))
     return moved if factor == 1 else moved * moved.dtype.type(factor)
 
 
-def read_times(file: h5py.File, path: Path) -> tuple[float, int]:
+def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int]:
     """Sampling rate (Hz) and number of samples.
 
+    Args:
+        group, path: of the dataset.
+        key: its name.
     Raises:
         ValueError: the times are missing, not finite or not uniform.
     """
-    time = read_si(file, "time", "s", path)
-    name = f"{path}:/time"
-    if time.ndim != 1 or len(time) < 2:
-        raise ValueError(f"{name} has shape {time.shape}; a list of at least two times is needed")
+    name, shape = place(group, key, path), get_dataset(group, key, path).shape
+    if shape is None or len(shape) != 1 or shape[0] < 2:
+        raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
+    time = read_si(group, key, "s", path)
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
     step = (time[-1] - time[0]) / (len(time) - 1)
@@ -152,6 +163,24 @@ def read_times(file: h5py.File, path: Path) -> tuple[float, int]:
     return float(1 / step), len(time)
 
 
+def axis_names(dataset: h5py.Dataset, label: str) -> list[str]:
+    """Names of the dimension scales of a dataset's axes, or their labels; "" where there is none.
+
+    Raises:
+        ValueError: an axis has a scale that is no longer in the file.
+    """
+    names = []
+    for axis, dim in enumerate(dataset.dims):
+        scale = dim[0] if len(dim) else None
+        if len(dim) and (scale is None or scale.name is None):
+            raise ValueError(
+                f"{label}: the dimension scale of axis {axis} is no longer in the file; write it "
+                "again, or detach it from the axis"
+            )
+        names.append(dim.label if scale is None else scale.name.split("/")[-1])
+    return names
+
+
 def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
     """0 or -1, from the dimension scale 'time' or from the lengths.
 
@@ -160,9 +189,9 @@ def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
     """
     name = f"{path}:{dataset.name}"
     shape = dataset.shape
-    if len(shape) not in (1, 2, 3):
+    if shape is None or len(shape) not in (1, 2, 3):
         raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
-    labels = [dim[0].name.split("/")[-1] if len(dim) else "" for dim in dataset.dims]
+    labels = axis_names(dataset, name)
     if labels[0] == "time" or (labels[-1] != "time" and shape[0] == samples):
         axis = 0
     elif shape[-1] == samples:
@@ -190,13 +219,31 @@ def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
 def read_coordinate(
     file: h5py.File, key: str, shape: tuple[int, ...], path: Path
 ) -> np.ndarray | None:
-    """x or z, m; None if the file has none."""
-    if key not in file or text_attribute(file[key], "units") == "1":
+    """x or z, m; None if the file has none, or numbers its columns alone.
+
+    Raises:
+        ValueError: as ``read_si``; another number of values than the probes need; values that are
+            not finite; units of 1 for what is no index.
+    """
+    if not is_there(file, key, path):
         return None
+    dataset, label = get_dataset(file, key, path), place(file, key, path)
+    unit = text_attribute(dataset, "units")
+    if unit is None and (text_attribute(dataset, "NAME") or "").startswith(NO_VARIABLE):
+        return None
+    if unit == "1":
+        index = read_values(dataset, label, path)
+        if np.array_equal(index, np.arange(index.size)):
+            return None
+        raise ValueError(
+            f"{label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'"
+        )
     values = read_si(file, key, "m", path).reshape(-1)
     wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
     if len(values) != wanted:
         raise ValueError(
             f"{path}:/{key} has {len(values)} values; the probes, {shape}, need {wanted}"
         )
+    if not np.isfinite(values).all():
+        raise ValueError(f"{label} holds values that are not finite")
     return values

@@ -6,7 +6,6 @@ each has: the contiguous ragged array of the CF conventions.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,9 +19,12 @@ from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_format import BurstFormat, Place
 from torchliner.io.hdf5 import (
     get_dataset,
+    is_there,
     open_file,
+    parse_json,
     place,
     read_si,
+    read_texts,
     to_json,
     write_index,
     write_texts,
@@ -135,7 +137,7 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
         counts = np.diff(ends, prepend=0)
         get_dataset(file, "arrival_time", path)
         for row in ARRAYS:
-            if row.names[0] in file:
+            if is_there(file, row.names[0], path):
                 _require_length(file, row.names[0], int(ends[-1]), path)
         common = read_case(file, KIND, NUMBERS, path)
         texts = _texts(file, len(counts), path)
@@ -168,12 +170,15 @@ def station_places(path: str | Path) -> list[Place]:
 def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Where the bursts of each station end, and the stations' coordinates that are stated."""
     KIND.require(file, path)
-    counts = read_si(file, "burst_count", "1", path).astype(np.int64).reshape(-1)
-    if len(counts) == 0 or (counts < 1).any():
-        raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; at least 1 a station")
+    stated = read_si(file, "burst_count", "1", path).reshape(-1)
+    if len(stated) == 0 or not (np.isfinite(stated) & (stated >= 1) & (stated % 1 == 0)).all():
+        raise ValueError(
+            f"{path}:/burst_count holds {stated.tolist()}; whole numbers, at least 1 a station"
+        )
+    counts = stated.astype(np.int64)
     places = {}
     for key in PLACES:
-        if key in file:
+        if is_there(file, key, path):
             _require_length(file, key, len(counts), path)
             places[key] = read_si(file, key, "m", path).reshape(-1)
     return np.cumsum(counts), places
@@ -189,14 +194,15 @@ def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
     """Title, dropped, provenance and notes of each station."""
     found: dict[str, list[Any]] = {}
     for key, empty in LISTS.items():
-        lines = file[f"station_{key}"].asstr()[()] if f"station_{key}" in file else [""] * count
-        try:
-            values = [json.loads(line) if line else empty for line in lines]
-        except json.JSONDecodeError as error:
-            raise ValueError(f"{path}:/station_{key} is not JSON ({error}); repair it") from error
+        there = is_there(file, f"station_{key}", path)
+        lines = read_texts(file, f"station_{key}", path) if there else [""] * count
+        label = f"{path}:/station_{key}"
+        values = [parse_json(line, label) if line else empty for line in lines]
+        if any(type(value) is not type(empty) for value in values):
+            raise ValueError(f"{label} holds other JSON than {type(empty).__name__}s; repair it")
         found[key] = [tuple(v) for v in values] if key == "notes" else values
-    if "station_name" in file:
-        found["title"] = list(file["station_name"].asstr()[()])
+    if is_there(file, "station_name", path):
+        found["title"] = read_texts(file, "station_name", path)
     for key, values in found.items():
         if len(values) != count:
             raise ValueError(

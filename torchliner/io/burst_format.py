@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from torchliner.file_checks import require_regular
 from torchliner.names import BURST_FORMATS, resolve
 from torchliner.records import BurstRecord
 from torchliner.text_columns import read_lines
@@ -52,8 +53,7 @@ def format_of(path: Path, options: Options) -> str:
         FileNotFoundError, OSError: no such file, a folder.
         ValueError: none does.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
+    require_regular(path)
     for name in BURST_FORMATS:
         if burst_format(name).recognises(path, options):
             return name

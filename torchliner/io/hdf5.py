@@ -4,30 +4,44 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from torchliner.units import SI_QUANTITY, si_factor
+from torchliner.file_checks import naming, require_regular
+from torchliner.io.hdf5_rehearsal import rehearse
+from torchliner.io.stored_values import read_values, require_stored
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
 
 
-def open_file(path: str | Path) -> h5py.File:
-    """An HDF5 file for reading; a solver may still hold it, so it is not locked.
+@contextmanager
+def open_file(path: str | Path) -> Iterator[h5py.File]:
+    """An HDF5 file for reading; every error of the block names it.
+
+    Raises:
+        As ``hold_open``; ValueError: it is damaged.
+    """
+    with naming(path), hold_open(path) as file:
+        yield file
+
+
+def hold_open(path: str | Path) -> h5py.File:
+    """An HDF5 file that stays open; a solver may still hold it, so it is not locked.
 
     Raises:
         FileNotFoundError: no such file.
-        OSError: a directory, not HDF5, or truncated.
+        OSError: a folder or a device, not HDF5, or truncated.
+        ValueError: the library breaks down on it.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise OSError(f"{path} is a folder, not a file")
+    require_regular(path)
+    rehearse(path)
     try:
         try:
             return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
@@ -43,30 +57,77 @@ def open_file(path: str | Path) -> h5py.File:
         raise OSError(f"{path} {kind}: {error}") from error
 
 
+def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
+    """Whether a group has an object of this name.
+
+    Raises:
+        ValueError: a link of this name leads nowhere.
+    """
+    link = group.get(key, getlink=True)
+    if link is None:
+        return False
+    if not isinstance(link, h5py.HardLink) and group.get(key) is None:
+        target = ":".join(getattr(link, name) for name in ("filename", "path")
+                          if hasattr(link, name))  # fmt: skip
+        raise ValueError(
+            f"{place(group, key, path)} is a link to {target}, which is not there; restore that or "
+            "remove the link"
+        )
+    return True
+
+
 def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
     """A dataset by name.
 
     Raises:
-        ValueError: it is missing; what is there is listed.
+        ValueError: it is missing, what is there is listed; or a link leads nowhere.
     """
-    if key not in group or not isinstance(group[key], h5py.Dataset):
+    if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
         there = ", ".join(sorted(group)) or "nothing"
         where = "the file" if group.name == "/" else "the group"
         raise ValueError(f"{place(group, key, path)} is missing; {where} holds: {there}")
     return group[key]
 
 
+def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
+    """A group by name.
+
+    Raises:
+        ValueError: as ``get_dataset``.
+    """
+    if not is_there(file, key, path) or not isinstance(file[key], h5py.Group):
+        raise ValueError(f"{place(file, key, path)} is no group; there are: {', '.join(file)}")
+    return file[key]
+
+
 def place(group: h5py.Group, key: str, path: str | Path) -> str:
     """FILE:/group/dataset, for messages."""
-    return f"{path}:{group.name.rstrip('/')}/{key}"
+    return f"{path}:{(group.name or '').rstrip('/')}/{key}"
 
 
 def text_attribute(dataset: Any, key: str) -> str | None:
     """A string attribute or None."""
     value = dataset.attrs.get(key)
-    if value is None:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    if value is None or isinstance(value, h5py.Empty):
         return None
-    return value.decode() if isinstance(value, bytes) else str(value)
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
+    """A number among the attributes.
+
+    Raises:
+        ValueError: there is none of this name, or it is no single finite number.
+    """
+    if key not in group.attrs:
+        raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
+    value = np.asarray(group.attrs[key])
+    if value.size != 1 or value.dtype.kind not in "fiu" or not np.isfinite(value).all():
+        raise ValueError(f"{path}:{group.name}: attribute {key!r} is {group.attrs[key]!r}; one "
+                         "finite number is needed")  # fmt: skip
+    return float(value.reshape(()))
 
 
 def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float:
@@ -82,29 +143,44 @@ def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float
 def read_si(
     group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None
 ) -> np.ndarray:
-    """A dataset in an SI unit, or a part of it along its first axis; real numbers as stored.
+    """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
     float64 where the file has another unit than ``unit``.
 
     Raises:
-        ValueError: it is missing, has no unit of this quantity, or holds no real numbers.
+        ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
+            no measurement has; as ``read_values``.
     """
     factor = factor_to(unit, group, key, path)
-    dataset = group[key]
-    if dataset.dtype.kind not in "fiu":
-        raise ValueError(f"{place(group, key, path)} is {dataset.dtype}; numbers are needed")
-    values = np.asarray(dataset[() if part is None else part])
-    return values if factor == 1 else values.astype(np.float64) * factor
+    label = place(group, key, path)
+    values = read_values(group[key], label, path, () if part is None else part)
+    values = values if factor == 1 else values.astype(np.float64) * factor
+    require_plausible(values, SI_QUANTITY[unit], label)
+    return values
 
 
 def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> float:
     """One number in an SI unit; an array of one counts."""
-    values = read_si(group, key, unit, path)
-    if values.size != 1:
+    size = get_dataset(group, key, path).size
+    if size != 1:
         raise ValueError(
-            f"{place(group, key, path)} has shape {values.shape}; one number is needed"
+            f"{place(group, key, path)} has shape {group[key].shape}; one number is needed"
         )
-    return float(values.reshape(()))
+    return float(read_si(group, key, unit, path).reshape(()))
+
+
+def read_texts(group: h5py.Group, key: str, path: str | Path) -> list[str]:
+    """A list of texts along a dimension.
+
+    Raises:
+        ValueError: it is missing, was never written, or holds no texts.
+    """
+    dataset, label = get_dataset(group, key, path), place(group, key, path)
+    if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts "
+                         "is needed")  # fmt: skip
+    require_stored(dataset, label, path)
+    return [str(text) for text in dataset.asstr(errors="replace")[()]]
 
 
 def write_variable(
@@ -157,12 +233,26 @@ def to_json(value: Any) -> str:
 def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any:
     """A JSON attribute, or ``default`` if there is none."""
     text = text_attribute(file, key)
+    if not text:
+        return default
+    found = parse_json(text, f"{path}: attribute {key!r}")
+    wanted = list if isinstance(default, tuple | list) else dict
+    if not isinstance(found, wanted):
+        kind = "a list" if wanted is list else "an object"
+        raise ValueError(f"{path}: attribute {key!r} is {text[:40]!r}; {kind} is needed")
+    return found
+
+
+def parse_json(text: str, label: str) -> Any:
+    """JSON of a file.
+
+    Raises:
+        ValueError: it is none, or nested too deep.
+    """
     try:
-        return json.loads(text) if text else default
-    except json.JSONDecodeError as error:
-        raise ValueError(
-            f"{path}: attribute {key!r} is not JSON ({error}); repair or remove it"
-        ) from error
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{label} is not JSON ({error}); repair or remove it") from error
 
 
 def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
@@ -182,7 +272,8 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
     for key in file:
         if key.startswith("reference_") and key.endswith("_resistance"):
             stem = key.removesuffix("resistance")
-            label = text_attribute(file[key], "label") or stem[10:-1].replace("_", " ")
+            dataset = get_dataset(file, key, path)
+            label = text_attribute(dataset, "label") or stem[10:-1].replace("_", " ")
             parts = (read_number(file, stem + part, "1", path)
                      for part in ("resistance", "reactance"))  # fmt: skip
             found[label] = complex(*parts)

@@ -9,14 +9,23 @@ import h5py
 
 from torchliner.io.csv_rows import Rows, rows_of, write_rows
 from torchliner.io.hdf5 import (
-    get_dataset,
+    is_there,
     open_file,
+    read_attribute,
     read_references,
+    read_texts,
     write_index,
     write_references,
     write_texts,
 )
-from torchliner.io.result_file import interval_table, read_interval, result_kind
+from torchliner.io.result_file import (
+    Sizes,
+    interval_table,
+    read_closure,
+    read_interval,
+    result_kind,
+    write_closure,
+)
 from torchliner.io.tables import (
     cartesian,
     impedance,
@@ -28,6 +37,7 @@ from torchliner.io.tables import (
 from torchliner.records import ImpedanceLine, LineAverage
 
 KIND = result_kind("torchliner line 1", "impedance line", flags=(), dropped=(), station_notes=())
+STATIONS = ("flags", "dropped", "station_notes")  # attributes with one entry a station
 FULL, EACH, STATION = ("station", "segment", "frequency"), ("station", "frequency"), ("station",)
 LINE = ("frequency",)
 MEAN = {"long_name": "mean over the segments"}
@@ -95,6 +105,8 @@ def write_line(line: ImpedanceLine, path: str | Path) -> None:
             write_variables(file, line.interval, INTERVAL, words=words)
         write_variables(file, line, NUMBERS)
         write_references(file, line.reference)
+        if line.closure is not None:
+            write_closure(file, line.closure, "station")
         if line.average is not None:
             _write_average(file, line.average)
 
@@ -107,13 +119,13 @@ def _write_average(file: h5py.File, found: LineAverage) -> None:
         write_variables(file, found.interval, AVERAGE_INTERVAL, words=words)
 
 
-def _read_average(file: h5py.File, path: Path) -> LineAverage | None:
-    if AVERAGE[0].names[0] not in file:
+def _read_average(file: h5py.File, path: Path, sizes: Sizes) -> LineAverage | None:
+    if not is_there(file, AVERAGE[0].names[0], path):
         return None
     return LineAverage(
-        **read_variables(file, AVERAGE, path),
-        interval=read_interval(file, AVERAGE_INTERVAL, path),
-        stations=int(file.attrs["stations_that_count"]),
+        **read_variables(file, AVERAGE, path, sizes=sizes),
+        interval=read_interval(file, AVERAGE_INTERVAL, path, sizes),
+        stations=int(read_attribute(file, "stations_that_count", path)),
     )
 
 
@@ -127,14 +139,24 @@ def read_line(path: str | Path) -> ImpedanceLine:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        fields = {"wall": None, **read_variables(file, FREQUENCY + FIELDS + NUMBERS, path)}
+        sizes: Sizes = {}
+        table = (*FREQUENCY, *FIELDS, *NUMBERS)
+        fields = {"wall": None, **read_variables(file, table, path, sizes=sizes)}
+        names = tuple(read_texts(file, "station_name", path))
+        head = KIND.read_head(file, path)
+        for key, each in {"station_name": names, **{k: head[k] for k in STATIONS}}.items():
+            if (len(each),) != sizes["station"]:
+                raise ValueError(
+                    f"{path}: {key} has {len(each)} values for {sizes['station'][0]} stations"
+                )
         return ImpedanceLine(
             **fields,
-            **KIND.read_head(file, path),
-            interval=read_interval(file, INTERVAL, path),
-            names=tuple(get_dataset(file, "station_name", path).asstr()[()]),
-            average=_read_average(file, path),
+            **head,
+            interval=read_interval(file, INTERVAL, path, sizes),
+            names=names,
+            average=_read_average(file, path, sizes),
             reference=read_references(file, path),
+            closure=read_closure(file, path, sizes, "station"),
         )
 
 
@@ -164,6 +186,8 @@ def line_rows(line: ImpedanceLine) -> Rows:
         "wall": "" if line.wall is None else line.wall.int(),
         "flags": [[len(flags)] for flags in line.flags],
     }
+    if line.closure is not None:
+        columns["closure (dB)"] = line.closure.cells.level[0]
     names = [name for name in line.names for _ in range(shape[1])]
     return [{"station": name, **row}
             for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip

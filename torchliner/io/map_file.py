@@ -12,7 +12,14 @@ from torchliner.io.axes import read_coordinate, write_coordinates
 from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
 from torchliner.io.hdf5 import open_file, read_references, write_index, write_references
 from torchliner.io.point_file import read_alongside, write_alongside
-from torchliner.io.result_file import read_uncertainty, result_kind, write_uncertainty
+from torchliner.io.result_file import (
+    Sizes,
+    read_closure,
+    read_uncertainty,
+    result_kind,
+    write_closure,
+    write_uncertainty,
+)
 from torchliner.io.tables import (
     cartesian,
     impedance,
@@ -27,6 +34,7 @@ KIND = result_kind("torchliner map 1", "impedance map")
 # "probes" stands for the dimensions of the probes: (z, x), (probe,) or none.
 FULL, CELL, LINER = ("probes", "frequency"), ("cell", "frequency"), ("frequency",)
 SPREAD = "standard deviation of {part} over the probes: spread over positions, no uncertainty"
+ANSWER = "{part} of the whole liner in the order of averaging that was chosen"
 FREQUENCY = (real("frequency", "Hz", LINER),)
 CELLS = (real("cell_x", "m", ("cell",)), real("cell_z", "m", ("cell",)))
 FIELDS = (
@@ -40,6 +48,17 @@ FIELDS = (
     cartesian("cell_reflection_velocity_first", "cell_velocity_first_reflection", CELL),
     impedance("liner_impedance", "liner_", LINER, derived=True),
     impedance("liner_impedance_velocity_first", "liner_velocity_first_", LINER, derived=True),
+    impedance("impedance_coherent_first", "coherent_first_", FULL, derived=True, optional=True),
+    cartesian("reflection_coherent_first", "coherent_first_reflection", FULL, optional=True),
+    impedance("cell_impedance_coherent_first", "cell_coherent_first_", CELL, derived=True,
+              optional=True),
+    cartesian("cell_reflection_coherent_first", "cell_coherent_first_reflection", CELL,
+              optional=True),
+    impedance("liner_impedance_coherent_first", "liner_coherent_first_", LINER, derived=True,
+              optional=True),
+    cartesian("liner_reflection_coherent_first", "liner_coherent_first_reflection", LINER,
+              optional=True),
+    impedance("answer", "answer_", LINER, derived=True, attributes={"long_name": ANSWER}),
     impedance("liner_spread", "liner_spread_", LINER, derived=True,
               attributes={"long_name": SPREAD}),
 )  # fmt: skip
@@ -50,6 +69,7 @@ FURTHER = (
     real("inferred_incident_level", "dB", FULL, derived=True),
     real("phase_rule_used", "1", FULL, field="phase_rule", flag=True),
     real("wall", "1", FULL, flag=True, optional=True),
+    real("cell_weight", "1", ("cell",), optional=True),
     real("mean_velocity", "m/s", ("probes",)),
     real("velocity_rms", "m/s", ("probes",)),
     *numbers({"height": "m", "mach": "1", "incident_level": "dB"}),
@@ -75,6 +95,8 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
         write_references(file, result.reference)
         if result.uncertainty is not None:
             write_uncertainty(file, result.uncertainty, dims)
+        if result.closure is not None:
+            write_closure(file, result.closure)
         write_alongside(file, result.alongside)
 
 
@@ -88,8 +110,10 @@ def read_map(path: str | Path) -> ImpedanceMap:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path)
+        sizes: Sizes = {}
+        fields = read_variables(file, FREQUENCY + CELLS + FIELDS + FURTHER, path, sizes=sizes)
         shape = tuple(fields["mean_velocity"].shape)
+        sizes["along"] = shape[-1:]
         for key in ("x", "z"):
             values = read_coordinate(file, key, shape, path)
             fields[key] = None if values is None else torch.from_numpy(values)
@@ -97,8 +121,9 @@ def read_map(path: str | Path) -> ImpedanceMap:
             **fields,
             **KIND.read_head(file, path),
             reference=read_references(file, path),
-            uncertainty=read_uncertainty(file, path),
+            uncertainty=read_uncertainty(file, path, sizes=sizes),
             alongside=read_alongside(file, path),
+            closure=read_closure(file, path, sizes),
         )
 
 

@@ -15,10 +15,12 @@ import numpy as np
 import torch
 
 from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
-from torchliner.io.hdf5 import get_dataset, open_file, read_si, write_index
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, write_index
 from torchliner.io.microphone_csv import UNITS, read_microphone_csv, write_microphone_csv
+from torchliner.io.pressure_file import read_pressure
+from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
-from torchliner.records import MicrophoneLine
+from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.signals.reference_coherence import reject_flow_noise
 
 KIND = FileKind(
@@ -91,8 +93,8 @@ def read_microphones(
         head = {**read_case(file, KIND, DUCT, path), "name": str(path)}
         if "duct_height" not in head | about:
             get_dataset(file, "duct_height", path)  # says what is there instead
-        amplitudes = AMPLITUDES[0].names[0] in file
-        if amplitudes or "frequency" in file:
+        amplitudes = is_there(file, AMPLITUDES[0].names[0], path)
+        if amplitudes or is_there(file, "frequency", path):
             head |= read_variables(file, FREQUENCY, path)
         if amplitudes:
             head |= read_variables(file, AMPLITUDES, path)
@@ -101,6 +103,19 @@ def read_microphones(
             head["frequency"] = frequency
         head |= _from_signals(file, path, head, **signals)
     return MicrophoneLine(**{**head, **about})
+
+
+def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
+    """Microphones along the wall of a duct, or a pressure record: what has no duct is the latter.
+
+    Raises:
+        As ``read_microphones`` and ``read_pressure``.
+    """
+    if Path(path).suffix.lower() in TEXT_ENDINGS:
+        return read_microphones(path)
+    with open_file(path) as file:
+        along = "duct_height" in file
+    return read_microphones(path) if along else read_pressure(path)
 
 
 def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> MicrophoneLine:
@@ -118,6 +133,7 @@ def _from_signals(
     """Pressure, coherence, provenance and notes from signals."""
     dataset = get_dataset(file, "pressure", path)
     channel = get_dataset(file, "reference", path)
+    reference = read_values(channel, place(file, "reference", path), path)
     rate, samples = read_times(file, path)
     if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
@@ -129,7 +145,7 @@ def _from_signals(
         )
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
-        torch.from_numpy(np.asarray(channel[()], dtype=np.float64).reshape(-1)),
+        torch.from_numpy(reference.astype(np.float64).reshape(-1)),
         torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
         rate, name=str(path), **options,
     )  # fmt: skip

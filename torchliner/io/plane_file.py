@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.file_checks import naming, require_memory
 from torchliner.io.axes import (
     find_time_axis,
     float_factor,
@@ -26,7 +27,16 @@ from torchliner.io.axes import (
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import attach_scales, get_dataset, open_file, text_attribute, tiles
+from torchliner.io.hdf5 import (
+    attach_scales,
+    get_dataset,
+    hold_open,
+    is_there,
+    open_file,
+    text_attribute,
+    tiles,
+)
+from torchliner.io.stored_values import Packing, packing_of, require_stored
 from torchliner.io.tables import FileKind, numbers
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
@@ -92,7 +102,7 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
     path = Path(path)
     with open_file(path) as file:
         schema = text_attribute(file, "schema") or ""
-        if VELOCITY not in file and schema.startswith("torchliner "):
+        if not is_there(file, VELOCITY, path) and schema.startswith("torchliner "):
             raise ValueError(
                 f"{path} is no velocity plane but a file of schema {schema!r}"
                 + ("; use torchliner insitu" if "pressure" in schema else "")
@@ -102,8 +112,8 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
         axis = find_time_axis(velocity, samples, path)
         stored = _stored(file, VELOCITY, axis, path)
         stream = None
-        if STREAMWISE in file:
-            if file[STREAMWISE].shape != velocity.shape:
+        if is_there(file, STREAMWISE, path):
+            if get_dataset(file, STREAMWISE, path).shape != velocity.shape:
                 raise ValueError(
                     f"{path}:/{STREAMWISE} has shape {file[STREAMWISE].shape}, /{VELOCITY} "
                     f"{velocity.shape}; they share probes and times"
@@ -146,12 +156,21 @@ class H5Velocity:
     factor: float
     _file: Any = field(default=None, repr=False)
     _bytes: int = field(default=0, repr=False)
+    _packing: Packing = field(default_factory=Packing, repr=False)
 
     def __post_init__(self) -> None:
-        dataset = self._dataset()
+        dataset, label = self._dataset(), f"{self.path}:/{self.key}"
+        require_stored(dataset, label, self.path)
+        self._packing = packing_of(dataset, label)
         shape = tuple(int(n) for n in dataset.shape)
         self.shape = (*shape[1:], shape[0]) if self.time_axis == 0 else shape
-        self.dtype = torch.float32 if dataset.dtype.itemsize <= 4 else torch.float64
+        exact = 4 if dataset.dtype.kind == "f" else 2  # bytes that float32 holds without a loss
+        self.dtype = torch.float32 if dataset.dtype.itemsize <= exact else torch.float64
+        require_memory(
+            2 * self.dtype.itemsize * math.prod(self.shape[:-1]),
+            f"{label}, {dataset.shape}: one sample of all probes, read ahead,",
+        )
+        self.tile_bytes = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
         # Rows of a tile that hold together; a whole probe where time runs fastest.
         tile = None if dataset.chunks is None else int(dataset.chunks[self.time_axis])
         self.tile_rows = tile or (1 if self.time_axis == 0 else self.shape[-1])
@@ -159,7 +178,7 @@ class H5Velocity:
 
     def _dataset(self) -> h5py.Dataset:
         if self._file is None or not self._file.id.valid:
-            self._file = open_file(self.path)
+            self._file = hold_open(self.path)
         return self._file[self.key]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -175,7 +194,8 @@ class H5Velocity:
         Raises:
             OSError: the file cannot be read there, or has become shorter since it was opened.
         """
-        dataset = self._dataset()
+        with naming(self.path):
+            dataset = self._dataset()
         end = min(end, self.shape[-1])
         rows, probes = end - begin, math.prod(self.shape[:-1])
         if out is None:
@@ -188,7 +208,7 @@ class H5Velocity:
             else:
                 part = torch.from_numpy(np.asarray(dataset[..., begin:end], dtype=numpy_kind(out)))
                 out.copy_(part.reshape(probes, rows).T)
-        except OSError as error:
+        except (OSError, RuntimeError) as error:
             raise OSError(
                 f"{self.path}:/{self.key} cannot be read from sample {begin} to {end}: {error}"
             ) from error
@@ -199,11 +219,17 @@ class H5Velocity:
                 f"{self.path}:/{self.key}: the file shrank from {self._bytes} to {now} bytes while "
                 f"it was read (samples {begin} to {end}); nothing of it can be used"
             )
+        self._packing.unpack_floats(out.numpy())
         return out if self.factor == 1 else out.mul_(self.factor)
 
     def load(self) -> Tensor:
         """All of it, (..., T), a view of time-major memory."""
         samples, probes = self.shape[-1], math.prod(self.shape[:-1])
+        require_memory(
+            self.dtype.itemsize * samples * probes,
+            f"{self.path}:/{self.key}, {samples} samples of {probes} probes,",
+            "read it by slabs (lazy=True)",
+        )
         whole = torch.empty(samples, probes, dtype=self.dtype)
         for begin, end in slab_bounds(samples, probes):
             self.read(begin, end, whole[begin:end])

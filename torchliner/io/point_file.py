@@ -8,7 +8,7 @@ import h5py
 import torch
 
 from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
-from torchliner.io.hdf5 import open_file, write_index
+from torchliner.io.hdf5 import get_group, is_there, open_file, write_index
 from torchliner.io.tables import FileKind, impedance, read_variables, real, write_variables
 from torchliner.records import PointImpedances
 
@@ -77,8 +77,8 @@ def write_alongside(file: h5py.File, results: tuple[PointImpedances, ...]) -> No
 def read_alongside(file: h5py.File, path: str | Path) -> tuple[PointImpedances, ...]:
     """What ``write_alongside`` wrote, in order; empty for a file without."""
     found: list[PointImpedances] = []
-    while f"{GROUP}{len(found)}" in file:
-        found.append(_read_group(file[f"{GROUP}{len(found)}"], path))
+    while is_there(file, name := f"{GROUP}{len(found)}", path):
+        found.append(_read_group(get_group(file, name, path), path))
     return tuple(found)
 
 

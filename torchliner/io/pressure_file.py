@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
 from torchliner.io.axes import (
     read_case,
@@ -21,7 +20,16 @@ from torchliner.io.axes import (
     write_coordinates,
     write_times,
 )
-from torchliner.io.hdf5 import get_dataset, open_file, tiles, write_index, write_variable
+from torchliner.io.hdf5 import (
+    get_dataset,
+    is_there,
+    open_file,
+    place,
+    tiles,
+    write_index,
+    write_variable,
+)
+from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, numbers, real, write_variables
 from torchliner.records import PressureRecord
 
@@ -91,7 +99,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
     with open_file(path) as file:
         if "schema" in file.attrs:
             KIND.require(file, path)
-        there = [signal for signal in SIGNALS if signal.names[0] in file]
+        there = [signal for signal in SIGNALS if is_there(file, signal.names[0], path)]
         if not there:
             get_dataset(file, "facesheet_pressure", path)  # says what is there instead
         rate, samples = read_times(file, path)
@@ -102,6 +110,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
         shape = fields["facesheet"].shape[:-1] if "facesheet" in fields else ()
         fields |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
         fields |= read_case(file, KIND, PLACES + NUMBERS, path)
-        if "probe_cell" in file:
-            fields["probe_cell"] = np.asarray(get_dataset(file, "probe_cell", path)[()])
+        if is_there(file, "probe_cell", path):
+            cells = get_dataset(file, "probe_cell", path)
+            fields["probe_cell"] = read_values(cells, place(file, "probe_cell", path), path)
         return PressureRecord(**fields, sampling_rate=rate, name=str(path))

@@ -10,7 +10,18 @@ import h5py
 import numpy as np
 
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import get_dataset, open_file, place, read_si, text_attribute
+from torchliner.io.axes import read_times
+from torchliner.io.hdf5 import (
+    get_dataset,
+    get_group,
+    is_there,
+    open_file,
+    place,
+    read_attribute,
+    read_si,
+    text_attribute,
+)
+from torchliner.io.stored_values import read_values
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
@@ -22,7 +33,7 @@ def resolved_cases(path: str | Path) -> dict[str, list[float]]:
         return {
             name: [round(float(y), 9) for y in read_si(group, "y_lines", "m", path)]
             for name, group in file.items()
-            if isinstance(group, h5py.Group) and "y_lines" in group
+            if isinstance(group, h5py.Group) and is_there(group, "y_lines", path)
         }
 
 
@@ -45,19 +56,20 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
     if not 0 <= line < len(cases[case]):
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")
     with open_file(path) as file:
-        group = file[case]
-        three = "z" in group
+        group = get_group(file, case, path)
+        three = is_there(group, "z", path)
         whole = slice(None)
+        rate, samples = read_times(group, path)
         velocity = time_last(group, "v_n", (whole, line, ..., slice(None, None, stride)), path)
+        require_samples(velocity, samples, place(group, "v_n", path))
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
             stream = time_last(group, "u_x", (whole, line), path)
-        time = read_si(group, "time", "s", path)
         truth = "insitu" if three else "wave"
         other = ("top row", "top") if three else ("in situ", "insitu")
         return VelocityPlane(
             velocity,
-            sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
+            sampling_rate=rate,
             height=cases[case][line],
             x=read_si(group, "x", "m", path)[::stride],
             z=read_si(group, "z", "m", path) if three else None,
@@ -109,17 +121,6 @@ def resolved_provenance(
     }
 
 
-def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
-    """A number among the attributes.
-
-    Raises:
-        ValueError: there is none of this name.
-    """
-    if key not in group.attrs:
-        raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
-    return float(group.attrs[key])
-
-
 def complex_attribute(group: h5py.Group, key: str, path: str | Path) -> complex:
     """An impedance Z_key of a case, stored as two attributes."""
     return complex(*(read_attribute(group, f"Z_{key}_{part}", path) for part in ("re", "im")))
@@ -131,8 +132,15 @@ def time_last(
     """A part of a dataset, SI units, its first remaining axis, time, moved to the end."""
     dataset = get_dataset(group, key, path)
     factor = si_factor(quantity, text_attribute(dataset, "units"), place(group, key, path))
-    values = np.ascontiguousarray(np.moveaxis(dataset[part], 0, -1))
+    stored = read_values(dataset, place(group, key, path), path, part)
+    values = np.ascontiguousarray(np.moveaxis(stored, 0, -1))
     return values if factor == 1 else values * values.dtype.type(factor)
+
+
+def require_samples(values: np.ndarray, samples: int, label: str) -> None:
+    """Refuse a signal that has not one value for each time."""
+    if values.shape[-1] != samples:
+        raise ValueError(f"{label} has {values.shape[-1]} samples for {samples} times")
 
 
 def read_channel(
@@ -151,14 +159,15 @@ def read_channel(
         heights = read_si(file, "y", "m", path)
         if not 0 <= line < len(heights):
             raise ValueError(f"{path} has planes 0 to {len(heights) - 1}, not {line}")
-        time = read_si(file, "t", "s", path)
+        rate, samples = read_times(file, path, "t")
         values = time_last(file, "v", line, path)
+        require_samples(values, samples, place(file, "v", path))
         stream = None
         if "u_plane1" in file and line == 1:
             stream = time_last(file, "u_plane1", (), path)
         raw = VelocityPlane(
             values,
-            sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
+            sampling_rate=rate,
             height=float(heights[line]),
             x=read_si(file, "x", "m", path),
             z=read_si(file, "z", "m", path),

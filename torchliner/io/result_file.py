@@ -8,10 +8,12 @@ from typing import Any
 import h5py
 
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import read_json, to_json
+from torchliner.io.hdf5 import is_there, read_json, to_json, write_index
 from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
-from torchliner.records import Interval, Uncertainty
+from torchliner.records import Closure, Gap, Interval, Uncertainty
+from torchliner.records.closure import CLOSURE_FACTS
 
+Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 HEADING: dict[str, Any] = {
     "title": "", "source_side": "unknown", "choices": {}, "notes": (), "fluid": Fluid(),
 }  # fmt: skip
@@ -38,11 +40,13 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-def read_interval(file: h5py.File, table: Table, path: str | Path) -> Interval | None:
+def read_interval(
+    file: h5py.File, table: Table, path: str | Path, sizes: Sizes | None = None
+) -> Interval | None:
     """What is there of an ``interval_table``; None if nothing is."""
-    if table[0].names[0] not in file:
+    if not is_there(file, table[0].names[0], path):
         return None
-    return Interval(**read_variables(file, table, path))
+    return Interval(**read_variables(file, table, path, sizes=sizes))
 
 
 # Intervals of a map; "probes" are the dimensions of its probes, "along" the last of them.
@@ -53,6 +57,8 @@ UNCERTAINTY = {
     "cells_velocity_first": interval_table("cell_velocity_first_", ("cell", "frequency")),
     "liner": interval_table("liner_", ("frequency",)),
     "liner_velocity_first": interval_table("liner_velocity_first_", ("frequency",)),
+    "cells_coherent_first": interval_table("cell_coherent_first_", ("cell", "frequency")),
+    "liner_coherent_first": interval_table("liner_coherent_first_", ("frequency",)),
 }
 
 
@@ -67,10 +73,64 @@ def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]
             write_variables(file, getattr(found, name), table, axes, words)
 
 
-def read_uncertainty(file: h5py.File, path: str | Path) -> Uncertainty | None:
+def read_uncertainty(
+    file: h5py.File, path: str | Path, sizes: Sizes | None = None
+) -> Uncertainty | None:
     """What ``write_uncertainty`` wrote; None if there is none."""
     if "uncertainty" not in file.attrs:
         return None
-    found = {name: read_interval(file, table, path) for name, table in UNCERTAINTY.items()}
+    found = {name: read_interval(file, table, path, sizes) for name, table in UNCERTAINTY.items()}
     settings = read_json(file, "uncertainty", path, {})
     return Uncertainty(**{n: v for n, v in found.items() if v is not None}, settings=settings)
+
+
+def gap_table(stem: str, dims: tuple[str, ...]) -> Table:
+    """Variables ``<stem>closure_level`` and so on, of one ``Gap`` over ``dims``."""
+    words = "implied over known pressure; {words}"
+    return tuple(
+        real(f"{stem}closure_{name}", "degree" if name.startswith("phase") else "dB", dims,
+             field=name, attributes={"long_name": words})
+        for name in ("level", "level_low", "level_high", "phase", "phase_low", "phase_high")
+    )  # fmt: skip
+
+
+CLOSURE_LEVEL = (real("closure_pressure_level", "dB", ("frequency",), field="pressure_level"),)
+
+
+def write_closure(file: h5py.File, found: Closure, of_cells: str = "cell") -> None:
+    """Into an open file with the dimensions ``frequency`` and ``of_cells``."""
+    texts = {name: getattr(found, name) for name in CLOSURE_FACTS}
+    file.attrs["closure"] = to_json({"orders": found.orders, **texts})
+    write_index(file, "order", len(found.orders))
+    write_variables(file, found, CLOSURE_LEVEL)
+    for stem, dims in _closure_dims(of_cells).items():
+        gap = found.cells if stem else found.liner
+        write_variables(file, gap, gap_table(stem, dims), words=", ".join(found.orders))
+
+
+def read_closure(
+    file: h5py.File, path: str | Path, sizes: Sizes, of_cells: str = "cell"
+) -> Closure | None:
+    """What ``write_closure`` wrote; None if there is none.
+
+    Raises:
+        ValueError: a variable has another shape or unit, or the attribute lacks a value.
+    """
+    texts = read_json(file, "closure", path, {})
+    if not texts:
+        return None
+    missing = {"orders", *CLOSURE_FACTS} - set(texts)
+    if missing:
+        raise ValueError(f"{path}: attribute 'closure' lacks {', '.join(sorted(missing))}")
+    sizes["order"] = (len(texts["orders"]),)
+    gaps = [
+        Gap(**read_variables(file, gap_table(stem, dims), path, sizes=sizes))
+        for stem, dims in _closure_dims(of_cells).items()
+    ]
+    level = read_variables(file, CLOSURE_LEVEL, path, sizes=sizes)
+    facts = {name: texts[name] for name in CLOSURE_FACTS}
+    return Closure(tuple(texts["orders"]), **facts, **level, liner=gaps[0], cells=gaps[1])
+
+
+def _closure_dims(of_cells: str) -> dict[str, tuple[str, ...]]:
+    return {"": ("order", "frequency"), f"{of_cells}_": ("order", of_cells, "frequency")}

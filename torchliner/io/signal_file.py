@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import struct
 import warnings
 from pathlib import Path
 
 import numpy as np
 
+from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
 from torchliner.replay.waves import Recorded
 
@@ -28,10 +28,7 @@ def read_signal(
     path = Path(path)
     if str(path) in ("", "."):
         raise ValueError("the incident signal has no name; give a file or a generated signal")
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if path.is_dir():
-        raise OSError(f"{path} is a folder, not a .wav, .npy, .mat or .h5 file")
+    require_regular(path)
     if path.suffix.lower() == ".wav":
         rate, values = _read_wav(path)
         if sampling_rate is not None and abs(sampling_rate / rate - 1) > 1e-6:
@@ -63,7 +60,9 @@ def _read_wav(path: Path) -> tuple[float, np.ndarray]:
             warnings.simplefilter("error")  # scipy only warns of a file that ends too soon
             warnings.filterwarnings("ignore", message="Chunk .* not understood")
             rate, values = wavfile.read(path)
-    except (ValueError, EOFError, UserWarning, OSError, struct.error) as error:
+        if values.ndim == 0 or 0 in values.shape:
+            raise ValueError("it holds no samples, as one that was streamed or broken off")
+    except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole .wav file: {error}") from error
     if values.dtype == np.uint8:
         return float(rate), (values.astype(np.float64) - 128) / 128

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -10,23 +11,25 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from torchliner.names import did_you_mean
-from torchliner.units import SI_QUANTITY, si_factor
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
 def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
-    """What the lines '# key = value' say; other lines are remarks.
+    """What the lines '# key = value' say; lines without '=' are remarks.
 
     Args:
         lines: those before the header.
         known: by key the SI unit of a number, "text", or "json" for an object.
         path: for messages.
     Raises:
-        ValueError: a key that is not ``known``, or is stated twice; a value that cannot be read.
+        ValueError: a key that is not ``known``, or is stated twice; a line or a value that cannot
+            be read.
     """
     found: dict[str, Any] = {}
     for number, line in enumerate(lines, 1):
         match = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
         if match is None:
+            _require_remark(line, known, f"{path}: line {number}")
             continue
         key, value = match.groups()
         if key not in known:
@@ -40,12 +43,21 @@ def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path
     return found
 
 
+def _require_remark(line: str, known: Mapping[str, str], label: str) -> None:
+    """Refuse what may have been meant to state something: '# mach: 0.1' would count as silence."""
+    named = re.match(r"#\s*(\w+)[\s:]*[-+]?\.?\d", line)
+    if "=" in line or (named is not None and named[1] in known):
+        raise ValueError(
+            f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='"
+        )
+
+
 def _stated_value(text: str, kind: str, label: str) -> Any:
     """A text, an object of JSON, or a number with its unit, as ``50 mm``, in SI."""
     if kind == "text":
         return text
     if kind == "json":
-        with suppress(ValueError):
+        with suppress(ValueError, RecursionError):
             if isinstance(found := json.loads(text), dict):
                 return found
         raise ValueError(f"{label} is {text!r}; it cannot be read, counts by reason are needed")
@@ -54,7 +66,11 @@ def _stated_value(text: str, kind: str, label: str) -> Any:
         amount = float(parts[1] if parts else text)
     except ValueError as error:
         raise ValueError(f"{label} is {text!r}; it cannot be read") from error
-    return amount * si_factor(SI_QUANTITY[kind], parts[2] if parts else "", label)
+    value = amount * si_factor(SI_QUANTITY[kind], parts[2] if parts else "", label)
+    if not math.isfinite(value):
+        raise ValueError(f"{label} is {text!r}; a finite number is needed")
+    require_plausible(value, SI_QUANTITY[kind], label)
+    return value
 
 
 def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str | Path) -> None:

@@ -14,8 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.checks import frequency_tensor
+from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
+    is_there,
+    place,
     read_json,
     read_number,
     read_si,
@@ -25,6 +29,7 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.whole_file import written_whole
 
+SEVERAL = ("probes", "along", "draws")  # dimensions that may stand for several axes or none
 IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
 
 
@@ -124,33 +129,66 @@ def plain(value: Any) -> Any:
 
 
 def read_variables(
-    group: h5py.Group, table: Table, path: str | Path, part: slice | None = None
-) -> dict[str, Any]:
+    group: h5py.Group, table: Table, path: str | Path, part: slice | None = None,
+    sizes: dict[str, tuple[int, ...]] | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Fields of a record from the variables that are there, tensors or numbers, in SI units.
 
     Args:
         group, table: as for ``write_variables``.
         path: for messages.
         part: of the first axis; None for all.
+        sizes: lengths of the dimensions that are known, to which those found are added.
     Raises:
-        ValueError: a variable is missing that is not optional, has a wrong unit, or holds no
-            numbers; two parts differ in shape. The message names FILE:/variable.
+        ValueError: a variable is missing that is not optional, has a wrong unit, holds no
+            numbers, or has other dimensions than the table says, or another length along one than
+            the variables before it. The message names FILE:/variable.
     """
     found: dict[str, Any] = {}
+    sizes = {} if sizes is None else sizes
     for row in table:
-        if row.derived or (row.optional and row.names[0] not in group):
+        if row.derived or (row.optional and not is_there(group, row.names[0], path)):
             continue
         if not row.dims:
             found[row.field] = read_number(group, row.names[0], row.unit, path)
             continue
         parts = [_tensor(read_si(group, name, row.unit, path, part)) for name in row.names]
-        if len({one.shape for one in parts}) > 1:
-            shapes = ", ".join(f"{name} {tuple(one.shape)}"
-                               for name, one in zip(row.names, parts, strict=True))  # fmt: skip
-            raise ValueError(f"{path}: two parts of one array differ in shape: {shapes}")
+        for name, one in zip(row.names, parts, strict=True):
+            _require_shape(tuple(one.shape), row.dims, sizes, place(group, name, path))
         value = parts[0] if len(parts) == 1 else torch.complex(*parts)
-        found[row.field] = value.to(torch.bool) if row.flag else value
+        if row.flag:
+            if not bool(((value == 0) | (value == 1)).all()):
+                raise ValueError(f"{place(group, row.names[0], path)} holds other values than 0 "
+                                 "and 1")  # fmt: skip
+            value = value.to(torch.bool)
+        if row.field == "frequency":
+            with naming(place(group, row.names[0], path)):
+                value = frequency_tensor(value)
+        found[row.field] = value
     return found
+
+
+def _require_shape(
+    shape: tuple[int, ...], dims: Sequence[str], sizes: dict[str, tuple[int, ...]], label: str
+) -> None:
+    """Each dimension has one length in all variables; ``sizes`` collects them.
+
+    Raises:
+        ValueError: another number of axes, or another length than a variable before it.
+    """
+    own = sum(dim not in SEVERAL for dim in dims)
+    count = len(shape) - own if own < len(dims) else 0
+    if count < 0 or len(shape) != own + count:
+        raise ValueError(f"{label} has shape {shape}; ({', '.join(dims)}) is needed")
+    at = 0
+    for dim in dims:
+        length = shape[at : at + (count if dim in SEVERAL else 1)]
+        at += len(length)
+        if sizes.setdefault(dim, length) != length:
+            raise ValueError(
+                f"{label} has shape {shape}, ({', '.join(dims)}); {dim} is {sizes[dim]} elsewhere "
+                "in the file"
+            )
 
 
 def _tensor(values: np.ndarray) -> Tensor:
@@ -209,7 +247,8 @@ class FileKind:
             if isinstance(default, tuple):  # JSON has lists alone
                 value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
             elif isinstance(default, Fluid) and value is not default:
-                value = Fluid(**value)
+                with naming(f"{path}: attribute {key!r}"):  # other keys, or none of numbers
+                    value = Fluid(**value)
             found[key] = value
         return found
 

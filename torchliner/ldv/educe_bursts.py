@@ -15,11 +15,13 @@ from torchliner.io.line_parts import LineParts
 from torchliner.ldv.join_stations import join_lines
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
+from torchliner.ldv.line_closure import with_line_closure
 from torchliner.ldv.line_warnings import warnings_of
 from torchliner.ldv.station import educe_station
 from torchliner.ldv.station_key import liner_fingerprint, station_key
 from torchliner.ldv.station_reference import checked_phases
 from torchliner.liners.model import Liner, as_liner
+from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
@@ -102,7 +104,7 @@ def educe_bursts(
             progress(1)
     line = join_lines(lines)
     average = average_line(line, replay_choices, station_choices.monte_carlo)
-    line = dataclasses.replace(line, average=average)
+    line = with_line_closure(dataclasses.replace(line, average=average), replay_choices)
     notes = warnings_of(line)
     tell(notes)
     return dataclasses.replace(line, notes=tuple(notes))
@@ -170,4 +172,5 @@ def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
     rest = {key: value for key, value in choices.items() if key not in names}
     if rest.get("incident") is not None:
         raise ValueError("stations of bursts are educed for tones; leave incident out")
-    return station_choices, Choices(**rest)
+    # A station is one place: the coherent velocity of its cell is not known.
+    return station_choices, Choices(**{"order": ORDERS[0], **rest})

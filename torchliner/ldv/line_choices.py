@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS
 from torchliner.signals.burst_validation import BurstFilters
 
@@ -42,6 +42,7 @@ class StationChoices:
     filters: BurstFilters = field(default_factory=BurstFilters)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         require_choice("method", self.method, GRID_METHODS)
         require_choice("correction", self.correction, CORRECTIONS)
         require_choice("flagged", self.flagged, FLAGGED)
@@ -57,11 +58,8 @@ class StationChoices:
             raise ValueError(
                 f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1"
             )
-        draws = self.monte_carlo
-        if not isinstance(draws, int) or isinstance(draws, bool):
-            raise TypeError(f"monte_carlo is {draws!r}; a whole number of draws is needed")
-        if not 2 <= draws <= MOST_DRAWS:
-            raise ValueError(f"monte_carlo is {draws}; it is 2 to {MOST_DRAWS} draws")
+        if not 2 <= self.monte_carlo <= MOST_DRAWS:
+            raise ValueError(f"monte_carlo is {self.monte_carlo}; it is 2 to {MOST_DRAWS} draws")
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""

@@ -12,7 +12,7 @@ SHOWN = 4  # names in a warning
 
 def warnings_of(line: ImpedanceLine) -> list[str]:
     """One sentence for each thing about a line that is doubtful, with numbers."""
-    checks = (_flagged, _damped, _walls, _fallen_back, _station_notes, _no_interval)
+    checks = (_flagged, _damped, _walls, _fallen_back, _station_notes, _no_interval, _closure)
     return [text for check in checks for text in check(line)]
 
 
@@ -79,3 +79,10 @@ def _no_interval(line: ImpedanceLine) -> Iterator[str]:
             f"no error bars: a station has {int(line.segments.min())} segments, four at least are "
             "needed; a longer record or shorter segments give them"
         )
+
+
+def _closure(line: ImpedanceLine) -> Iterator[str]:
+    if line.closure is not None:
+        texts = (line.closure.sentence("stations", f, i)
+                 for i, f in enumerate(line.frequency.tolist()))  # fmt: skip
+        yield from filter(None, texts)

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import (
     frequency_tensor,
+    make_plain,
     plain_number,
     real_tensor,
     require_choice,
@@ -96,6 +97,7 @@ class SDoFLiner(LinerModel):
     velocity_gain: Parameter = 1.0
 
     def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
         stated = {} if self.flow_facing_porosity is None else {"flow_facing_porosity": SHARE}
         for name, (unit, high) in {**NUMBERS, **stated}.items():
             value = getattr(self, name)

@@ -12,12 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import make_plain, plain_array, real_tensor, tell
+from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
-from torchliner.text_columns import Array, Column, read_columns
+from torchliner.text_columns import Array, Column, number_of, read_columns
 from torchliner.toml_files import read_text
 
-COLUMNS = ("frequency", "speed", "resistance", "reactance")
+COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance",
+           "reactance": "impedance"}  # fmt: skip
 EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
 
@@ -42,10 +44,13 @@ class TabulatedLiner(LinerModel):
     name: str = "table"
 
     def __post_init__(self) -> None:
+        make_plain(self)
         frequency = real_tensor(self.frequency).reshape(-1)
         values = self.values
         if not isinstance(values, Tensor):  # a list of complex would become complex64
-            values = torch.from_numpy(np.array(values, dtype=np.complex128))
+            values = torch.from_numpy(
+                np.array(plain_array(values, f"table {self.name!r}: values"), dtype=np.complex128)
+            )
         values = values.to(torch.complex128)
         speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
         wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
@@ -89,7 +94,13 @@ class TabulatedLiner(LinerModel):
                 repetition in the grid.
         """
         options.setdefault("name", Path(path).stem)
-        columns = _read_columns(Path(path))
+        with naming(path):
+            return cls._from_columns(_read_columns(Path(path)), path, **options)
+
+    @classmethod
+    def _from_columns(
+        cls, columns: dict[str, Array], path: str | Path, **options: Any
+    ) -> TabulatedLiner:
         wall = columns["resistance"] + 1j * columns["reactance"]
         if "speed" not in columns:
             order = columns["frequency"].argsort(kind="stable")
@@ -142,16 +153,30 @@ def _read_columns(path: Path) -> dict[str, Array]:
     text = read_text(path)
     separator = ";" if ";" in text.partition("\n")[0] else ","
     reader = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
-    labels = [label.strip() for label in next(reader, [])]
+    with naming(path):
+        labels = [label.strip() for label in next(reader, [])]
+        rows = [([cell.strip() for cell in row], reader.line_num) for row in reader if row]
     for name in COLUMNS:
         if labels.count(name) != 1 and (name != "speed" or name in labels):
             state = "named twice" if name in labels else f"missing; there are: {', '.join(labels)}"
             raise ValueError(f"{path}: column {name!r} is {state}; write {EXAMPLE}")
-    rows = [([cell.strip() for cell in row], reader.line_num) for row in reader if row]
     if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line 1")
+    others = {i: label for i, label in enumerate(labels) if label not in COLUMNS}
+    if separator == "," and any(
+        number_of(cell) == number_of(cell)
+        for row, _ in rows
+        for i, cell in enumerate(row)
+        if i in others
+    ):
+        # A decimal comma shifts the cells of a row by one, into a column that nobody reads.
+        tell(
+            f"{path}: numbers in the columns {', '.join(map(repr, others.values()))} are passed "
+            "over; if they stem from decimal commas, part the cells by semicolons and write points"
+        )
     cells, numbers = zip(*rows, strict=True)
-    columns = [Column(name, labels.index(name), 1.0) for name in COLUMNS if name in labels]
+    columns = [Column(name, labels.index(name), 1.0, COLUMNS[name]) for name in COLUMNS
+               if name in labels]  # fmt: skip
     return read_columns(cells, numbers, columns, path, len(labels), special=(), comma=False)
 
 

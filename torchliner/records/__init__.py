@@ -1,6 +1,7 @@
 """The records everything passes through."""
 
 from torchliner.records.burst_record import BurstRecord
+from torchliner.records.closure import Closure, Gap
 from torchliner.records.field_fit import FieldFit
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
@@ -14,7 +15,9 @@ from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "BurstRecord",
+    "Closure",
     "FieldFit",
+    "Gap",
     "ImpedanceLine",
     "ImpedanceMap",
     "Interval",

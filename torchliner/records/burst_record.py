@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_choice, require_positive_where_stated
+from torchliner.checks import make_plain, require_choice, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
@@ -69,10 +69,11 @@ class BurstRecord(Written):
     name: str = field(default="bursts", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         self._check_arrays()
         for label in ("x", "y", "z", "incident_level"):
             value = getattr(self, label)
-            if value is not None and not abs(plain_number(value)) < float("inf"):
+            if value is not None and not abs(value) < float("inf"):
                 raise ValueError(f"{self.name}: {label} is {value}; a finite number is needed")
         require_positive_where_stated(self, "frequency", "displacement_thickness")
         require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)

@@ -21,16 +21,33 @@ class Cells:
     Args:
         labels: cell of each probe, int64, (P,); -1 for probes in a cell that is not whole.
         x, z: centres, m, (C,); nan where the plane has no such coordinate.
+        weight: share of its probes that a cell has, above 0 to 1, (C,); None: all have all.
     """
 
     labels: Tensor
     x: Tensor
     z: Tensor
+    weight: Tensor | None = None
 
     @property
     def count(self) -> int:
         """C."""
         return len(self.x)
+
+    def kept(self, used: Tensor) -> Cells:
+        """The cells that hold one of the probes ``used``, (P,), each weighing what it has of them.
+
+        A cell of which nothing is left knows no velocity: counted at 0 it would be a liner at rest.
+        """
+        inside = self.labels >= 0
+        of, left = (torch.bincount(self.labels[which], minlength=self.count)
+                    for which in (inside, inside & used))  # fmt: skip
+        there = left > 0
+        number = torch.where(there, there.to(torch.int64).cumsum(0) - 1, -1)
+        labels = torch.where(inside & used, number[self.labels.clamp(min=0)], -1)
+        weight = (left[there] / of[there]).to(torch.float64)
+        plain = bool((weight == 1).all())
+        return Cells(labels, self.x[there], self.z[there], None if plain else weight)
 
     def membership(self, used: Tensor) -> Tensor:
         """Averaging matrix (P, C), float64: columns sum to 1 over the probes ``used``."""

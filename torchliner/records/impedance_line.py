@@ -16,6 +16,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
+from torchliner.records.closure import Closure, words_of
 from torchliner.records.outlets import Drawn
 from torchliner.records.uncertainty import Interval
 
@@ -79,6 +80,7 @@ class ImpedanceLine(Drawn):
             bursts left out, by reason; warnings about the eduction.
         average: over the stations; None before they are joined.
         goodrich, reference, fluid, ...: as in a map.
+        closure: of the average and of each station, as in a map; None where it is not checked.
     """
 
     frequency: Tensor
@@ -116,6 +118,12 @@ class ImpedanceLine(Drawn):
     title: str = ""
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    closure: Closure | None = None
+
+    @property
+    def closure_words(self) -> str:
+        """What the average is compared with, or why it is not."""
+        return words_of(self.closure, self.choices)
 
     @property
     def stations(self) -> int:

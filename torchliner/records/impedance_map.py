@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.checks import require_choice
 from torchliner.conversions import (
     absorption_from_reflection,
     admittance_from_reflection,
@@ -18,9 +19,12 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
+from torchliner.records.closure import Closure, words_of
 from torchliner.records.outlets import Drawn
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
+
+ENDS = dict(zip(ORDERS, ("", "_velocity_first", "_coherent_first"), strict=True))  # of names
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,10 @@ class ImpedanceMap(Drawn):
         cell_x, cell_z: centres of whole cells, m, (C,).
         cell_reflection: from the admittance averaged over each cell's probes, (C, F).
         cell_reflection_velocity_first: from the velocity averaged over the cell, then replayed.
+        reflection_coherent_first, cell_reflection_coherent_first: R of each probe, (..., F), under
+            its own incoherent velocity and the coherent one of its cell, and from the admittance
+            averaged over each cell's probes, (C, F); None where another order was asked for.
+        liner_reflection_coherent_first: the same over the probes of all cells, (F,).
         x, z, height, fluid, reference, ...: as in the plane.
         wall: probes that counted as wall, admittance 0, in the averages over probes, bool,
             (..., F); None without a wall filter.
@@ -48,6 +56,10 @@ class ImpedanceMap(Drawn):
         notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
         alongside: what other methods found for the same case, such as ``in_situ``.
+        cell_weight: share of its probes that each cell has, in averages over cells, (C,); None: all
+            have all. Cells without any probe left are no cells of the map.
+        closure: whether Z and the coherent velocity give the pressure that is known; None where
+            that is not checked, see ``closure_words``.
     """
 
     frequency: Tensor
@@ -76,6 +88,11 @@ class ImpedanceMap(Drawn):
     uncertainty: Uncertainty | None = None
     wall: Tensor | None = None
     alongside: tuple[PointImpedances, ...] = ()
+    cell_weight: Tensor | None = None
+    reflection_coherent_first: Tensor | None = None
+    cell_reflection_coherent_first: Tensor | None = None
+    liner_reflection_coherent_first: Tensor | None = None
+    closure: Closure | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -143,19 +160,55 @@ class ImpedanceMap(Drawn):
 
     @property
     def liner_impedance_velocity_first(self) -> Tensor:
-        """1 / mean over cells of the admittance from the cell-averaged velocity, (F,)."""
-        return mean_impedance(admittance_from_reflection(self.cell_reflection_velocity_first))
+        """1 / mean over cells, each by its share of probes, of Y from their velocity, (F,)."""
+        admittance = admittance_from_reflection(self.cell_reflection_velocity_first)
+        return mean_impedance(admittance, weights=self.cell_weight)
+
+    @property
+    def liner_impedance_coherent_first(self) -> Tensor | None:
+        """1 / mean of the admittance over the probes of all cells, coherent first, (F,)."""
+        if self.liner_reflection_coherent_first is None:
+            return None
+        return impedance_from_reflection(self.liner_reflection_coherent_first)
+
+    @property
+    def orders(self) -> tuple[str, ...]:
+        """Those of ``names.ORDERS`` that the map holds."""
+        return ORDERS if self.cell_reflection_coherent_first is not None else ORDERS[:2]
+
+    @property
+    def order(self) -> str:
+        """That of ``answer``: as chosen; ``probes first`` in files of older versions."""
+        return str(self.choices.get("order", ORDERS[0]))
+
+    @property
+    def answer(self) -> Tensor:
+        """Z of the whole liner in the order that was chosen, (F,): the value to quote."""
+        return self.of_liner(self.order)
 
     def of_liner(self, order: str) -> Tensor:
-        """Whole liner, (F,), in one of ``names.ORDERS``."""
-        return self.liner_impedance if order == ORDERS[0] else self.liner_impedance_velocity_first
+        """Whole liner, (F,), in one of ``orders``."""
+        return self._in_order(self, f"liner_impedance{ENDS[order]}", order)
+
+    def of_cells(self, order: str) -> Tensor:
+        """Each cell, (C, F), in one of ``orders``."""
+        return self._in_order(self, f"cell_impedance{ENDS[order]}", order)
+
+    @property
+    def closure_words(self) -> str:
+        """What the whole plane is compared with, or why it is not."""
+        return words_of(self.closure, self.choices)
 
     def bounds_of_liner(self, order: str, index: int = 0) -> tuple[complex, complex] | None:
         """Of its statistical interval at one frequency; None without any."""
-        if (known := self.uncertainty) is None:
+        if self.uncertainty is None or order not in self.orders:
             return None
-        found = known.liner if order == ORDERS[0] else known.liner_velocity_first
+        found = self._in_order(self.uncertainty, f"liner{ENDS[order]}", order)
         return complex(found.low[index]), complex(found.high[index])
+
+    def _in_order(self, holder: Any, name: str, order: str) -> Any:
+        require_choice("order of averaging", order, self.orders)
+        return getattr(holder, name)
 
     @property
     def cell_impedance(self) -> Tensor:
@@ -166,6 +219,20 @@ class ImpedanceMap(Drawn):
     def cell_impedance_velocity_first(self) -> Tensor:
         """Of each cell, velocity averaged over its probes, then replayed, (C, F)."""
         return impedance_from_reflection(self.cell_reflection_velocity_first)
+
+    @property
+    def cell_impedance_coherent_first(self) -> Tensor | None:
+        """Of each cell, admittance averaged over its probes, coherent first, (C, F)."""
+        if self.cell_reflection_coherent_first is None:
+            return None
+        return impedance_from_reflection(self.cell_reflection_coherent_first)
+
+    @property
+    def impedance_coherent_first(self) -> Tensor | None:
+        """Of each probe under the coherent velocity of its cell, (..., F)."""
+        if self.reflection_coherent_first is None:
+            return None
+        return impedance_from_reflection(self.reflection_coherent_first)
 
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""

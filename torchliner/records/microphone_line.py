@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.checks import (
     frequency_tensor,
     index_of_frequency,
+    make_plain,
+    plain_array,
     plain_number,
     real_tensor,
     require_choice,
@@ -26,8 +27,10 @@ from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
 from torchliner.records.unit_checks import unit_warnings
+from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
+QUIETEST = 1.0  # dB
 LOUDEST = 194.0  # dB: a peak of one atmosphere
 
 
@@ -76,6 +79,7 @@ class MicrophoneLine(Written):
     name: str = field(default="microphones", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
         frequency = frequency_tensor(self.frequency)
         object.__setattr__(self, "frequency", frequency)
         self._check_places()
@@ -111,7 +115,8 @@ class MicrophoneLine(Written):
             frequency: Hz.
             about: further fields of the record.
         Raises:
-            ValueError: shapes differ, a level is above that of one atmosphere.
+            ValueError: shapes differ; a level is above that of one atmosphere or below 1 dB, a
+                phase beyond 1e6 degrees.
         Warns:
             DataWarning: levels that look like pascals, phases that look like radians.
         """
@@ -127,6 +132,12 @@ class MicrophoneLine(Written):
                 f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
                 "amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
             )
+        if levels.numel() and float(levels.min()) < QUIETEST:
+            raise ValueError(
+                f"{name}: a level is {float(levels.min()):g} dB, below {QUIETEST:g} dB, which no "
+                "microphone measures; leave out the values that are missing"
+            )
+        require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
         notes = unit_warnings(
@@ -152,7 +163,9 @@ class MicrophoneLine(Written):
     def _check_pressure(self, frequencies: int) -> None:
         pressure = self.pressure
         pressure = (
-            pressure if isinstance(pressure, Tensor) else torch.as_tensor(np.asarray(pressure))
+            pressure
+            if isinstance(pressure, Tensor)
+            else torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
         )
         if not pressure.is_complex():
             raise TypeError(

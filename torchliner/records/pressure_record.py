@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive, require_positive_where_stated
+from torchliner.checks import (
+    make_plain,
+    plain_array,
+    require_positive,
+    require_positive_where_stated,
+)
 from torchliner.fluid import Fluid
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, finite_places, signal_tensor
@@ -79,6 +83,7 @@ class PressureRecord(Written, AtProbes):
     name: str = field(default="pressure", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         for label, unit in SIGNALS.items():
             value = getattr(self, label)
             if value is not None:
@@ -141,7 +146,9 @@ class PressureRecord(Written, AtProbes):
     def _check_cells(self) -> None:
         if self.probe_cell is None:
             return
-        labels = torch.as_tensor(np.asarray(self.probe_cell)).reshape(-1)
+        labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell")).reshape(
+            -1
+        )
         if labels.is_floating_point() or labels.is_complex():
             raise TypeError(f"{self.name}: probe_cell is {labels.dtype}; whole numbers are needed")
         labels = labels.to(torch.int64)

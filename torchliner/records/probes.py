@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from torchliner.checks import plain_array
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
 class AtProbes:
@@ -50,16 +54,18 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     """A signal as a tensor, without a copy where possible.
 
     Args:
-        value: tensor or array.
+        value: tensor or array; masked values become nan. Where its axes have names, as those of
+            xarray, that called ``time`` is moved to the end and z before x.
         label, name: of the signal and of its record, for messages.
         unit: the unit it must be in.
     Raises:
-        TypeError: not float32 or float64.
+        TypeError: not float32 or float64; a table; names of axes without a ``time``.
+        ValueError: it states another unit.
     """
     if isinstance(value, Tensor):
         tensor = value
     else:
-        array = np.asarray(value)
+        array = _time_last(value, f"{name}: {label}", unit)
         if array.dtype.kind not in "fiuc":
             raise TypeError(f"{name}: {label} is {array.dtype}; floating-point {unit} are needed")
         native = array.astype(array.dtype.newbyteorder("="), copy=False)
@@ -74,15 +80,47 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     return tensor
 
 
+def _time_last(value: Any, name: str, unit: str) -> np.ndarray:
+    """An array whose axes may have names and which may state its unit."""
+    array = plain_array(value, name, missing=True)
+    _require_unit(value, name, unit)
+    axes = getattr(value, "dims", getattr(value, "dimensions", None))
+    if not isinstance(axes, tuple) or len(axes) != array.ndim or array.ndim == 0:
+        return array
+    if axes.count("time") != 1:
+        raise TypeError(
+            f"{name} has the axes {axes}, none of them 'time'; rename one, or give a plain array, "
+            "time last"
+        )
+    order = [axis for axis in ("z", "x") if axis in axes] if {*axes} <= {"time", "z", "x"} else (
+        [axis for axis in axes if axis != "time"])  # fmt: skip
+    return array.transpose([axes.index(axis) for axis in (*order, "time")])
+
+
+def _require_unit(value: Any, name: str, unit: str) -> None:
+    """Refuse an array that states another unit than the SI unit it must be in."""
+    stated = getattr(value, "unit", getattr(value, "units", None))
+    if stated is None and isinstance(about := getattr(value, "attrs", None), Mapping):
+        stated = about.get("units")
+    if stated is not None and unit in SI_QUANTITY:
+        factor = si_factor(SI_QUANTITY[unit], str(stated), name)
+        if factor != 1:
+            raise ValueError(f"{name} is in {stated}; multiply it by {factor:g}: {unit} is needed")
+
+
 def finite_places(value: Any, label: str, name: str) -> Tensor:
     """Coordinates as float64, (N,).
 
     Raises:
-        ValueError: values that are not finite.
+        ValueError: values that are not finite, masked, in another unit, or beyond any duct.
     """
+    if not isinstance(value, Tensor):
+        _require_unit(value, f"{name}: {label}", "m")
+        value = plain_array(value, f"{name}: {label}")
     values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
+    require_plausible(values.numpy(), "length", f"{name}: {label}")
     return values
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_positive
+from torchliner.checks import make_plain, require_positive
 from torchliner.records.probes import signal_tensor
 
 FEWEST_SAMPLES = 2
@@ -36,9 +36,10 @@ class ReferenceChannel:
     name: str = "reference"
 
     def __post_init__(self) -> None:
+        make_plain(self)
         values = signal_tensor(self.values, "reference", self.name, "values").to(torch.float64)
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        if not abs(plain_number(self.start)) < float("inf"):
+        if not abs(self.start) < float("inf"):
             raise ValueError(f"{self.name}: start is {self.start} s; a finite number is needed")
         if values.ndim != 1 or len(values) < FEWEST_SAMPLES:
             raise ValueError(

@@ -28,7 +28,7 @@ class Reader(Protocol):
 
 
 def rows_per_slab(
-    probes: int, itemsize: int, memory: int | None = None, *, most: int = SLAB_ROWS
+    probes: int, itemsize: int, memory: int | None = None, *, most: int = SLAB_ROWS, tile: int = 0
 ) -> int:
     """Samples of a slab, 1 to ``most``.
 
@@ -37,10 +37,17 @@ def rows_per_slab(
         itemsize: bytes per velocity, of the file and of work copies together.
         memory: bytes for two buffers and the work; default two of ``SLAB_BYTES``.
         most: no more than this.
+        tile: bytes of a compressed tile of the file, which is unpacked as a whole.
     Raises:
-        ValueError: the limit does not hold one sample of every probe.
+        ValueError: the limit holds neither one sample of every probe, nor a tile twice.
     """
     row = 2 * itemsize * max(1, probes)
+    if memory is not None and tile > WORK_BYTES and memory < 2 * tile + row:
+        raise ValueError(
+            f"a memory limit of {memory / 1e6:.4g} MB is below twice a compressed tile of the file "
+            f"({tile / 1e6:.4g} MB, unpacked as a whole); raise memory, or store the file in "
+            "smaller tiles (h5repack)"
+        )
     if memory is None:
         return max(1, min(most, 2 * SLAB_BYTES // row))
     if memory < WORK_BYTES + row:

@@ -48,8 +48,9 @@ class Uncertainty:
     Args:
         probes: (..., F).
         along_x: of the admittance averaged over z, (X, F); None for planes without rows.
-        cells, cells_velocity_first: (C, F), in both orders of averaging.
-        liner, liner_velocity_first: (F,).
+        cells, cells_velocity_first, cells_coherent_first: (C, F), by order of averaging, the last
+            None where it was left out.
+        liner, liner_velocity_first, liner_coherent_first: (F,).
         settings: level, draws, seed, what was resampled, blocks.
     """
 
@@ -60,3 +61,5 @@ class Uncertainty:
     liner_velocity_first: Interval
     along_x: Interval | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    cells_coherent_first: Interval | None = None
+    liner_coherent_first: Interval | None = None

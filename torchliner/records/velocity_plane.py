@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
-from torchliner.checks import require_positive, require_positive_where_stated
+from torchliner.checks import make_plain, require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
@@ -68,6 +68,7 @@ class VelocityPlane(Written, AtProbes):
     name: str = field(default="velocity", kw_only=True)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
             if value is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
 from torchliner.records.slabs import Bounds
+from torchliner.replay.periodic import PeriodicPart
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.sources import Columns
 from torchliner.replay.survey import Survey
@@ -25,9 +27,14 @@ class DriveSpeed:
         mean: str,
         seen: Survey,
         running_samples: int,
+        periodic: PeriodicPart | None = None,
     ) -> None:
-        self.velocity = velocity
+        """``periodic``: of the probes, which then come a third time, each with its own incoherent
+        velocity and the coherent one of its cell; ``seen`` has these columns too."""
+        self.velocity, self.periodic = velocity, periodic
         self.samples, self.widths = velocity.samples, velocity.widths
+        if periodic is not None:
+            self.widths = (*self.widths, self.widths[0])
         self.dtype, self.device = velocity.dtype, velocity.device
         self.drive = drive
         self.running_samples = running_samples
@@ -50,15 +57,34 @@ class DriveSpeed:
             half = self.running_samples // 2
             wider = [(max(0, b - half), min(self.samples, e + half + 1)) for b, e in bounds]
             for (begin, end), (low, _), groups in zip(
-                bounds, wider, self.velocity.slabs(wider), strict=True
+                bounds, wider, self._groups(wider), strict=True
             ):
                 yield [
                     Columns(self._running(slab, offset, begin, end, low))
                     for slab, offset in zip(groups, self.offsets, strict=True)
                 ]
         else:
-            for groups in self.velocity.slabs(bounds):
+            for groups in self._groups(bounds):
                 yield [Columns(v, offset) for v, offset in zip(groups, self.offsets, strict=True)]
+
+    def with_extremes(self, seen: Survey) -> Survey:
+        """The survey with the extremes of v* themselves, by one more pass, in place of bounds."""
+        smallest, largest = seen.smallest.clone(), seen.largest.clone()
+        low, high = smallest[-self.widths[-1] :], largest[-self.widths[-1] :]  # views
+        low.fill_(torch.inf)
+        high.fill_(-torch.inf)
+        for groups in self._groups(self.bounds()):
+            low.copy_(torch.minimum(low, groups[-1].amin(0)))
+            high.copy_(torch.maximum(high, groups[-1].amax(0)))
+        return dataclasses.replace(seen, smallest=smallest, largest=largest)
+
+    def _groups(self, bounds: Bounds) -> Iterator[list[Tensor]]:
+        """Probes, cell averages and, with a periodic part, v*."""
+        for (begin, end), groups in zip(bounds, self.velocity.slabs(bounds), strict=True):
+            if self.periodic is not None:
+                away = self.periodic.of_time(begin, end, self.dtype)
+                groups.append(torch.sub(groups[0], away, out=away))
+            yield groups
 
     def _running(
         self, slab: Tensor, offset: Tensor | None, begin: int, end: int, low: int

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import INTERPOLATIONS, SPACINGS
 
 # Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
@@ -39,6 +39,7 @@ class VelocityGrid:
     interpolation: str = "cubic"
 
     def __post_init__(self) -> None:
+        make_plain(self)
         require_positive("velocity_max (m/s)", self.maximum)
         require_choice("level spacing", self.spacing, SPACINGS)
         require_choice("interpolation", self.interpolation, INTERPOLATIONS)

@@ -42,6 +42,7 @@ class ProbeVelocity:
         self.used = None if bool(used.all()) else used.to(device)
         self.memory = memory
         self.most_rows: int | None = None  # set where a device turned out to be too small
+        self.derived = 0  # columns that are formed of these beside them
         if cells is None:
             return
         self.widths = (plane.probes, cells.count)
@@ -61,9 +62,10 @@ class ProbeVelocity:
         size = self.plane.velocity.dtype.itemsize
         if self.dtype.itemsize > size or self.device.type == "cuda":
             size += self.dtype.itemsize
-        columns = sum(self.widths)
+        columns = sum(self.widths) + self.derived
         longest = max(SLAB_ROWS, tile, NARROW // columns)
-        most = rows_per_slab(columns, size, self.memory, most=longest)
+        packed = getattr(stored, "tile_bytes", 0)
+        most = rows_per_slab(columns, size, self.memory, most=longest, tile=packed)
         rows = most if tile > most else most - most % tile
         return bounds_of(self.samples, min(rows, self.most_rows or rows))
 

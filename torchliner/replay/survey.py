@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.replay.periodic import PeriodicSums
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.sources import block_elements, blocks, weighted_sums
 from torchliner.replay.survey_blocks import VelocityBlocks, VelocityBlockSums
@@ -34,7 +37,8 @@ class Survey:
         line: sum of w (v - mean) e^{-j omega t}, (P, F).
         coherence: of v with a steady tone, 0 to 1, (P, F).
         segments: number of segments behind ``coherence``.
-        blocks: means over blocks of the record, where they were asked for.
+        blocks, cell_blocks: means over blocks of the record, of all columns where they were asked
+            for, of the cells, the last group, wherever there are blocks.
     """
 
     mean: Tensor
@@ -47,11 +51,23 @@ class Survey:
     coherence: Tensor
     segments: int
     blocks: VelocityBlocks | None = None
+    cell_blocks: VelocityBlocks | None = None
 
     @property
     def rms(self) -> Tensor:
         """rms of v with its mean removed, eq. (3.6), (P,)."""
         return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+    @classmethod
+    def join(cls, parts: Sequence[Survey]) -> Survey:
+        """Groups of columns side by side."""
+        columns = set(vars(parts[0])) - {"segments", "blocks", "cell_blocks"}
+        joined: dict[str, Any] = {
+            name: torch.cat([getattr(part, name) for part in parts]) for name in columns
+        }
+        blocks = [part.blocks for part in parts if part.blocks is not None]
+        kept = VelocityBlocks.join(blocks) if blocks else None
+        return dataclasses.replace(parts[0], **joined, blocks=kept)
 
 
 def survey(
@@ -61,6 +77,8 @@ def survey(
     weights: Tensor,
     progress: Callable[[int], None] | None = None,
     blocks: Blocks | None = None,
+    of_probes: bool = True,
+    periodic: PeriodicSums | None = None,
 ) -> Survey:
     """One pass over ``source``: extremes, moments, faults, tone and coherence.
 
@@ -70,7 +88,9 @@ def survey(
         sampling_rate: Hz.
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
-        blocks: over which the velocity's own means are kept too.
+        blocks: over which the velocity's own means are kept too; ``of_probes``: of all columns,
+            not of the cells alone.
+        periodic: to be given the probes of the first group as they come by.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
     is that between v and a tone of constant phase, from S segments of two periods with Hann
@@ -79,28 +99,27 @@ def survey(
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
     groups = [_Sums(analysis, width, source.device) for width in source.widths]
-    means = [] if blocks is None else [
+    first = 0 if of_probes else -1
+    means = [
         VelocityBlockSums(blocks, frequency.cpu(), sampling_rate, width, source.device)
-        for width in source.widths
-    ]  # fmt: skip
+        for width in source.widths[first:]
+        if blocks is not None
+    ]
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
         for low, high in analysis.pieces(begin, end, sum(source.widths)):
             rows = analysis.rows(low, high)
             for group, slab in zip(groups, slabs, strict=True):
                 group.add(low, high, rows, slab[low - begin : high - begin])
-        for each, slab in zip(means, slabs, strict=bool(means)):
+        for each, slab in zip(means, slabs[first:], strict=bool(means)):
             each.add(begin, slab)
+        if periodic is not None:
+            periodic.add(begin, slabs[0])
         if progress is not None:
             progress(end - begin)
-    kept = VelocityBlocks.join([each.result() for each in means]) if means else None
-    return _join([group.result() for group in groups], analysis.segments, kept)
-
-
-def _join(parts: list[Survey], segments: int, blocks: VelocityBlocks | None) -> Survey:
-    fields = [name for name in vars(parts[0]) if name not in ("segments", "blocks")]
-    joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in fields}
-    return Survey(**joined, segments=segments, blocks=blocks)
+    kept, found = [each.result() for each in means], Survey.join([g.result() for g in groups])
+    joined = VelocityBlocks.join(kept) if kept and of_probes else None
+    return dataclasses.replace(found, blocks=joined, cell_blocks=kept[-1] if kept else None)
 
 
 def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
@@ -190,9 +209,8 @@ class _Analysis:
     """Rows of e^{-j omega t} under the window and under the coherence segments."""
 
     def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
-        self.samples = n
+        self.samples, self.weights = n, weights
         self.frequency, self.sampling_rate = frequency.cpu(), sampling_rate
-        self.weights = weights
         period = sampling_rate / float(frequency.min())
         self.segment_length = max(1, min(n, round(PERIODS_PER_SEGMENT * period)))
         self.segments = max(1, n // self.segment_length)
@@ -215,8 +233,8 @@ class _Analysis:
 
     def segment_rows(self) -> Tensor:
         """Lines of a segment from its own first sample on, real and imaginary, (2 F, L)."""
-        turning = waves(self.frequency, self.sampling_rate, 0, self.segment_length) * self.hann
-        return torch.cat([turning.real, turning.imag])
+        line = waves(self.frequency, self.sampling_rate, 0, self.segment_length) * self.hann
+        return torch.cat([line.real, line.imag])
 
     def rows(self, begin: int, end: int) -> Tensor:
         """Ones; lines, real and imaginary; lines of a segment, if this is one or a part of one."""
@@ -238,7 +256,7 @@ class _Coherence:
     """Running sums over segments; only the unfinished one is held."""
 
     def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
-        self.analysis = analysis
+        self.analysis, self.rounding = analysis, 1e-12
         shape = (len(analysis.frequency), width)
         self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.total = torch.zeros_like(self.current)
@@ -248,7 +266,6 @@ class _Coherence:
         self.window_total = torch.zeros_like(self.window)
         self.window_power = torch.zeros(shape[0], 1, dtype=torch.float64, device=device)
         self.cross = torch.zeros_like(self.power)
-        self.rounding = 1e-12
 
     def add(self, end: int, products: Tensor, window: Tensor) -> None:
         """Samples before ``end``, in order: segment lines times them, (F, P), and alone, (F, 1)."""

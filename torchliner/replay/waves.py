@@ -19,7 +19,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
+from torchliner.checks import (
+    frequency_tensor,
+    make_plain,
+    real_tensor,
+    require_choice,
+    require_positive,
+)
 from torchliner.replay.emissions import Emission, Sent, SteadyTones
 
 SWEEPS = ("linear", "logarithmic")
@@ -104,6 +110,7 @@ class _Banded:
         return self.low, self.high
 
     def _check_band(self, kind: str) -> None:
+        make_plain(self)
         require_positive(f"{kind}: lowest frequency (Hz)", self.low)
         if not self.low < self.high < math.inf:
             raise ValueError(
@@ -131,7 +138,7 @@ class Sweep(_Banded):
     whole record's turbulence use ``BandNoise``, or the engine ``spectral``.
 
     >>> tl.Sweep(300, 6000).band  # Hz
-    (300, 6000)
+    (300.0, 6000.0)
     """
 
     spacing: str = "linear"
@@ -217,6 +224,7 @@ class Recorded:
     window: str = field(default="boxcar", init=False)
 
     def __post_init__(self) -> None:
+        make_plain(self)
         require_positive(f"{self.label}: sampling_rate (Hz)", self.sampling_rate)
         values = real_tensor(self.signal).detach().cpu()
         if values.ndim != 1:

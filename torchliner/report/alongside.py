@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,8 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.in_situ_method.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
 from torchliner.report.curves import COMPLEX_PART, Curves, part_of
-from torchliner.report.numbers import over_z
+from torchliner.report.numbers import height_label, over_z
+from torchliner.report.table import format_bounds, format_complex
 
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
@@ -46,6 +48,68 @@ def alongside_surfaces(results: Sequence[ImpedanceMap], frequency_index: int) ->
         for other, index in alongside_at(results, frequency_index)
         for end, order in ORDERS
     }
+
+
+def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[dict[str, Any]]:
+    """Answer of each map less what the other methods found, with its joint statistical interval.
+
+    Half-widths add as independent ones. Where only the map has an interval, ``of_map_alone``.
+    """
+    found = []
+    for result in results:
+        for other, index in alongside_at([result], frequency_index):
+            for end, order in ORDERS:
+                value = complex(getattr(other, f"liner_impedance{end}")[index])
+                mine = result.bounds_of_liner(result.order, frequency_index)
+                theirs = _bounds_of(other, f"liner{end}", index)
+                row: dict[str, Any] = {
+                    "height": result.height,
+                    "frequency": float(result.frequency[frequency_index]),
+                    "between": f"{result.order} less {other.name}, {order}",
+                    "difference": complex(result.of_liner(result.order)[frequency_index]) - value,
+                    "low": None, "high": None, "differs": None, "of_map_alone": theirs is None,
+                }  # fmt: skip
+                if mine is not None:
+                    row |= _joint(mine, theirs or (value, value))
+                found.append(row)
+    return found
+
+
+def _bounds_of(other: PointImpedances, name: str, index: int) -> tuple[complex, complex] | None:
+    known = getattr(other, "uncertainty", None)
+    if known is None:
+        return None
+    interval = getattr(known, name)
+    return complex(interval.low[index]), complex(interval.high[index])
+
+
+def _joint(
+    mine: tuple[complex, complex], theirs: tuple[complex, complex]
+) -> dict[str, complex | bool]:
+    """Bounds of the difference, and whether 0 lies outside those of R or of X."""
+    ends = []
+    for part in ("real", "imag"):
+        (a, b), (c, d) = ([getattr(end, part) for end in pair] for pair in (mine, theirs))
+        middle, reach = (a + b - c - d) / 2, math.hypot(b - a, d - c) / 2
+        ends.append((middle - reach, middle + reach))
+    low, high = (complex(ends[0][i], ends[1][i]) for i in (0, 1))
+    return {"low": low, "high": high, "differs": any(a > 0 or b < 0 for a, b in ends)}
+
+
+def difference_lines(results: Sequence[ImpedanceMap]) -> list[str]:
+    """One line a map, frequency and value that stands beside it."""
+    lines = []
+    for i in range(len(results[0].frequency)):
+        for row in differences(results, i):
+            text = f"{row['frequency']:g} Hz, {height_label(row['height']) or 'map'}: "
+            text += f"{row['between']}: {format_complex(row['difference'])}"
+            if row["low"] is not None:
+                of = "the map's alone" if row["of_map_alone"] else "joint"
+                verdict = "they differ" if row["differs"] else "no difference is shown"
+                text += f" (statistical interval, {of}: "
+                text += f"{format_bounds((row['low'], row['high']))}): {verdict}"
+            lines.append(text)
+    return lines
 
 
 def draw_alongside(

@@ -18,12 +18,14 @@ SHOWN = (
     Column("", "change.real", "dR", "+.3f"),
     Column("", "change.imag", "dX", "+.3f"),
 )
+CLOSURE = Column("", "closure", "closure dB", "+.2f")
 WRITTEN = (
     Column("factor"),
     Column("variant"),
     *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None),
     *real_and_imaginary("change of R", "change of X", "change", None),
     Column("note"),
+    Column("closure (dB)", lambda row: row.get("closure")),
 )
 
 
@@ -36,6 +38,8 @@ def plain_audit(found: Audit) -> dict[str, Any]:
         "rows": [vars(row) for row in found.rows],
         "not_applicable": dict(found.skipped),
         "readings": found.readings,
+        "closure": found.closure,
+        "closure_words": found.closure_words,
         "choices": found.choices,
         "notes": list(found.notes),
     }
@@ -43,7 +47,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
 
 def write_audit(found: Audit, path: str | Path) -> None:
     """One row per variant; the base and its interval are rows too, and what does not apply."""
-    rows = [AuditRow("base", found.order, found.base, 0j)]
+    rows = [AuditRow("base", found.order, found.base, 0j, found.closure)]
     for name, bound in (("low", found.low), ("high", found.high)):
         if bound is not None:
             rows.append(AuditRow("interval", name, bound, bound - found.base))
@@ -64,8 +68,10 @@ def format_audit(found: Audit) -> str:
     skipped = [f"  {factor}: {reason}" for factor, reason in found.skipped.items()]
     return "\n".join([
         f"{found.title}, {found.frequency:g} Hz, whole liner, {found.order}",
-        f"{base}\n",
-        Table(found.rows, SHOWN).as_text(),
+        base,
+        f"closure: {found.closure_words}\n" if found.closure is None else
+        f"closure {found.closure:+.2f} dB {found.closure_words}\n",
+        Table(found.rows, SHOWN if found.closure is None else (*SHOWN, CLOSURE)).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
     ])  # fmt: skip

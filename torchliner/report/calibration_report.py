@@ -73,7 +73,9 @@ def plain_calibration(found: Calibration, rows: Sequence[PredictionRow]) -> dict
         "degrees_of_freedom": found.degrees_of_freedom,
         "scaling": found.scaling,
         "order": found.order,
-        "reference": [complex(z) for z in found.wanted],
+        "reference": [complex(z) for z in found.wanted] if found.closure is None else None,
+        "closure": None if found.closure is None else found.closure.tolist(),
+        "fitted_speeds": list(found.speeds),
         "fitted": [complex(z) for z in found.found],
         "predictions": [vars(row) for row in rows],
         "notes": list(found.notes),
@@ -91,13 +93,15 @@ def format_calibration(found: Calibration) -> str:
     ]
     if pairs:
         lines.append("correlations: " + ", ".join(pairs))
+    left = [None] * len(found.found) if found.closure is None else found.closure.tolist()
     lines += [
+        f"closure {away:+.2f} dB, Z {format_complex(complex(value))}" if away is not None else
         f"reference {format_complex(complex(wanted))}, fitted {format_complex(complex(value))}"
-        for wanted, value in zip(found.wanted, found.found, strict=True)
-    ]
+        for wanted, value, away in zip(found.wanted, found.found, left, strict=True)
+    ]  # fmt: skip
     effective = "none" if found.posterior is None else f"{found.posterior.effective:.0f}"
     lines.append(
-        f"{2 * len(found.wanted)} data, {len(names)} parameters, sum of squares "
+        f"{found.data} data, {len(names)} parameters, sum of squares "
         f"{found.chi_square:.4g} ({found.scaling}); averaging: {found.order}; independent draws: "
         f"{effective}"
     )

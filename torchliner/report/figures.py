@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.impedance_map import ENDS
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.curves import Curves, part_of
 from torchliner.report.figure import (
@@ -34,6 +36,7 @@ from torchliner.report.numbers import (
     velocity_along_x,
 )
 
+FACES = {ORDERS[0]: "lightgrey", ORDERS[1]: "white", ORDERS[2]: "lightyellow"}
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
@@ -86,7 +89,8 @@ def draw_along_x(
             axis.axhline(part_of(value, part), color="k", linewidth=0.9,
                          linestyle=REFERENCE_STYLES[i % 4], label=name)  # fmt: skip
         draw_alongside(axis, ordered, part, frequency_index)
-    cells = "cells: filled, admittance over probes; open, velocity first"
+    others = (f"{FACES[each]}, {each}" for each in ordered[0].orders if each != ordered[0].order)
+    cells = f"cells: filled, {ordered[0].order}; {'; '.join(others)}"
     words = interval_words(ordered[0])
     bands = f"\nbands, bars: {words}" if words else ""
     title = f"{_family(ordered, frequency_index)}; {cells}{bands}"
@@ -96,19 +100,18 @@ def draw_along_x(
 def _draw_cells(
     axis: Any, result: ImpedanceMap, part: str, frequency_index: int, marker: str, colour: str
 ) -> None:
-    """Both orders of averaging, filled and open, at the cells' centres."""
+    """All orders of averaging at the cells' centres, that of the answer filled."""
     found, x = result.uncertainty, 1e3 * result.cell_x.numpy()
-    first, second = (None, None) if found is None else (found.cells, found.cells_velocity_first)
-    for values, face, interval in (
-        (result.cell_impedance, colour, first),
-        (result.cell_impedance_velocity_first, "white", second),
-    ):
+    for order in sorted(result.orders, key=lambda each: each == result.order):
+        face = FACES[order] if order != result.order else colour
+        interval = None if found is None else getattr(found, f"cells{ENDS[order]}")
         if interval is not None:
             ends = (part_of(end[:, frequency_index], part) for end in (interval.low, interval.high))
             axis.vlines(x, *ends, color=colour, linewidth=1.2, zorder=2)
         axis.plot(
-            x, part_of(values[:, frequency_index], part), marker, markerfacecolor=face,
-            markeredgecolor="k" if face == colour else colour, markeredgewidth=0.6, zorder=3,
+            x, part_of(result.of_cells(order)[:, frequency_index], part), marker,
+            markerfacecolor=face, markeredgecolor="k" if face == colour else colour,
+            markeredgewidth=0.6, zorder=3,
         )  # fmt: skip
 
 
@@ -126,26 +129,26 @@ def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[s
 def draw_against_height(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
-    """Z in the complex plane at several heights, both orders of averaging (figure 19a's trend)."""
+    """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend)."""
     figure, axes = subplots(1, 1, 3.6)
     axis = axes[0, 0]
     rows = against_height(results)
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in rows if row.frequency == frequency]
-    shown = [row.probes_first for row in rows] + [row.velocity_first for row in rows]
+    orders = list(reversed(results[0].orders))
+    names = [order.replace(" ", "_") for order in orders]
+    shown = [getattr(row, name) for row in rows for name in names]
     references = _references(results, frequency_index)
     references |= alongside_surfaces(results, frequency_index)
     shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
-    orders = (("probes_first", "admittance over probes"), ("velocity_first", "velocity first"))
-    for i, (order, label) in enumerate(orders):
-        values = np.array([getattr(row, order) for row in rows])
+    for i, (name, label) in enumerate(zip(names, orders, strict=True)):
+        values = np.array([getattr(row, name) for row in rows])
         axis.plot(
             values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
         )
-        suffix = "" if i == 0 else "_velocity_first"
         for row, value in zip(rows, values, strict=True):
-            _draw_cross(axis, value, getattr(row, f"interval{suffix}"), COLOURS[i])
+            _draw_cross(axis, value, getattr(row, f"interval{ENDS[label]}"), COLOURS[i])
         _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
     for i, (name, value) in enumerate(references.items()):
         axis.plot(

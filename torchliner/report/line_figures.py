@@ -74,7 +74,9 @@ def _band_words(lines: Sequence[ImpedanceLine]) -> str:
     first = lines[0]
     words = f"light: {PAPER_WIDTHS:g} standard deviations over segments"
     if first.interval is not None:
-        words += f"; dark: {100 * float(first.choices['interval']):g} % interval of the mean"
+        words += (
+            f"; dark: {100 * float(first.choices['interval']):g} % statistical interval of the mean"
+        )
     if any(not bool(line.used.all()) for line in lines):
         words += "; crosses: not in averages"
     return words

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
+from torchliner.report.closure_table import closure_lines, plain_closure
 from torchliner.report.table import (
     Column,
     Table,
@@ -29,6 +30,7 @@ def format_line(line: ImpedanceLine) -> str:
     return "\n".join([
         _station_table(line).as_text(),
         *_averages(line),
+        *closure_lines([line], [Column("", "frequency", "f Hz", ".1f")]),
         *format_references(line.reference),
         *(f"{f:g} Hz, Goodrich (2.7), linear liner: {format_complex(z)}"
           for f, z in zip(line.frequency.tolist(), goodrich, strict=False)),
@@ -73,7 +75,7 @@ def _station_table(line: ImpedanceLine) -> Table:
 
 
 def _level(line: ImpedanceLine) -> str:
-    return f"{100 * float(line.choices['interval']):g} %"
+    return f"{100 * float(line.choices['interval']):g} % statistical"
 
 
 def _averages(line: ImpedanceLine) -> list[str]:
@@ -124,6 +126,7 @@ def plain_line(line: ImpedanceLine) -> dict[str, Any]:
     return {
         "title": line.title,
         "average": average,
+        "closure": plain_closure(line),
         "rows": line_rows(line),
         "stations": stations,
         "reference": dict(line.reference),

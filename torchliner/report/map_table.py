@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from torchliner.records import ImpedanceMap
-from torchliner.report.alongside import alongside_surfaces
+from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
+from torchliner.report.closure_table import closure_lines, plain_closure
 from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,
@@ -23,6 +24,7 @@ NULL_TEST = (
 )
 WHERE = (Column("", "height", "y mm", ".2f", 1e3), Column("", "frequency", "f Hz", ".1f"))
 AVERAGES = (
+    Column("", "coherent_first", "Z, coherent first", format_complex),
     Column("", "probes_first", "Z, admittance over probes", format_complex),
     Column("", "spread", "spread R, X", format_pair),
     Column("", "velocity_first", "Z, velocity first", format_complex),
@@ -30,6 +32,7 @@ AVERAGES = (
     Column("", "level", "incident dB", ".1f"),
 )
 INTERVALS = (
+    Column("", "interval_coherent_first", "coherent first", format_bounds),
     Column("", "interval", "admittance over probes", format_bounds),
     Column("", "interval_velocity_first", "velocity first", format_bounds),
 )
@@ -43,7 +46,9 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
     if words:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
-    return "\n".join([*lines, *_beside(results), _choices(results[0])])
+    lines += closure_lines(results, WHERE)
+    lines += [*_beside(results), *difference_lines(results)]
+    return "\n".join([*lines, _choices(results[0])])
 
 
 def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
@@ -75,10 +80,15 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
         "rows": [vars(row) for row in against_height([result])],
         "reference": dict(result.reference),
         "alongside": [
-            {"frequency": f, "impedance": alongside_surfaces([result], i)}
+            {
+                "frequency": f,
+                "impedance": alongside_surfaces([result], i),
+                "differences": differences([result], i),
+            }
             for i, f in enumerate(result.frequency.tolist())
             if result.alongside
         ],
+        "closure": plain_closure(result),
         "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
         "choices": dict(result.choices),
         "notes": list(result.notes),

@@ -120,7 +120,7 @@ def _array(value: Tensor) -> Array:
 
 @dataclass(frozen=True)
 class HeightRow:
-    """One plane's averages: both orders of averaging, the spread over its probes, which is no
+    """One plane's averages: all orders of averaging, the spread over its probes, which is no
     uncertainty, and the statistical intervals (real parts bound R, imaginary parts X)."""
 
     height: float | None
@@ -132,12 +132,15 @@ class HeightRow:
     level: float
     interval: tuple[complex, complex] | None = None
     interval_velocity_first: tuple[complex, complex] | None = None
+    coherent_first: complex | None = None
+    interval_coherent_first: tuple[complex, complex] | None = None
 
 
 def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
+        third = result.liner_impedance_coherent_first
         for i, frequency in enumerate(result.frequency.tolist()):
             # The median over probes: a mean of complex waves would cancel along a grazing one.
             level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
@@ -145,6 +148,7 @@ def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
                 result.height, frequency, complex(result.liner_impedance[i]),
                 complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
                 float(result.coherence[..., i].nanmedian()), float(level),
-                *(result.bounds_of_liner(order, i) for order in ORDERS),
+                result.bounds_of_liner(ORDERS[0], i), result.bounds_of_liner(ORDERS[1], i),
+                None if third is None else complex(third[i]), result.bounds_of_liner(ORDERS[2], i),
             ))  # fmt: skip
     return rows

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report import figures
+from torchliner.report.closure_figure import closure_table, draw_closure
 from torchliner.report.numbers import impedance_along_x, velocity_along_x
 from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
 
@@ -42,6 +43,9 @@ def _draw_group(
         figures.draw_along_x(results, folder / f"along_x{end}.png", i)
         if len(results) > 1:
             figures.draw_against_height(results, folder / f"height{end}.png", i)
+        if any(result.closure is not None for result in results):
+            draw_closure(results, folder / f"closure{end}.png", i)
+            closure_table(results, i).write_csv(folder / f"closure{end}.csv")
     if len(frequencies) > 1:
         draw_spectrum(results, folder / "spectrum.png")
         for result, stem in zip(results, stems, strict=True):

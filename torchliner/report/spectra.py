@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap
+from torchliner.records.impedance_map import ENDS
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 from torchliner.report.figure import COLOURS, draw_band, finish, impedance_panels, styled
 from torchliner.report.numbers import case_title, height_label, interval_words
@@ -17,14 +18,16 @@ BARS = 15  # statistical intervals along a curve, about
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Curves:
-    """Whole-liner impedance in both orders, its statistical interval (admittance over probes), and
+    """Whole-liner impedance in all orders, the statistical interval of the answer, and
     quartiles over the probes that were not left out, which are no uncertainty."""
     values: dict[str, Array] = {}
     for part in COMPLEX_PART:
-        values[part] = part_of(result.liner_impedance, part)
-        values[f"{part}, velocity first"] = part_of(result.liner_impedance_velocity_first, part)
+        values[part] = part_of(result.answer, part)
+        for order in result.orders:
+            if order != result.order:
+                values[f"{part}, {order}"] = part_of(result.of_liner(order), part)
         if result.uncertainty is not None:
-            bounds = result.uncertainty.liner
+            bounds = getattr(result.uncertainty, f"liner{ENDS[result.order]}")
             for end, bound in (("low", bounds.low), ("high", bounds.high)):
                 values[f"{part} {end}"] = part_of(bound, part)
         flat = part_of(result.impedance, part).reshape(-1, len(result.frequency))
@@ -32,6 +35,10 @@ def impedance_over_frequency(result: ImpedanceMap) -> Curves:
             values[f"{part}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
     frequency = result.frequency.detach().cpu().numpy()
     return Curves(frequency, values, height_label(result.height), "frequency (Hz)")
+
+
+def _others(result: ImpedanceMap) -> list[str]:
+    return [order for order in result.orders if order != result.order]
 
 
 @styled
@@ -46,8 +53,10 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
             colour, kilohertz = COLOURS[i], numbers.at / 1e3
             name = numbers.label or "educed"
             axis.plot(kilohertz, numbers.values[part], color=colour, label=name)
-            axis.plot(kilohertz, numbers.values[f"{part}, velocity first"], "--", color=colour)
-            drawn += [numbers.values[part], numbers.values[f"{part}, velocity first"]]
+            drawn.append(numbers.values[part])
+            for other, style in zip(_others(result), ("--", ":"), strict=False):
+                axis.plot(kilohertz, numbers.values[f"{part}, {other}"], style, color=colour)
+                drawn.append(numbers.values[f"{part}, {other}"])
             low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
             draw_band(axis, kilohertz, low, high, colour)
             if f"{part} low" in numbers.values:
@@ -61,6 +70,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
     title = case_title(ordered[0]) or "educed impedance"
     words = interval_words(ordered[0])
-    title += "; solid: admittance over probes, dashed: velocity first\nshaded: middle half of the "
+    kinds = zip(("dashed", "dotted"), _others(ordered[0]), strict=False)
+    lines = ", ".join(f"{kind}: {order}" for kind, order in kinds)
+    title += f"; solid: {ordered[0].order}, {lines}\nshaded: middle half of the "
     title += f"probes; bars: {words}" if words else "probes"
     return finish(figure, path, title, legend=4)

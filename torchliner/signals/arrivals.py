@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor, require_choice, require_positive, tell
+from torchliner.checks import make_plain, real_tensor, require_choice, require_positive, tell
 from torchliner.names import GAPS, GRID_METHODS
 from torchliner.signals.spline_fit import spline_fit
 
@@ -45,6 +45,7 @@ class UniformGrid:
     samples: int
 
     def __post_init__(self) -> None:
+        make_plain(self)
         require_positive("rate of the grid (Hz)", self.rate)
         if self.samples < 2:
             raise ValueError(

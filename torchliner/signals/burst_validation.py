@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive
+from torchliner.checks import make_plain, require_positive
 from torchliner.records import BurstRecord
 
 GAUSSIAN_MAD = 1.4826  # standard deviation over median absolute deviation, 1 / Phi^-1(3/4)
@@ -33,6 +33,7 @@ class BurstFilters:
     outliers: float | None = 6.0
 
     def __post_init__(self) -> None:
+        make_plain(self)
         if self.zero_runs is not None and self.zero_runs < 2:
             raise ValueError(f"zero_runs is {self.zero_runs}; a run has at least 2 bursts")
         if self.outliers is not None:

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.replay.kernels import impedance_of
@@ -31,6 +32,10 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         "surface": plane.liner,
         "data": dict(plane.provenance),
     }
+    if prepared.drive.periodic is not None:
+        part = prepared.drive.periodic
+        facts["coherent_lines"] = part.harmonics.lines.tolist()
+        facts["coherent_share"] = part.share.mean(1).tolist()
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
@@ -54,6 +59,11 @@ def goodrich_of(prepared: Prepared) -> Tensor | None:
         return impedance_of(prepared.liner, prepared.frequency, torch.zeros(1)) + added
 
 
+def _admittance(reflection: Tensor, wall: Tensor | None) -> Tensor:
+    found = admittance_from_reflection(reflection)
+    return found if wall is None else torch.where(wall, 0, found)
+
+
 def assemble(
     prepared: Prepared,
     phase: str,
@@ -69,9 +79,9 @@ def assemble(
     Args:
         prepared: prepared plane.
         phase: rule that was used.
-        reflection: R of probes and cell averages, (P + C, F).
-        held: whether the rule held there, (P + C, F).
-        peak: complex peak amplitude of v into the liner, (P + C, F).
+        reflection: R of all columns, (N, F), see ``Prepared``.
+        held: whether the rule held there, (N, F).
+        peak: complex peak amplitude of v into the liner, (N, F).
         notes: all warnings.
         uncertainty: intervals, of the probes as (P, F).
         wall: probes that count as wall in averages over probes, (P, F).
@@ -91,6 +101,16 @@ def assemble(
         return part.reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
+    known: dict[str, Any] = {}
+    if prepared.drive.periodic is not None:
+        star, inside = reflection[-plane.probes :], prepared.in_cells.to(reflection.device)
+        known = {
+            "reflection_coherent_first": on_probes(star),
+            "cell_reflection_coherent_first": cells.average_reflection(star, kept, wall),
+            "liner_reflection_coherent_first": reflection_from_admittance(
+                _admittance(star, wall)[inside].mean(0)
+            ),
+        }
     if uncertainty is not None:
         uncertainty = dataclasses.replace(uncertainty, probes=uncertainty.probes.map(on_probes))
     return ImpedanceMap(
@@ -104,7 +124,7 @@ def assemble(
         cell_x=cells.x,
         cell_z=cells.z,
         cell_reflection=cells.average_reflection(probes, kept, wall),
-        cell_reflection_velocity_first=reflection[plane.probes :],
+        cell_reflection_velocity_first=reflection[prepared.averaged],
         x=plane.x,
         z=plane.z,
         height=plane.height,
@@ -119,4 +139,6 @@ def assemble(
         notes=tuple(notes),
         uncertainty=uncertainty,
         wall=None if wall is None else on_probes(wall),
+        cell_weight=cells.weight,
+        **known,
     )

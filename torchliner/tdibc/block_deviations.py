@@ -16,7 +16,7 @@ RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 def block_deviations(
     prepared: Prepared, blocks: LineSums | None, rule: PhaseRule, means: Means, columns: slice
 ) -> Tensor:
-    """dR of some probes and cell averages, complex128, (S, columns, F).
+    """dR of some columns, complex128, (S, columns, F).
 
     Args:
         prepared: prepared plane.
@@ -24,7 +24,7 @@ def block_deviations(
             so that R moves with the mean square alone.
         rule: phase rule.
         means: over the whole record.
-        columns: a slice of P + C.
+        columns: a slice of N.
     """
     if prepared.chosen.drive == "rms":
         return _of_rms(prepared, columns)

@@ -24,6 +24,7 @@ from torchliner.replay.unfold import Sink
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.assemble import assemble, facts_of
+from torchliner.tdibc.closure import with_closure
 from torchliner.tdibc.engines import unfold_into
 from torchliner.tdibc.prepared import Prepared, Progress
 
@@ -60,7 +61,8 @@ def educe_signal(
     reflection = spectra.reflection()
     held = torch.ones(reflection.shape, dtype=torch.bool, device=device)
     amplitude = prepared.velocity_amplitude
-    return assemble(prepared, "signal", reflection, held, 2 * amplitude, list(prepared.notes))
+    found = assemble(prepared, "signal", reflection, held, 2 * amplitude, list(prepared.notes))
+    return with_closure(prepared, found, {})
 
 
 def _run(

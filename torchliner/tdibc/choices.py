@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import (
     COMPILE,
     DRIVES,
@@ -19,6 +19,7 @@ from torchliner.names import (
     KERNELS,
     MEANS,
     MISSING,
+    ORDERS,
     PHASE_RULES,
     RESAMPLED,
     RESPONSES,
@@ -31,9 +32,9 @@ FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING, "compile": COMPILE,
-    "resample": RESAMPLED,
+    "resample": RESAMPLED, "order": ORDERS,
 }  # fmt: skip
-CALLED = {"phase": "phase rule", "edge": "edge rule"}
+CALLED = {"phase": "phase rule", "edge": "edge rule", "order": "order of averaging"}
 PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
@@ -87,6 +88,13 @@ class Choices:
         draws, seed: of the moving-block bootstrap behind them.
         resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
             z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
+        order: of averaging, which gives the map's ``answer``. ``coherent first`` (the default for
+            tones): what of v is periodic with the tone is averaged over the cell, the rest drives
+            each probe where it is; ``velocity first``: all of v over the cell; ``probes first``
+            (the paper, and the default with an incident signal): nothing. The first takes another
+            replay of every probe and is left out where one of the others is asked for.
+        closure_limit: dB that Z and the coherent velocity may be off a known pressure.
+        level_doubt: dB by which that pressure is itself doubtful; adds to the limit.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -121,8 +129,12 @@ class Choices:
     seed: int = 0
     resample: str = "time"
     wall_filter: float | None = None
+    order: str = "auto"
+    closure_limit: float = 0.3
+    level_doubt: float = 0.0
 
     def __post_init__(self) -> None:
+        make_plain(self)
         self._fill_in()
         for name, known in NAMED.items():
             if name != "response" or self.response is not None:
@@ -143,6 +155,9 @@ class Choices:
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 1:
                 raise ValueError(f"{name} is {value:g}; it is a squared coherence, 0 to 1")
+        for name in ("closure_limit", "level_doubt"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
         self._check_resampling()
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
@@ -192,12 +207,15 @@ class Choices:
              "is none, leave it out"),
             (wave is None and self.segment is not None,
              "segment is only used with an incident signal"),
+            (wave is not None and self.order == ORDERS[2],
+             f"order {ORDERS[2]!r} takes v apart by a tone; an incident signal is none"),
         ):  # fmt: skip
             if wrong:
                 raise ValueError(reason)
         defaults = {
             "engine": "spectral" if wave is None else "unfold",
             "edge": "finite" if wave is None else wave.edge,
+            "order": ORDERS[2] if wave is None else ORDERS[0],
             "window": "hann" if wave is None or self.segment is not None else wave.window,
         }
         for name, value in defaults.items():

@@ -26,6 +26,7 @@ def educe(
     *,
     reference_phase: Any = None,
     reflected: str | Path | None = None,
+    pressure: Any = None,
     progress: Progress | None = None,
     **choices: Any,
 ) -> Any:
@@ -45,6 +46,8 @@ def educe(
             frequencies).
         reflected: file to write the reflected signal of every probe to (docs/formats.md); needs an
             incident signal.
+        pressure: ``PressureRecord`` of the same run, or ``MicrophoneLine`` along the wall, that
+            closure is checked with; default the ``incident_level`` that the plane states.
         progress: called with numbers of samples done, 2 T a plane in all.
         choices: see ``torchliner.tdibc.choices.Choices``.
     Returns:
@@ -81,7 +84,9 @@ def educe(
         if chosen.incident is not None:
             result = educe_signal(prepared, reflected, progress)
         else:
-            result = replay(prepared, progress=progress).map(chosen.phase, reference_phase)
+            result = replay(prepared, progress=progress).map(
+                chosen.phase, reference_phase, pressure
+            )
         tell(result.notes)
         found.append(result)
     return found if several else found[0]

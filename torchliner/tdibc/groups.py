@@ -34,13 +34,21 @@ def admittance_bias(reflection: Tensor, moment: Tensor) -> Tensor:
 class Groups:
     """Running sums over the members of G groups."""
 
-    def __init__(self, labels: Tensor, count: int, admittance: Tensor, blocks: int) -> None:
-        """``labels`` 0 to G - 1, -1 for members of none, (P,); ``admittance`` Y, (P, F)."""
+    def __init__(
+        self, labels: Tensor, count: int, admittance: Tensor, blocks: int,
+        weights: Tensor | None = None,
+    ) -> None:  # fmt: skip
+        """``labels`` 0 to G - 1, -1 for members of none, (P,); ``admittance`` Y, (P, F);
+        ``weights`` of the members, (P,), None for equal ones."""
         device = admittance.device
         self.count = count
+        self.weights = None if weights is None else weights.to(device)[:, None]
+        admittance = self._weighted(admittance, slice(None))
         # One group more takes what belongs to none.
         self.labels = torch.where(labels >= 0, labels, count).to(device)
-        self.sizes = torch.bincount(self.labels, minlength=count + 1)[:count, None].clamp(min=1)
+        sizes = torch.bincount(self.labels, weights, minlength=count + 1)[:count, None]
+        self.empty = sizes == 0
+        self.sizes = torch.where(self.empty, 1, sizes)
         shape = (count + 1, admittance.shape[1])
         total = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.mean = total.index_add_(0, self.labels, admittance)[:count] / self.sizes
@@ -49,8 +57,12 @@ class Groups:
 
     def add(self, part: slice, deviation: Tensor, bias: Tensor) -> None:
         """Some members: deviation of Y in each block, (S, p, F), and the bias of Y, (p, F)."""
-        self.sums.index_add_(1, self.labels[part], deviation)
-        self.biases.index_add_(0, self.labels[part], bias)
+        self.sums.index_add_(1, self.labels[part], self._weighted(deviation, part))
+        self.biases.index_add_(0, self.labels[part], self._weighted(bias, part))
+
+    def _weighted(self, values: Tensor, part: slice) -> Tensor:
+        """Of some members, (..., p, F)."""
+        return values if self.weights is None else self.weights[part] * values
 
     @functools.cached_property
     def series(self) -> Tensor:
@@ -64,11 +76,11 @@ class Groups:
         return self.biases[: self.count] / self.sizes - own
 
     def interval(self, how: Resampling) -> Interval:
-        """Over time, (G, F)."""
+        """Over time, (G, F); nan for a group without members, which has no mean."""
         bias = self.bias(how)
-        return self.with_bias(
-            how.over_time(self.series, reflection_from_admittance(self.mean - bias)), bias
-        )
+        found = how.over_time(self.series, reflection_from_admittance(self.mean - bias))
+        known = torch.where(self.empty, torch.nan, 1.0)
+        return self.with_bias(found, bias).map(lambda value: value * known)
 
     def with_bias(self, interval: Interval, bias: Tensor) -> Interval:
         """An interval that was formed without the bias of Y, and that bias in Z."""

@@ -23,12 +23,14 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.names import ORDERS
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
 from torchliner.signals.resampling import COLUMNS, Resampling
 from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 from torchliner.tdibc.prepared import Prepared
 
+Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 
@@ -38,19 +40,18 @@ def uncertainty_of(
     reflection: Tensor,
     deviations: Callable[[slice], Tensor],
     wall: Tensor | None,
-) -> Uncertainty:
-    """Intervals of probes, rows, cells and the whole liner.
+) -> tuple[Uncertainty, Series]:
+    """Intervals of probes, rows, cells and the whole liner; the deviations behind the averages.
 
     Args:
         prepared: prepared plane, with blocks.
-        reflection: R of probes and cell averages, complex128, (P + C, F).
+        reflection: R of all columns, complex128, (N, F).
         deviations: those of some of its columns in each block, (S, columns, F).
         wall: probes that count as wall, (P, F), of ``find_walls``.
     """
     chosen, plane, cells = prepared.chosen, prepared.plane, prepared.cells
-    assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
-    weights = prepared.blocks.sums(prepared.record.weights(0, plane.samples))
-    how = Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+    assert prepared.blocks is not None
+    how = resampling_of(prepared)
     single = prepared.drive.dtype == torch.float32
     of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
@@ -64,33 +65,83 @@ def uncertainty_of(
         for name, (labels, count) in _labels(prepared).items()
     }
     parts = []
-    step = max(1, COLUMNS // reflection.shape[1])
-    for low in range(0, plane.probes, step):
-        part = slice(low, min(low + step, plane.probes))
+    for part in _parts(plane.probes, reflection):
         series = deviations(part)
         parts.append(of_probes.over_time(series, reflection[part]))
         _add(groups.values(), part, reflection[part], series, how, excluded[part])
-    averaged = reflection[plane.probes :]
-    series = deviations(slice(plane.probes, plane.probes + cells.count))
+    averaged = reflection[prepared.averaged]
+    series = deviations(prepared.averaged)
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
-        prepared.blocks.count,
+        prepared.blocks.count, cells.weight,
     )  # fmt: skip
     _add([first], slice(0, cells.count), averaged, series, how)
     wide = _tile_rows(groups, chosen.resample)
-    return Uncertainty(
+    behind = {ORDERS[0]: (groups["liner"], groups["cells"].series), ORDERS[1]: (first, series)}
+    star = _coherent_first(prepared, reflection, deviations, how, excluded)
+    further: dict[str, Interval] = {}
+    if star:
+        behind[ORDERS[2]] = (star["liner"], star["cells"].series)
+        further = {
+            "cells_coherent_first": star["cells"].interval(how),
+            "liner_coherent_first": star["liner"].interval(how).map(_only),
+        }
+    found = Uncertainty(
         probes=Interval.joined(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
         cells_velocity_first=how.over_time(series, averaged),
         liner=_of_liner(groups, how, wide),
         liner_velocity_first=first.interval(how).map(_only),
+        **further,
         settings={
             "level": how.level, "draws": how.draws, "seed": how.seed,
             "resampled": chosen.resample if wide else "time",
             "blocks": prepared.blocks.count, "periods_per_block": prepared.blocks.periods,
         },
     )  # fmt: skip
+    return found, {order: (whole.series[:, 0], cells) for order, (whole, cells) in behind.items()}
+
+
+def resampling_of(prepared: Prepared) -> Resampling:
+    """Of the blocks of a plane, weighted as its window is."""
+    chosen = prepared.chosen
+    assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
+    weights = prepared.blocks.sums(prepared.record.weights(0, prepared.plane.samples))
+    return Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+
+
+def _parts(probes: int, reflection: Tensor) -> Iterable[slice]:
+    step = max(1, COLUMNS // reflection.shape[1])
+    return (slice(low, min(low + step, probes)) for low in range(0, probes, step))
+
+
+def _coherent_first(
+    prepared: Prepared,
+    reflection: Tensor,
+    deviations: Callable[[slice], Tensor],
+    how: Resampling,
+    excluded: Tensor,
+) -> dict[str, Groups]:
+    """Cells and the whole liner under v*, whose coherent part is taken as known."""
+    if prepared.drive.periodic is None or prepared.blocks is None:
+        return {}
+    begin, inside = len(reflection) - prepared.plane.probes, prepared.in_cells
+    star, cells = reflection[begin:], prepared.cells
+    outside = excluded | ~inside.to(star.device)[:, None]
+    admittance = torch.where(outside, 0, admittance_from_reflection(star))
+    groups = {
+        "cells": (torch.where(inside, cells.labels, -1), cells.count),
+        "liner": (torch.where(inside, 0, -1), 1),
+    }
+    found = {
+        name: Groups(labels, count, admittance, prepared.blocks.count)
+        for name, (labels, count) in groups.items()
+    }
+    for part in _parts(len(star), star):
+        series = deviations(slice(begin + part.start, begin + part.stop))
+        _add(found.values(), part, star[part], series, how, outside[part])
+    return found
 
 
 def _add(
@@ -154,7 +205,7 @@ def _one_row(prepared: Prepared, found: Uncertainty) -> list[str]:
     rule = prepared.chosen.resample
     if rule == "time" or found.settings["resampled"] != "time":
         return []
-    count = int(_rows(prepared).max()) + 1
+    count = _labels(prepared)["rows"][1]
     one, many = ("cell", "cells") if rule == "time-cells" else ("row along z", "rows along z")
     reason = f"finds one {one}" if count == 1 else f"finds {count} {many} that move as one"
     return [f"{prepared.plane.name}: resample {rule!r} {reason}; the intervals are over time alone"]
@@ -171,8 +222,10 @@ def _labels(prepared: Prepared) -> dict[str, tuple[Tensor, int]]:
         columns = plane.probe_shape[1]
         found["x"] = (torch.arange(plane.probes) % columns, columns)
     if prepared.chosen.resample != "time":
-        rows = _rows(prepared)
-        found["rows"] = (rows, int(rows.max()) + 1)
+        rows = torch.where(prepared.used, _rows(prepared), -1)
+        filled, number = torch.unique(rows, return_inverse=True)  # without rows left out
+        none = int(filled[0] < 0)
+        found["rows"] = (number - none, len(filled) - none)
     return found
 
 

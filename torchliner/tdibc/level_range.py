@@ -54,9 +54,8 @@ def velocity_grid(
         peak = torch.maximum(seen.largest.abs(), seen.smallest.abs())
         if chosen.mean == "removed":
             peak = peak + seen.mean.abs()
-        here = int(peak[: one.probes].argmax())
-        if float(peak[here]) > top:
-            top, fastest, plane = float(peak[here]), here, one
+        if float(peak.max()) > top:  # of averages and of v* too
+            top, fastest, plane = float(peak.max()), int(peak[: one.probes].argmax()), one
     limit = chosen.velocity_max
     table_limit = liner.speed_max
     if limit is None:

@@ -11,11 +11,19 @@ from torch import Tensor
 
 from torchliner.checks import stated_frequency
 from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
+from torchliner.replay.coherent_survey import with_coherent
 from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import KernelTable, build_kernels
+from torchliner.replay.periodic import (
+    Harmonics,
+    PeriodicPart,
+    PeriodicSums,
+    coherent_tones,
+)
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.replay.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.replay.survey import Survey, survey
@@ -27,7 +35,14 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress
-from torchliner.tdibc.review import needs_kernels, review_liner, review_record, review_survey
+from torchliner.tdibc.review import (
+    needs_kernels,
+    review_cells,
+    review_coherent,
+    review_liner,
+    review_record,
+    review_survey,
+)
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
@@ -84,13 +99,19 @@ def _survey(
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     cells = sort_into_cells(plane, liner.cell_pitch)
     blocks = _blocks(plane, wanted, record, chosen, notes)
-    velocity, seen, used = _first_pass(
+    velocity, seen, used, cells, periodic = _first_pass(
         plane, cells, wanted, record, blocks, chosen, progress, notes
     )
     notes += review_survey(plane, seen, used)
+    if periodic is not None:
+        notes += review_coherent(plane, cells, periodic, wanted, liner.cell_pitch)
+        weights = record.weights(0, plane.samples)
+        seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
     running = chosen.running_window or 1 / float(wanted.min())
     samples = max(1, round(running * plane.sampling_rate))
-    drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples)
+    drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples, periodic)
+    if periodic is not None and not (liner.speed_max is None and chosen.velocity_max is None):
+        seen = drive.with_extremes(seen)
     return {
         "plane": plane, "frequency": wanted, "record": record, "cells": cells, "used": used,
         "survey": seen, "drive": drive, "sent": sent, "blocks": blocks, "notes": notes,
@@ -148,30 +169,45 @@ def _first_pass(
     chosen: Choices,
     progress: Progress | None,
     notes: list[str],
-) -> tuple[ProbeVelocity, Survey, Tensor]:
-    """Over the probes and the cell averages; probes with faults are found and left out, (P,)."""
+) -> tuple[ProbeVelocity, Survey, Tensor, Cells, PeriodicPart | None]:
+    """Over the probes and the cell averages; probes with faults are found and left out, (P,), and
+    with them the cells that hold no other."""
     like = plane.velocity
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
     weights = record.weights(0, plane.samples)
     moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
-    kept = blocks if moves else None
+    rate = plane.sampling_rate
+    harmonics = None
+    if chosen.order == ORDERS[2]:
+        harmonics = Harmonics.of(coherent_tones(plane.frequency, frequency), rate)
 
-    def over(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, Survey]:
-        velocity = ProbeVelocity(plane, cells, dtype, device, used, chosen.slab_memory)
-        rate = plane.sampling_rate
-        seen, more = with_smaller_slabs(
-            velocity, lambda: survey(velocity, frequency, rate, weights, report, kept)
-        )
+    def over(
+        used: Tensor, report: Progress | None
+    ) -> tuple[ProbeVelocity, Survey, PeriodicPart | None]:
+        held = cells.kept(used)
+        velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
+        if harmonics is not None:
+            velocity.derived = plane.probes
+
+        def work() -> tuple[Survey, PeriodicPart | None]:
+            sums = None
+            if harmonics is not None:
+                sums = PeriodicSums(harmonics, plane.samples, held, used, device)
+            seen = survey(velocity, frequency, rate, weights, report, blocks, moves, sums)
+            return seen, None if sums is None else sums.result()
+
+        (seen, periodic), more = with_smaller_slabs(velocity, work)
         notes.extend(more)
-        return velocity, seen
+        return velocity, seen, periodic
 
-    velocity, seen = over(torch.ones(plane.probes, dtype=torch.bool), progress)
+    velocity, seen, periodic = over(torch.ones(plane.probes, dtype=torch.bool), progress)
     used = (seen.bad[: plane.probes] == 0).cpu()
     if not bool(used.all()):
         _refuse_bad_probes(plane, seen, used, chosen)
-        velocity, seen = over(used, None)
-    return velocity, seen, used
+        velocity, seen, periodic = over(used, None)
+        notes += review_cells(plane, cells, used)
+    return velocity, seen, used, cells.kept(used), periodic
 
 
 def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:

@@ -32,9 +32,11 @@ class Prepared:
         plane, liner, chosen: as given.
         frequency: Hz, (F,).
         record: window and edge rule.
-        cells: probes by cell; the cell averages follow the probes in every (P + C, ...) tensor.
+        cells: probes by cell. In every tensor over columns the C cell averages follow the P
+            probes and, for the order ``coherent first``, the probes once more with the coherent
+            velocity of their cells: N = P + C or 2 P + C.
         used: probes without faults, (P,).
-        survey: first pass, over probes and cell averages.
+        survey: first pass, over all columns.
         drive: |v| for the engines.
         sent: incident signal on the record, (n,); None for tones.
         blocks: of the record, for error bars; None where there are none.
@@ -68,11 +70,21 @@ class Prepared:
         return WindowSums(window.zero.to(device), window.twice.to(device))
 
     @property
+    def averaged(self) -> slice:
+        """The columns of the cell averages."""
+        return slice(self.plane.probes, self.plane.probes + self.cells.count)
+
+    @property
+    def in_cells(self) -> Tensor:
+        """Probes without faults that belong to a cell, (P,)."""
+        return self.used & (self.cells.labels >= 0)
+
+    @property
     def velocity_amplitude(self) -> Tensor:
-        """Half the complex peak amplitude of v into the liner (which is -v), m/s, (P + C, F)."""
+        """Half the complex peak amplitude of v into the liner (which is -v), m/s, (N, F)."""
         return self.window_sums.tone_amplitude(-self.survey.line)
 
     def whole_speed(self) -> Tensor:
-        """All of |v| at once, (P + C, n), for the reference engine."""
+        """All of |v| at once, (N, n), for the reference engine."""
         slabs = self.drive.slabs([(0, self.drive.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T

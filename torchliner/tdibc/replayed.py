@@ -16,6 +16,7 @@ from torchliner.replay.incident import LineSums, Means
 from torchliner.replay.phase_rule import PhaseRule, phase_rule
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import block_deviations
+from torchliner.tdibc.closure import with_closure
 from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
 
@@ -29,7 +30,7 @@ class Replayed:
 
     @functools.cached_property
     def means(self) -> Means:
-        """What the phase rules take, of probes and cell averages."""
+        """What the phase rules take, of all columns."""
         return Means.of(self.sums, self.prepared.window_sums)
 
     def rule(
@@ -40,7 +41,7 @@ class Replayed:
         Args:
             phase, reference_phase: as for ``map``.
             coherent: half the complex peak amplitude of the part of v into the liner that belongs
-                to the sound, m/s, and its squared coherence, (P + C, F); default from the survey.
+                to the sound, m/s, and its squared coherence, (N, F); default from the survey.
         Raises:
             ValueError: as ``map``.
         """
@@ -52,28 +53,34 @@ class Replayed:
             None if coherent else prepared.survey.segments, None if psi is None else psi.to(device),
         )  # fmt: skip
 
-    def map(self, phase: str = "averaged", reference_phase: Any = None) -> ImpedanceMap:
+    def map(
+        self, phase: str = "averaged", reference_phase: Any = None, pressure: Any = None
+    ) -> ImpedanceMap:
         """The map under one phase rule.
 
         Args:
             phase: one of ``PHASE_RULES``.
             reference_phase: rad, for a rule that takes it.
+            pressure: for closure, see ``known_pressure``.
         Raises:
             ValueError: the phase is missing, not asked for, or of a wrong shape.
         """
         prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
-        uncertainty, notes = None, [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        uncertainty, series = None, dict[str, tuple[Tensor, Tensor]]()
         if self._keeps_blocks(rule):
             with torch.no_grad():
-                uncertainty = uncertainty_of(
+                uncertainty, series = uncertainty_of(
                     prepared, reflection.detach(), self._deviations(rule), wall
                 )
             notes += review_uncertainty(prepared, uncertainty)
         notes += wall_notes
         peak = 2 * prepared.velocity_amplitude
-        return assemble(prepared, phase, reflection, rule.held, peak, notes, uncertainty, wall)
+        found = assemble(prepared, phase, reflection, rule.held, peak, notes, uncertainty, wall)
+        with torch.no_grad():
+            return with_closure(prepared, found, series, pressure)
 
     def _keeps_blocks(self, rule: PhaseRule) -> bool:
         """Whether sums and survey kept the blocks that error bars under this rule need."""
@@ -91,7 +98,7 @@ class Replayed:
 
 
 def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:
-    """psi of probes and cells, (P + C, F or 1); a cell's is the mean direction of the probes'."""
+    """psi of all columns, (N, F or 1); a cell's is the mean direction of the probes'."""
     if not phase_rule(rule).takes_phase:
         if phase is not None:
             raise ValueError(f"reference_phase is only used with phase='given', not {rule!r}")
@@ -109,7 +116,8 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
             continue
         weights = prepared.cells.membership(prepared.used).to(torch.complex128)
         cells = (weights.T @ torch.exp(1j * psi)).angle()
-        return torch.cat([psi, cells])
+        coherent = [psi] if prepared.drive.periodic is not None else []
+        return torch.cat([psi, cells, *coherent])
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "
         f"{shape} (and {count} frequencies)"

@@ -7,8 +7,10 @@ from torch import Tensor
 
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
+from torchliner.records.cells import Cells
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
+from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
@@ -16,6 +18,7 @@ FEWEST_PERIODS = 4.0
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
+LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
 
 def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
@@ -112,6 +115,25 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
     ]
 
 
+def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
+    """Cells that lose probes, or all of them, and with that the averages over cells."""
+    kept = cells.kept(used)
+    notes = []
+    if gone := cells.count - kept.count:
+        notes.append(
+            f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count "
+            "in no average"
+        )
+    if kept.weight is not None:
+        short = kept.weight[kept.weight < 1]
+        notes.append(
+            f"{plane.name}: {len(short)} of {cells.count} cells have lost some of their probes; in "
+            "averages over cells each weighs the share that it has, the least "
+            f"{float(short.min()):.2g}"
+        )
+    return notes
+
+
 def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]:
     """Probes that are dead or were left out."""
     notes = []
@@ -136,5 +158,39 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
         raise ValueError(
             f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, "
             f"{sound:.4g} m/s; check the unit of the data"
+        )
+    return notes
+
+
+def review_coherent(
+    plane: VelocityPlane, cells: Cells, periodic: PeriodicPart, asked: Tensor, pitch: float | None
+) -> list[str]:
+    """Where the coherent velocity of a cell is not what its name says."""
+    notes = []
+    if len(periodic.harmonics.lines) == 0:
+        notes.append(
+            f"{plane.name} states no tone, and {len(asked)} frequencies are asked for: of v only "
+            "the mean is averaged over the cells; state frequency= of the data"
+        )
+    if plane.probes > 1 and int(torch.bincount(cells.labels[cells.labels >= 0]).max()) == 1:
+        notes.append(
+            f"{plane.name}: no cell holds more than one probe, so the coherent velocity of a cell "
+            "is that of its probe, and 'coherent first' is 'probes first'; more probes a cell are "
+            "needed"
+        )
+    if pitch is None and plane.x is not None:
+        length = float(plane.x.max() - plane.x.min())
+        wave = float(plane.fluid.sound_speed) / float(asked.max())
+        if length > LONG_CELL * wave:
+            notes.append(
+                f"{plane.name}: the liner states no cell_pitch, so that all of {1e3 * length:.3g} "
+                f"mm counts as one cell, {length / wave:.2g} wavelengths, over which the phase of "
+                "the tone turns; state cell_pitch, or choose order='probes first'"
+            )
+    if not periodic.has_shares:
+        notes.append(
+            f"{plane.name} is too short to tell what of v is periodic and what is turbulence: "
+            "all that a fit of the tone finds counts as periodic; "
+            f"{FEWEST_BLOCKS} periods are the least"
         )
     return notes

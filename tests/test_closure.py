@@ -1,0 +1,423 @@
+"""Closure: Z and the coherent velocity against a pressure that is known."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, Resistive, turbulence
+from test_stations import station
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
+from torchliner.report.audit_report import format_audit, plain_audit, write_audit
+from torchliner.report.calibration_report import format_calibration, plain_calibration
+from torchliner.report.line_table import format_line, plain_line
+
+OF_AIR = tl.Fluid()
+LEVELS = 1e-6  # dB, of interpolation between levels
+
+
+def square_wave(speed: float, probes: int = 4, periods: int = 16, phase: float = 0.0):
+    """v = +-speed at the tone, so that |v| is frozen, (probes, T), and its peak amplitude into the
+    liner, complex."""
+    t = (np.arange(round(periods * RATE / FREQUENCY)) + 0.5) / RATE
+    v = speed * np.sign(np.sin(2 * np.pi * FREQUENCY * t + phase))
+    steps = np.arange(len(v)) / RATE
+    amplitude = -2 * (v * np.exp(-2j * np.pi * FREQUENCY * steps)).mean()
+    return torch.from_numpy(np.tile(v, (probes, 1))), complex(amplitude)
+
+
+def incident_level_of(velocity: complex, impedance: complex, height: float = 0.0) -> float:
+    """dB of the wave that makes this velocity at a height over this wall: A e^jky - B e^-jky."""
+    k = 2 * math.pi * FREQUENCY / OF_AIR.sound_speed
+    reflection = complex(reflection_from_impedance(torch.tensor(impedance)))
+    turn = np.exp(1j * k * height)
+    wave = OF_AIR.characteristic_impedance * velocity / (turn - reflection / turn)
+    return 20 * math.log10(abs(wave) / (math.sqrt(2) * 20e-6))
+
+
+def plane(velocity, **about):
+    stated = {"sampling_rate": RATE, "frequency": FREQUENCY, "source_side": "normal"}
+    return tl.VelocityPlane(velocity, **stated | about)
+
+
+EDGE = {"edge": "wrap"}  # whole periods: no kernels, no ends
+TIGHT = {**EDGE, "window": "boxcar"}
+MODEL = Resistive(r0=0.2, a=0.3, m=6e-5, length=0.038)
+
+
+@pytest.mark.parametrize("height", [0.0005, 0.02])
+@pytest.mark.parametrize("wrong", [0.0, 1.0, -0.2])
+def test_a_known_wave_closes_and_a_wrong_level_is_said_as_such(height, wrong):
+    """|v| frozen, so Z is the model's own; the wave is put together from incident and reflected."""
+    velocity, amplitude = square_wave(2.0)
+    level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0)), height)
+    found = tl.educe(plane(velocity, height=height, incident_level=level + wrong), MODEL,
+                     **TIGHT)  # fmt: skip
+    closure = found.closure
+    assert closure.liner.level.flatten().tolist() == pytest.approx([-wrong] * 3, abs=LEVELS)
+    assert closure.cells.level.flatten().tolist() == pytest.approx([-wrong] * 3, abs=LEVELS)
+    assert closure.failed == (abs(wrong) > 0.3)
+    assert [note for note in found.notes if "closure" in note] == [
+        f"velocity: {closure.sentence('coherent first', FREQUENCY)}"
+    ] * closure.failed  # fmt: skip
+
+
+def test_the_sentence_says_by_how_much_what_it_excludes_and_what_to_try():
+    """Numbers of the case in it."""
+    velocity, amplitude = square_wave(2.0)
+    level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0))) + 1
+    with pytest.warns(tl.DataWarning, match=r"closure at 1400 Hz fails, coherent first: -1.00 dB"):
+        found = tl.educe(plane(velocity, incident_level=level), MODEL, **TIGHT)
+    (text,) = (note for note in found.notes if "closure" in note)
+    for word in ("limit 0.3 dB", "not that of the cell", "model is wrong",
+                 f"level is {level - 1:.1f} dB", "no order of averaging closes"):  # fmt: skip
+        assert word in text
+
+
+def test_a_wrong_model_shows():
+    """The same velocity with other losses implies another wave, by |Z + 1|."""
+    velocity, amplitude = square_wave(2.0)
+    true = complex(MODEL.impedance(FREQUENCY, 2.0))
+    other = dataclasses.replace(MODEL, a=0.6)
+    level = incident_level_of(amplitude, true)
+    found = tl.educe(plane(velocity, incident_level=level), other, **TIGHT)
+    wanted = 20 * math.log10(abs(complex(other.impedance(FREQUENCY, 2.0)) + 1) / abs(true + 1))
+    assert float(found.closure.liner.level[0, 0]) == pytest.approx(wanted, abs=LEVELS)
+    assert wanted > 0.5
+
+
+@pytest.mark.parametrize("side", ["upstream", "downstream"])
+def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
+    """|p| = rho c |Z||V|, V as measured; along the plane the wave's phase turns, as V's does."""
+    pitch, turn = 0.01, 2 * math.pi / 16
+    rows = [square_wave(2.0, 2, phase=-turn * i) for i in range(4)]
+    x = [pitch * (i + part) for i in range(4) for part in (0.25, 0.75)]
+    amplitude = OF_AIR.characteristic_impedance * abs(rows[0][1])
+    level = 20 * math.log10(
+        abs(complex(MODEL.impedance(FREQUENCY, 2.0))) * amplitude / (math.sqrt(2) * 20e-6)
+    )
+    liner = dataclasses.replace(MODEL)
+    object.__setattr__(liner, "cell_pitch", pitch)
+    record = plane(torch.cat([v for v, _ in rows]), x=x, height=0.001, incident_level=level,
+                   source_side=side)  # fmt: skip
+    found = tl.educe(record, liner, **TIGHT).closure
+    assert found.kind == "wall"
+    assert "grazing incidence" in found.known
+    assert found.cells.level.abs().max() < 0.02  # square waves of 30 samples turned by parts of one
+    assert found.liner.level.abs().max() < 0.02
+
+
+def facesheet_record(pressure, **about):
+    backplate = torch.zeros(pressure.shape[-1], dtype=torch.float64) + pressure[0]
+    return tl.PressureRecord(
+        facesheet=pressure, backplate=backplate, sampling_rate=RATE, frequency=FREQUENCY, **about
+    )
+
+
+@pytest.mark.parametrize(("turn", "factor"), [(0.0, 1.0), (10.0, 1.0), (0.0, 1.2), (-4.0, 0.9)])
+def test_the_facesheets_pressure_gives_level_and_phase(turn, factor):
+    """p = rho c Z V put on the facesheet, turned and scaled by what closure has to find."""
+    velocity, amplitude = square_wave(2.0)
+    p = OF_AIR.characteristic_impedance * complex(MODEL.impedance(FREQUENCY, 2.0)) * amplitude
+    p = p * factor * np.exp(1j * math.radians(turn))
+    steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    omega = 2 * math.pi * FREQUENCY
+    signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
+    found = tl.educe(plane(velocity), MODEL, **TIGHT,
+                     pressure=facesheet_record(signal.expand(3, -1))).closure  # fmt: skip
+    assert float(found.liner.level[1, 0]) == pytest.approx(-20 * math.log10(factor), abs=1e-6)
+    assert float(found.liner.phase[1, 0]) == pytest.approx(-turn, abs=1e-5)
+    assert found.failed == (turn != 0 or factor != 1)
+    if turn and factor == 1:
+        assert "it is the reactance of the model" in found.sentence("velocity first", FREQUENCY)
+
+
+def test_microphones_in_front_of_the_surface_and_along_the_wall():
+    """Sum of two plane waves; and a level that falls along the wall, per cell."""
+    velocity, amplitude = square_wave(2.0)
+    z = complex(MODEL.impedance(FREQUENCY, 2.0))
+    reflection = (z - 1) / (z + 1)
+    wave = OF_AIR.characteristic_impedance * amplitude / (1 - reflection)
+    k, omega = 2 * math.pi * FREQUENCY / OF_AIR.sound_speed, 2 * math.pi * FREQUENCY
+    steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    heights = (0.03, 0.06)
+    tones = [wave * (np.exp(1j * k * y) + reflection * np.exp(-1j * k * y)) for y in heights]
+    signal = torch.stack([p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
+                          for p in tones])  # fmt: skip
+    record = tl.PressureRecord(microphones=signal, microphone_y=heights, sampling_rate=RATE)
+    found = tl.educe(plane(velocity), MODEL, pressure=record, **TIGHT).closure
+    assert "incident and reflected" in found.known
+    assert abs(float(found.liner.level[0, 0])) < 1e-6
+    assert abs(float(found.liner.phase[0, 0])) < 1e-5
+    wall = OF_AIR.characteristic_impedance * abs(z * amplitude)
+    x = [0.001, 0.002, 0.003, 0.004]
+    line = tl.MicrophoneLine(
+        x=[0.0, 0.005], pressure=[wall * 10**0.05 + 0j, wall * 10**-0.05 + 0j],
+        frequency=FREQUENCY, duct_height=0.05,
+    )  # fmt: skip
+    record = plane(velocity, x=x, source_side="upstream")
+    found = tl.educe(record, MODEL, pressure=line, **TIGHT).closure
+    assert float(found.cells.level[1, 0, 0]) == pytest.approx(0.0, abs=1e-6)  # at its middle
+    with pytest.raises(ValueError, match="comes from upstream; give the facesheet's pressure"):
+        tl.educe(record, MODEL, pressure=tl.PressureRecord(
+            microphones=signal, microphone_y=heights, sampling_rate=RATE))  # fmt: skip
+    with pytest.raises(TypeError, match="PressureRecord or a MicrophoneLine"):
+        tl.educe(record, MODEL, pressure=3.0)
+
+
+@pytest.mark.parametrize(
+    ("about", "choices", "reason"),
+    [
+        ({}, {}, "not checked, state incident_level= or give wall pressures"),
+        ({"incident_level": 130.0, "source_side": "unknown"}, {}, "state source_side"),
+        ({"source_side": "none", "incident_level": 130.0}, {}, "there is no sound"),
+        ({"incident_level": 130.0}, {"frequency": 700.0}, "at the frequencies asked for"),
+        (
+            {"incident_level": 130.0},
+            {"incident": "tones:1400", "levels": 20},
+            "an incident signal is replayed",
+        ),
+    ],
+)
+def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reason, tmp_path):
+    """In the map, and after a round through a file."""
+    velocity, _ = square_wave(2.0, periods=20)  # longer than a kernel
+    found = tl.educe(plane(velocity, **about), MODEL, **{**TIGHT, "interval": None, **choices})
+    assert found.closure is None
+    assert reason in found.closure_words
+    found.write(tmp_path / "m.h5")
+    assert tl.read_map(tmp_path / "m.h5").closure_words == found.closure_words
+
+
+@pytest.mark.parametrize("choice", ["closure_limit", "level_doubt"])
+def test_limit_and_doubt_add_up_and_are_checked(choice):
+    """0.3 dB unless stated, with the doubt on top."""
+    velocity, amplitude = square_wave(2.0)
+    level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0))) + 1
+    record = plane(velocity, incident_level=level)
+    plain = {**TIGHT, "interval": None}
+    assert tl.educe(record, MODEL, **plain).closure.limit == 0.3
+    assert not tl.educe(record, MODEL, **plain, **{choice: 1.5}).closure.failed
+    with pytest.raises(ValueError, match=f"{choice} is -1 dB; it is at least 0"):
+        tl.educe(record, MODEL, **{choice: -1.0})
+
+
+def test_closure_survives_a_file(tmp_path):
+    """All numbers and words; bounds lie about the values."""
+    record = tl.read_plane(DATA / "slit_n130_y0.5mm.h5")
+    found = tl.educe(record, tl.load_liner("lbm_slit"), draws=199)
+    found.write(tmp_path / "m.h5")
+    again = tl.read_map(tmp_path / "m.h5").closure
+    for name in ("orders", "order", "known", "kind", "limit", "doubt", "confidence"):
+        assert getattr(again, name) == getattr(found.closure, name)
+    for part in ("liner", "cells"):
+        for name, value in vars(getattr(found.closure, part)).items():
+            torch.testing.assert_close(getattr(getattr(again, part), name), value, equal_nan=True)
+    gap = found.closure.liner
+    assert bool((gap.level_low < gap.level).all())
+    assert bool((gap.level < gap.level_high).all())
+    assert found.closure.verdict("velocity first") == "closes"
+    assert found.closure.verdict("probes first") == "fails"
+
+
+def test_the_interval_covers():
+    """Turbulence with a tone, 40 records: the mean over them lies in nine of ten intervals."""
+    steps = torch.arange(960, dtype=torch.float64) / RATE
+    tone = 1.5 * torch.cos(2 * math.pi * FREQUENCY * steps)
+    values, inside = [], []
+    for seed in range(40):
+        record = plane(tone + turbulence((1, 960), seed, rms=1.5), incident_level=140.0)
+        gap = tl.educe(record, MODEL, draws=199, edge="wrap").closure.liner
+        values.append(float(gap.level[1, 0]))
+        inside.append((float(gap.level_low[1, 0]), float(gap.level_high[1, 0])))
+    middle = np.mean(values)
+    held = np.mean([low <= middle <= high for low, high in inside])
+    assert held >= 0.9
+    assert np.mean([high - low for low, high in inside]) < 6 * np.std(values)
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [([], 0), (["--strict"], 1), (["--strict", "--level-doubt", "1"], 0),
+     (["--strict", "--incident-level", "129.6"], 0), (["--strict", "--source-side", "none"], 0)],
+)  # fmt: skip
+def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, capsys):
+    """n130 with probes first is 0.4 dB off; velocity first closes."""
+    path = str(DATA / "slit_n130_y0.5mm.h5")
+    assert main(["educe", path, "--order", "probes first", "--quiet", *options]) == code
+    text = capsys.readouterr().out
+    assert "closure: " in text
+    if not options:
+        assert "velocity first closes: take it" in text
+        assert "+0.03 dB (+0.02 to +0.05) closes" in text
+
+
+def test_the_command_takes_wall_pressures(capsys):
+    """Of --in-situ, or of a file of their own."""
+    path = str(DATA / "slit_n130_y2.5mm.h5")
+    record = str(DATA / "pressure_n130.h5")
+    for option in ("--in-situ", "--wall-pressure"):
+        assert main(["educe", path, option, record, "--quiet", "--json"]) == 0
+        assert "facesheet's pressure (rho c Z V, with phase)" in capsys.readouterr().out
+    assert pressure_amplitude_from_spl(94.0) == pytest.approx(1.417, abs=1e-3)
+
+
+def test_every_row_of_an_audit_has_its_closure(tmp_path):
+    """As the map of the same choice says; other heights with their own velocity."""
+    planes = [
+        plane(turbulence((4, 480), seed) + square_wave(1.0)[0], incident_level=130.0, height=height)
+        for seed, height in enumerate((0.5e-3, 2.5e-3))
+    ]
+    found = tl.audit(planes, MODEL, order="velocity first", interval=None, **EDGE)
+    one, other = tl.educe(planes, MODEL, interval=None, **EDGE)
+    assert found.closure == pytest.approx(float(one.closure.liner.level[1, 0]), abs=1e-9)
+    (height,) = found.of("height")
+    assert height.closure == pytest.approx(float(other.closure.liner.level[1, 0]), abs=1e-3)
+    swapped = next(row for row in found.of("averaging order") if row.variant == "probes first")
+    assert swapped.closure == pytest.approx(float(one.closure.liner.level[0, 0]), abs=1e-3)
+    assert f"closure {found.closure:+.2f} dB off the stated 130 dB" in format_audit(found)
+    write_audit(found, tmp_path / "a.csv")
+    assert "closure (dB)" in (tmp_path / "a.csv").read_text().splitlines()[0]
+    assert plain_audit(found)["rows"][0]["closure"] == found.rows[0].closure
+
+
+def test_an_audit_without_a_known_pressure_says_so():
+    """No column, and the words of the map."""
+    velocity, _ = square_wave(2.0, periods=20)
+    found = tl.audit(plane(velocity), MODEL, interval=None, **EDGE)
+    assert found.closure is None
+    assert "closure: not checked, state incident_level=" in format_audit(found)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
+    """rho c |Z||V| off the stated level; the file keeps it; another dB of level shows."""
+    about = {"source_side": "upstream"}
+    for level in (130.0, 131.0):
+        records = [dataclasses.replace(station(seed, seconds=0.2), incident_level=level, **about)
+                   for seed in range(3)]  # fmt: skip
+        line = tl.educe_bursts(records, tl.load_liner("onera"), segment=0.04, draws=199)
+        wanted = 20 * torch.log10(
+            line.fluid.characteristic_impedance * (line.impedance * line.velocity_amplitude).abs()
+            / pressure_amplitude_from_spl(level)
+        )  # fmt: skip
+        torch.testing.assert_close(line.closure.cells.level[0], wanted)
+        gap = line.closure.liner
+        assert bool((gap.level_low < gap.level).all() & (gap.level < gap.level_high).all())
+        assert any("closure at" in note for note in line.notes) == line.closure.failed
+    assert "closure: off the stated 131 dB at the wall" in format_line(line)
+    line.write(tmp_path / "line.h5")
+    again = tl.read_line(tmp_path / "line.h5").closure
+    torch.testing.assert_close(again.cells.level, line.closure.cells.level)
+    assert again.words("stations") == line.closure.words("stations")
+    assert plain_line(line)["closure"]["rows"][0]["verdict"]
+
+
+def test_values_beside_are_compared_in_their_joint_interval(capsys):
+    """In situ with pressure first differs from velocity first by what a subtraction says."""
+    options = ["--in-situ", str(DATA / "pressure_n130.h5"), "--quiet", "--json"]
+    assert main(["educe", str(DATA / "slit_n130_y2.5mm.h5"), *options]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    (beside,) = found["alongside"]
+    row = beside["differences"][1]
+    (order,) = (each for each in found["closure"]["rows"] if each["order"] in row["between"])
+    assert order["verdict"]
+    own = complex(*found["rows"][0]["coherent_first"].values())
+    wanted = own - complex(*beside["impedance"]["in situ (Dean), pressure first"].values())
+    assert complex(*row["difference"].values()) == pytest.approx(wanted)
+    low, high = (complex(*row[end].values()) for end in ("low", "high"))
+    assert low.real < wanted.real < high.real
+    assert row["differs"] == (low.real > 0 or high.real < 0 or low.imag > 0 or high.imag < 0)
+
+
+def known_planes(*speeds, **about):
+    """Frozen |v| of MODEL under the waves that make it."""
+    found = []
+    for speed in speeds:
+        velocity, amplitude = square_wave(speed)
+        level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, speed)))
+        found.append(plane(velocity, incident_level=level, **about))
+    return found
+
+
+@pytest.mark.parametrize("order", ["velocity first", "coherent first"])
+def test_levels_alone_give_the_parameters(order):
+    """Two losses from three levels, no reference; what is left is rounding."""
+    start = dataclasses.replace(MODEL, r0=0.3, a=0.5)
+    free = {"r0": (0.05, 1.0), "a": (0.05, 1.0)}
+    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, None, free, closure=True, order=order,
+                         draws=0, **TIGHT)  # fmt: skip
+    assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
+    assert found.data == 3
+    assert float(found.closure.abs().max()) < 1e-5
+    assert found.speeds == pytest.approx((1.0, 3.0))
+    text = format_calibration(found)
+    assert "closure" in text
+    assert "3 data, 2 parameters" in text
+    assert plain_calibration(found, [])["reference"] is None
+
+
+def test_pressures_with_a_phase_count_twice():
+    """Level and phase of the facesheet fix a resistance and a mass from one plane."""
+    velocity, amplitude = square_wave(2.0)
+    p = OF_AIR.characteristic_impedance * complex(MODEL.impedance(FREQUENCY, 2.0)) * amplitude
+    steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    omega = 2 * math.pi * FREQUENCY
+    signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
+    start = dataclasses.replace(MODEL, a=0.4, m=7e-5)
+    found = tl.calibrate(
+        plane(velocity), start, None, {"a": (0.1, 1.0), "m": (4e-5, 9e-5)}, closure=True,
+        pressure=facesheet_record(signal.expand(3, -1)), noise=0.1, draws=0, **TIGHT,
+    )  # fmt: skip
+    assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
+    assert found.data == 2
+
+
+@pytest.mark.parametrize(
+    ("references", "about", "message"),
+    [
+        ("true", {}, "closure needs no references"),
+        (None, {"incident_level": None}, "cannot be fitted by closure: not checked, state inc"),
+        (None, {"source_side": "unknown"}, "state source_side"),
+    ],
+)
+def test_closure_without_a_level_is_refused(references, about, message):
+    """The message says what to state."""
+    (record,) = known_planes(2.0)
+    with pytest.raises(ValueError, match=message):
+        tl.calibrate(dataclasses.replace(record, **about), MODEL, references, {"a": (0.1, 1.0)},
+                     closure=True, **TIGHT)  # fmt: skip
+
+
+@pytest.mark.parametrize(("speed", "words"), [(1.5, None), (6.0, "2 times that of the fastest"),
+                                              (0.5, "0.5 times that of the slowest")])  # fmt: skip
+def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, words):
+    """rms |v| against the planes of the fit, 10 % allowed."""
+    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, None, {"a": (0.1, 1.0)}, closure=True,
+                         draws=0, **TIGHT)  # fmt: skip
+    (other,) = known_planes(speed)
+    if words is None:
+        assert found.predict(other).notes == ()
+        return
+    with pytest.warns(tl.DataWarning, match=words):
+        prediction = found.predict(other)
+    assert "fitted: 1 to 3 m/s" in prediction.notes[0]
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_the_orifice_by_closure_alone(capsys):
+    """From levels alone the vena contracta comes out at 0.43, and R of o145 within 5 %."""
+    paths = [str(DATA / f"orifice_{case}_y0.5mm.h5") for case in ("o115", "o145")]
+    words = ["calibrate", *paths, "--closure", "--free", "vena_contracta=0.2:1", "--draws", "0"]
+    assert main([*words, "--json", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"][0]["value"] == pytest.approx(0.435, abs=0.01)
+    assert found["fitted"][1]["resistance"] == pytest.approx(1.099, rel=0.05)
+    assert max(map(abs, found["closure"])) < 0.1
+    assert main([*words, "--reference", "true"]) == 2
+    assert "--closure needs no --reference" in capsys.readouterr().err

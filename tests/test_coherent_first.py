@@ -1,0 +1,272 @@
+"""The order ``coherent first``: the coherent velocity of the cell, the incoherent of the place."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
+
+import torchliner as tl
+from torchliner.names import ORDERS
+from torchliner.replay import periodic
+
+PROBES, PITCH = 8, 12.44e-3
+PERIODS = 20
+
+
+def times(samples: int) -> torch.Tensor:
+    return torch.arange(samples, dtype=torch.float64) / RATE
+
+
+def sound(samples: int, cells: int = 2, tones=(FREQUENCY,), seed: int = 3) -> torch.Tensor:
+    """Mean and three harmonics, other ones at every probe, (P, n)."""
+    generator = torch.Generator().manual_seed(seed)
+    found = torch.zeros(cells * PROBES, samples, dtype=torch.float64)
+    for tone in tones:
+        for harmonic in range(4):
+            size, phase = torch.rand(2, len(found), 1, generator=generator, dtype=torch.float64)
+            turning = 2 * torch.pi * (harmonic * tone * times(samples) + phase)
+            found += (size + 0.5) * torch.cos(turning) / (1 + harmonic)
+    return found
+
+
+def on_cells(velocity: torch.Tensor, **about) -> tl.VelocityPlane:
+    spacing = PITCH / PROBES
+    x = spacing * (torch.arange(len(velocity), dtype=torch.float64) + 0.5)
+    return plane_of(velocity, x=x, height=1e-3, **about)
+
+
+def educed(plane, liner, **choices):
+    return tl.educe(plane, liner, **{"interval": None, **choices})
+
+
+def without_periodic(noise: torch.Tensor, harmonics: int = 8) -> torch.Tensor:
+    """Noise less its own least-squares fit of mean and harmonics."""
+    turning = 2 * np.pi * FREQUENCY * times(noise.shape[1]).numpy()
+    rows = [np.ones_like(turning)]
+    rows += [f(h * turning) for h in range(1, harmonics + 1) for f in (np.cos, np.sin)]
+    basis = np.stack(rows)
+    fit = np.linalg.lstsq(basis.T, noise.numpy().T, rcond=None)[0]
+    return noise - torch.from_numpy((basis.T @ fit).T)
+
+
+@pytest.mark.parametrize("samples", [600, 613, 1201])
+def test_without_turbulence_it_is_velocity_first(onera, samples):
+    """Also where the record holds no whole number of periods."""
+    found = educed(on_cells(sound(samples)), onera)
+    wanted = found.cell_reflection_velocity_first
+    assert relative_error(found.cell_reflection_coherent_first, wanted) < 1e-10
+    assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-10
+    assert relative_error(found.answer, found.liner_impedance) > 1e-2
+
+
+def test_several_tones_without_turbulence(onera):
+    """Two tones that share no period, both of which are asked for."""
+    tones = (1000.0, 1370.0)
+    plane = on_cells(sound(2400, tones=tones), frequency=None)
+    found = educed(plane, onera, frequency=list(tones))
+    assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-9
+
+
+def test_without_coherent_motion_it_is_probes_first(onera):
+    noise = without_periodic(turbulence((2 * PROBES, 600), rms=2.0))
+    found = educed(on_cells(noise), onera)
+    assert relative_error(found.reflection_coherent_first, found.reflection) < 1e-10
+    assert relative_error(found.answer, found.liner_impedance) < 1e-10
+
+
+def test_chance_is_not_taken_for_sound(onera):
+    """What a fit finds in turbulence scatters from block to block, and is left where it is."""
+    plane = on_cells(turbulence((2 * PROBES, 600), seed=4, rms=2.0))
+    found = educed(plane, onera)
+    off = abs(complex(found.answer[0] - found.liner_impedance[0]))
+    whole = abs(complex(found.liner_impedance_velocity_first[0] - found.liner_impedance[0]))
+    assert off < 0.02 * whole
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.7, 6.0])
+def test_frozen_speed_gives_the_model(onera, speed):
+    found = educed(frozen_plane(speed, periods=20.0), onera)
+    wanted = onera.impedance(FREQUENCY, speed)
+    assert relative_error(found.answer, wanted) < 1e-9
+
+
+def mixed(samples: int = 600, seed: int = 0) -> torch.Tensor:
+    return sound(samples) + turbulence((2 * PROBES, samples), seed, rms=1.5)
+
+
+def by_hand(velocity: torch.Tensor) -> torch.Tensor:
+    """v* of whole periods with the formula as it stands, fits block by block for the share."""
+    turning = 2 * np.pi * FREQUENCY * times(velocity.shape[1]).numpy()
+    rows = [np.ones_like(turning)]
+    rows += [f(h * turning) for f in (np.cos, np.sin) for h in range(1, 9)]
+    basis = np.stack(rows)
+    v = velocity.numpy().reshape(-1, PROBES, velocity.shape[1])
+
+    def away(part: slice) -> np.ndarray:
+        fits = np.linalg.lstsq(basis[:, part].T, v[..., part].reshape(-1, basis[0, part].size).T,
+                               rcond=None)[0].reshape(len(basis), -1, PROBES)  # fmt: skip
+        return fits - fits.mean(-1, keepdims=True)
+
+    whole, length = away(slice(None)), velocity.shape[1] // PERIODS
+    each = np.stack([away(slice(i * length, (i + 1) * length)) for i in range(PERIODS)])
+    noise = each.var(0, ddof=1) / PERIODS
+    lines = [[0], *([h, 8 + h] for h in range(1, 9))]
+    taken = np.zeros_like(whole)
+    for line in lines:
+        share = 1 - noise[line].sum((0, 2)) / (whole[line] ** 2).sum((0, 2))
+        taken[line] = np.maximum(share, 0)[:, None] * whole[line]
+    return torch.from_numpy(v - np.einsum("kcp,kt->cpt", taken, basis)).reshape(velocity.shape)
+
+
+CHOSEN = [
+    {}, {"phase": "given", "reference_phase": 0.6}, {"phase": "self-consistent"},
+    {"drive": "rms"}, {"drive": "running-rms"}, {"mean": "removed"}, {"drive": "rms",
+     "mean": "removed"}, {"engine": "unfold"}, {"engine": "direct"}, {"edge": "wrap"},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("choices", CHOSEN, ids=str)
+def test_it_is_an_eduction_of_the_velocity_of_the_formula(onera, choices):
+    """v* made by hand and educed as it is, under every rule."""
+    velocity = mixed()
+    if choices.get("phase") == "self-consistent":
+        choices = choices | {"minimum_coherence": 0.0}
+    shared = {"velocity_max": 20.0, **choices}
+    found = educed(on_cells(velocity), onera, **shared)
+    wanted = educed(on_cells(by_hand(velocity)), onera, order="probes first", **shared)
+    assert relative_error(found.reflection_coherent_first, wanted.reflection) < 1e-9
+    assert relative_error(found.cell_reflection_coherent_first, wanted.cell_reflection) < 1e-9
+    assert relative_error(found.answer, wanted.liner_impedance) < 1e-9
+
+
+@pytest.mark.parametrize("phase", ["averaged", "self-consistent"])
+def test_intervals_are_those_of_that_velocity(onera, phase):
+    velocity = mixed()
+    shared = {"velocity_max": 20.0, "phase": phase, "minimum_coherence": 0.0}
+    found = tl.educe(on_cells(velocity), onera, **shared).uncertainty
+    wanted = tl.educe(on_cells(by_hand(velocity)), onera, order="probes first", **shared)
+    for mine, theirs in (
+        (found.liner_coherent_first, wanted.uncertainty.liner),
+        (found.cells_coherent_first, wanted.uncertainty.cells),
+    ):
+        assert relative_error(mine.low, theirs.low) < 1e-8
+        assert relative_error(mine.standard_error, theirs.standard_error) < 1e-8
+
+
+def test_another_cell_does_not_matter(onera):
+    velocity = mixed()
+    other = velocity.clone()
+    other[PROBES:] = 3 * other[PROBES:] + 1.0
+    one, two = (educed(on_cells(v), onera, velocity_max=40.0) for v in (velocity, other))
+    first = slice(0, PROBES)
+    assert torch.equal(one.reflection_coherent_first[first], two.reflection_coherent_first[first])
+    assert not torch.equal(one.cell_reflection_coherent_first, two.cell_reflection_coherent_first)
+
+
+def test_slabs_and_memory_do_not_matter(onera):
+    plane = on_cells(mixed(4200))
+    whole, small = (educed(plane, onera, memory=size) for size in (None, 2**26 + 60_000))
+    assert relative_error(small.answer, whole.answer) < 1e-12
+
+
+def test_probes_left_out_and_probes_of_no_cell(onera):
+    """A faulty probe is not in its cell's coherent velocity; one of no cell keeps its own."""
+    velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
+    broken = velocity.clone()
+    broken[2, 100] = torch.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)  # of the excluded probe
+        found = educed(on_cells(broken), onera, missing="exclude", velocity_max=20.0)
+    kept = torch.arange(len(velocity)) != 2
+    plane = on_cells(velocity)
+    fewer = dataclasses.replace(plane, velocity=velocity[kept], x=plane.x[kept])
+    wanted = educed(fewer, onera, velocity_max=20.0)
+    assert bool(torch.isnan(found.reflection_coherent_first[2].real).all())
+    assert relative_error(found.reflection_coherent_first[kept], wanted.reflection_coherent_first
+                          ) < 1e-12  # fmt: skip
+    assert relative_error(found.reflection_coherent_first[-3:], found.reflection[-3:]) < 1e-12
+
+
+def test_other_orders_leave_it_out(onera):
+    plane = on_cells(mixed())
+    for order in ORDERS[:2]:
+        found = tl.educe(plane, onera, order=order)
+        assert found.orders == ORDERS[:2]
+        assert found.reflection_coherent_first is None
+        assert found.uncertainty.liner_coherent_first is None
+        assert torch.equal(found.answer, found.of_liner(order))
+        with pytest.raises(ValueError, match="order of averaging 'coherent first'"):
+            found.of_cells("coherent first")
+
+
+def test_signals_have_no_periodic_part(onera):
+    plane = on_cells(mixed(1800))
+    found = tl.educe(plane, onera, incident="noise:500:2500")
+    assert found.order == "probes first"
+    with pytest.raises(ValueError, match="takes v apart by a tone"):
+        tl.educe(plane, onera, incident="noise:500:2500", order="coherent first")
+
+
+def test_table_that_just_holds_the_speeds(onera):
+    """The bound of |v*| lies above the table; |v*| itself does not, and nothing is refused."""
+    velocity = sound(600)
+    star = by_hand(velocity)
+    top = float(torch.maximum(velocity.abs().max(), star.abs().max()))
+    found = educed(on_cells(velocity), onera, velocity_max=top * 1.001, response="kernel")
+    assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-6
+
+
+def test_file_keeps_it(onera, tmp_path):
+    found = tl.educe(on_cells(mixed()), onera)
+    found.write(tmp_path / "map.h5")
+    again = tl.read_map(tmp_path / "map.h5")
+    for order in ORDERS:
+        assert torch.equal(again.of_liner(order), found.of_liner(order))
+        assert again.bounds_of_liner(order) == found.bounds_of_liner(order)
+    assert torch.equal(again.answer, found.answer)
+    assert torch.equal(again.reflection_coherent_first, found.reflection_coherent_first)
+
+
+def test_lines_of_several_tones_are_told_apart():
+    """Harmonics that fall together are one row; those above half the rate are none."""
+    made = periodic.Harmonics.of((1000.0, 2000.0), 9000.0)
+    assert made.lines.tolist() == [1000.0, 2000.0, 3000.0, 4000.0]
+    assert periodic.Harmonics.of((), 9000.0).rows(3, 7).tolist() == [[1.0] * 4]
+
+
+def without_pitch(liner):
+    return liner.replace(cell_pitch=None)
+
+
+@pytest.mark.parametrize(
+    ("change", "liner_of", "asked", "words"),
+    [
+        (
+            {"x": 0.05 * torch.arange(16.0)},
+            without_pitch,
+            None,
+            "states no cell_pitch, so that",
+        ),
+        ({"x": 0.02 * torch.arange(16.0)}, lambda one: one, None, "no cell holds more than one"),
+        ({"frequency": None}, lambda one: one, [900.0, 1000.0, 1100.0, 1200.0], "of v only the"),
+    ],
+    ids=["one long cell", "one probe a cell", "no tone"],
+)
+def test_cells_that_are_not_what_their_name_says(onera, change, liner_of, asked, words):
+    plane = dataclasses.replace(on_cells(mixed()), **change)
+    with pytest.warns(tl.DataWarning, match=words):
+        educed(plane, liner_of(onera), frequency=asked)
+
+
+def test_record_too_short_to_tell(onera):
+    plane = on_cells(sound(70))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", tl.DataWarning)
+        found = educed(plane, onera, allow_short=True, edge="silent", window="boxcar")
+    assert any("too short to tell what of v is periodic" in str(one.message) for one in caught)
+    assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-8

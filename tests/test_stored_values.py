@@ -1,0 +1,341 @@
+"""HDF5 of others: what was never written, is packed, linked or damaged is said or refused."""
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from test_map_file import hand_map
+from test_plane_file import RATE, make_plane
+
+import torchliner as tl
+from torchliner import file_checks
+from torchliner.io import hdf5_rehearsal, stored_values
+from torchliner.io.arrays import read_array
+from torchliner.io.burst_file import read_burst_file, write_bursts
+from torchliner.io.line_file import read_line
+from torchliner.io.map_file import read_map
+from torchliner.io.plane_file import read_plane
+from torchliner.io.pressure_file import read_pressure
+from torchliner.records.slabs import WORK_BYTES, rows_per_slab
+
+V = "wall_normal_velocity"
+KINDS = {
+    "plane": (
+        lambda: make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3),
+        read_plane,
+    ),
+    "map": (hand_map, read_map),
+}
+
+
+def edited(tmp_path, edit, kind="plane"):
+    """A good file that one edit has changed, and its reader."""
+    make, read = KINDS[kind]
+    path = tmp_path / "a.h5"
+    make().write(path)
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path, read
+
+
+def replaced(file, name, values, **storage):
+    """A dataset in the place of another, with its units and without dimension scales."""
+    units = file[name].attrs["units"]
+    del file[name]
+    file.create_dataset(name, data=values, **storage).attrs["units"] = units
+    return file[name]
+
+
+def without_values(name, units):
+    """A dataset that nothing was ever written to."""
+
+    def edit(file):
+        shape = file[name].shape
+        del file[name]
+        file.create_dataset(name, shape, "f4").attrs["units"] = units
+
+    return edit
+
+
+def half_written(file):
+    values = file[V][()]
+    del file[V]
+    new = file.create_dataset(V, values.shape, "f4", chunks=(5, 3, 4))
+    new[:10] = values[:10]
+    new.attrs["units"] = "m/s"
+
+
+def gone(name):
+    return lambda file: file.__delitem__(name)
+
+
+def linked(name, link):
+    def edit(file):
+        del file[name]
+        file[name] = link
+
+    return edit
+
+
+def set_attribute(name, key, value):
+    return lambda file: (file[name] if name else file).attrs.__setitem__(key, value)
+
+
+def raw_storage(file):
+    shape = file[V].shape
+    del file[V]
+    file.create_dataset(V, shape, "f4", external=[("v.raw", 0, h5py.h5f.UNLIMITED)])
+    file[V].attrs["units"] = "m/s"
+
+
+def partly_virtual(file):
+    shape = file[V].shape
+    layout = h5py.VirtualLayout(shape, "f4")
+    layout[:5] = h5py.VirtualSource("part.h5", "v", (5, *shape[1:]))
+    del file[V]
+    file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
+
+
+def without_source(file):
+    shape = file[V].shape
+    layout = h5py.VirtualLayout(shape, "f4")
+    layout[:] = h5py.VirtualSource("part.h5", "v", shape)
+    del file[V]
+    file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
+
+
+PLANES = {
+    "chunks never written": (half_written, rf"{V}: 2 of 4 chunks were never written .* read as 0"),
+    "values never written": (without_values(V, "m/s"), f"{V} holds no values: none of its 240"),
+    "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), f"{V} has shape None"),
+    "height never written": (without_values("height", "m"), "height holds no values"),
+    "a link": (linked("height", h5py.SoftLink("/h")), "height is a link to /h, which is not ther"),
+    "a link elsewhere": (
+        linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
+    "raw storage": (raw_storage, rf"{V} keeps its values outside the file, in v.raw.*h5repack"),
+    "half a virtual set": (partly_virtual, rf"{V} is a virtual .* sources for 60 of its 240"),
+    "no source": (without_source, rf"{V} is a virtual dataset whose source .*part.h5 is not there"),
+    "a scale is gone": (gone("x"), rf"{V}: the dimension scale of axis 2 is no longer in the file"),
+    "x of index units": (set_attribute("x", "units", "1"), "x has units '1', but is no index"),
+    "x not finite": (lambda f: replaced(f, "x", [0, 1, np.nan, 2.0]), "x holds values that"),
+    "x absurd": (lambda f: replaced(f, "x", [0, 1, 2, 1e300]), r"x holds 1e\+300 m, which is"),
+    "texts": (lambda f: replaced(f, "height", "1 mm"), "height is object; numbers are needed"),
+    "factor of 0": (set_attribute(V, "scale_factor", 0.0), "scale_factor is 0"),
+    "factor of text": (set_attribute(V, "scale_factor", "2"), "scale_factor is '2'; numbers"),
+    "nested JSON": (set_attribute("", "provenance", "[" * 9999), "'provenance' is not JSON"),
+    "JSON of another kind": (set_attribute("", "provenance", "[1]"), "an object is needed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+@pytest.mark.parametrize("kind", PLANES)
+def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
+    """The file is refused and named, whether its values are read at once or by slabs."""
+    edit, message = PLANES[kind]
+    path, _ = edited(tmp_path, edit)
+    with pytest.raises(ValueError, match=f"a.h5.*{message}"):
+        read_plane(path, lazy)
+
+
+def two_lengths(file):
+    for part in ("real", "imaginary"):
+        replaced(file, f"reflection_{part}", np.concatenate(2 * [file[f"reflection_{part}"][()]]))
+
+
+MAPS = {
+    "two lengths": (two_lengths, r"probes is \(2, 2\) elsewhere in the f"),
+    "coherence": (
+        lambda f: replaced(f, "coherence", f["coherence"][..., :0]), r"frequency is \(\d,\) else"),
+    "an axis too many": (
+        lambda f: replaced(f, "cell_x", f["cell_x"][()][None]), r"cell_x has shape .* \(cell\) is"),
+    "frequency": (lambda f: replaced(f, "frequency", 0 * f["frequency"][()]), "above 0"),
+    "a flag of 2": (
+        lambda f: replaced(f, "phase_rule_used", f["phase_rule_used"][()] + 2), "than 0 and 1"),
+    "choices": (set_attribute("", "choices", "[]"), "'choices' is .*; an object is needed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MAPS)
+def test_results_of_other_shapes_are_refused(tmp_path, kind):
+    """No part of a result is broadcast to another."""
+    edit, message = MAPS[kind]
+    path, read = edited(tmp_path, edit, "map")
+    with pytest.raises(ValueError, match=message):
+        read(path)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kHz", 1e3), ("Hz", 1.0)])
+def test_units_of_results_are_read(tmp_path, unit, factor):
+    """A map in kHz is no map in Hz."""
+    path, read = edited(tmp_path, set_attribute("frequency", "units", unit), "map")
+    assert torch.equal(read(path).frequency, factor * hand_map().frequency)
+
+
+def packed(dtype, **attributes):
+    def edit(file):
+        values = file[V][()]
+        stored = np.rint((values - 10) / 0.001) if dtype == "i2" else (values - 10) / 0.001
+        stored[3, 1, 2] = -32000
+        new = replaced(file, V, stored.astype(dtype), chunks=(7, 3, 4))
+        new.attrs.update({"scale_factor": 0.001, "add_offset": 10.0, **attributes})
+
+    return edit
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+@pytest.mark.parametrize("dtype", ["i2", "f4", "f8"])
+@pytest.mark.parametrize(
+    "mark", [{"_FillValue": -32000}, {"missing_value": -32000.0}, {"valid_min": -31000}]
+)
+def test_packed_velocities_are_unpacked(tmp_path, dtype, mark, lazy):
+    """CF: value = factor * stored + offset, nan where there is none, on integers and on floats."""
+    path, _ = edited(tmp_path, packed(dtype, **mark))
+    wanted = KINDS["plane"][0]().velocity.clone()
+    wanted[1, 2, 3] = torch.nan
+    found = read_plane(path, lazy).load().velocity
+    assert torch.equal(found.isnan(), wanted.isnan())
+    assert float((found - wanted).nan_to_num().abs().max()) < (6e-4 if dtype == "i2" else 2e-5)
+
+
+def test_packed_numbers_are_unpacked(tmp_path):
+    """A height stored as 1000 um in units of m, by a factor."""
+    path, read = edited(tmp_path, set_attribute("height", "scale_factor", 2.0))
+    assert read(path).height == pytest.approx(2e-3)
+
+
+def test_what_a_file_fills_is_missing(tmp_path):
+    """The fill value of the dataset itself, without an attribute, as netCDF has it."""
+    fill = np.float32(9.96921e36)
+
+    def edit(file):
+        values = file[V][()].astype("f4")
+        values[0, 0, 0] = fill
+        replaced(file, V, values, fillvalue=fill, chunks=(20, 3, 4))
+
+    path, read = edited(tmp_path, edit)
+    assert torch.isnan(read(path).velocity).nonzero().tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize("way", ["link", "virtual"])
+def test_values_of_other_files_are_named(tmp_path, monkeypatch, way):
+    """Followed, where all is there, but not without a word; the source must be whole as well."""
+
+    def edit(file):
+        values = file[V][()]
+        with h5py.File(tmp_path / "part.h5", "w") as other:
+            other.create_dataset("v", data=values, chunks=(10, 3, 4)).attrs["units"] = "m/s"
+        del file[V]
+        if way == "link":
+            file[V] = h5py.ExternalLink("part.h5", "v")
+            return
+        layout = h5py.VirtualLayout(values.shape, "f8")
+        layout[:] = h5py.VirtualSource("part.h5", "v", values.shape)
+        file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
+
+    path, read = edited(tmp_path, edit)
+    with pytest.warns(tl.DataWarning, match=r"its values stand in .*part.h5"):
+        found = read(path)
+    assert torch.equal(found.velocity, KINDS["plane"][0]().velocity)
+    with h5py.File(tmp_path / "part.h5", "r+") as other:
+        del other["v"]
+        other.create_dataset("v", (20, 3, 4), "f8", chunks=(10, 3, 4)).attrs["units"] = "m/s"
+    monkeypatch.setattr(stored_values, "tell", lambda _: None)
+    with pytest.raises(ValueError, match="2 of 2 chunks were never written"):
+        read(path)
+
+
+@pytest.mark.parametrize("name", ["memory", "one chunk", "times"])
+def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, name):
+    """Nothing of it is read first."""
+    monkeypatch.setattr(file_checks, "machine_memory", lambda: 3000.0)
+
+    def edit(file):
+        if name == "one chunk":
+            replaced(file, V, file[V][()], chunks=(20, 3, 4), compression="gzip")
+        if name == "times":
+            shape = (400, *file[V].shape[1:])
+            replaced(file, "time", np.arange(400) / RATE)
+            replaced(file, V, np.zeros(shape, "f4"))
+
+    monkeypatch.undo() if name == "memory" else None
+    path, read = edited(tmp_path, edit)
+    monkeypatch.setattr(file_checks, "machine_memory", lambda: 1000.0)
+    with pytest.raises(ValueError, match=r"a.h5:/.* takes .* GB; this machine has 1e-06 GB"):
+        read(path)
+
+
+def test_a_memory_limit_counts_a_compressed_tile():
+    """A tile is unpacked as a whole, however few of its samples are asked for."""
+    assert rows_per_slab(10, 4, 10 * WORK_BYTES, tile=4 * WORK_BYTES) == 256
+    with pytest.raises(ValueError, match=r"below twice a compressed tile of the file \(536.9 MB"):
+        rows_per_slab(10, 4, 10 * WORK_BYTES, tile=8 * WORK_BYTES)
+
+
+def test_bursts_of_half_a_file(tmp_path):
+    """Stations, texts and counts of a file of bursts."""
+    path = tmp_path / "b.h5"
+    record = tl.BurstRecord(torch.arange(5.0), wall_normal=torch.arange(5.0), x=0.0, y=0.0, z=0.0)
+    for edit, message in (
+        (lambda f: replaced(f, "burst_count", [4.5]), "whole numbers, at least 1 a station"),
+        (lambda f: f["burst_count"].attrs.update({"scale_factor": 2}), "arrival_time has 5 values"),
+        (lambda f: linked("station_name", [3])(f), "station_name is int64.*; a list of texts"),
+        (lambda f: linked("station_notes", ["{}"])(f), "station_notes holds other JSON than lists"),
+        (lambda f: linked("x", h5py.SoftLink("/y0"))(f), "x is a link to /y0, which is not there"),
+    ):
+        write_bursts(record, path)
+        with h5py.File(path, "r+") as file:
+            edit(file)
+        with pytest.raises(ValueError, match=message):
+            read_burst_file(path)
+
+
+READERS = {"plane": read_plane, "map": read_map, "pressure": read_pressure, "line": read_line}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_bytes_are_errors_that_name_the_file(tmp_path, kind):
+    """Single bytes of the structure; those on which the library itself breaks down are not here."""
+    make, read = KINDS[kind]
+    make().write(tmp_path / "good.h5")
+    whole = (tmp_path / "good.h5").read_bytes()
+    path = tmp_path / "a.h5"
+    for place in range(8, 1200, 61):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x40]) + whole[place + 1 :])
+        assert "a.h5" in outcome(read, path)
+
+
+def outcome(read, path):
+    """What is said of a file: its name, or the error."""
+    try:
+        read(path)
+    except (ValueError, OSError) as error:
+        return str(error)
+    return path.name
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import os; os.abort()", "crashes"),
+        ("import time; time.sleep(60)", "come to an end within 1"),
+    ],
+)
+def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, message):
+    """It breaks another process, whose end is told; the next file has a new one."""
+    path, read = edited(tmp_path, lambda _: None)
+    (tmp_path / "child.py").write_text(code)
+    with monkeypatch.context() as patch:
+        patch.setattr(hdf5_rehearsal, "__file__", str(tmp_path / "child.py"))
+        patch.setattr(hdf5_rehearsal, "LIMIT", 1.0)
+        patch.setattr(hdf5_rehearsal, "_children", {})
+        with pytest.raises(ValueError, match=f"a.h5: the HDF5 library .*{message}"):
+            read(path)
+    assert read(path).samples == 20
+
+
+@pytest.mark.parametrize("read", [*READERS.values(), read_array])
+def test_no_device_is_a_file(read):
+    """The null device and those without an end."""
+    for name in ("/dev/zero", "/dev/null"):
+        with pytest.raises((OSError, ValueError), match=f"{name}.*(device|npy, .mat or .h5)"):
+            read(name)

@@ -1,0 +1,246 @@
+"""Texts, TOML, sounds and arrays that are not what their name says; arrays that carry more."""
+
+import io
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import xarray
+
+import torchliner as tl
+from torchliner import file_checks
+from torchliner.io.arrays import plane_from_array, read_array
+from torchliner.io.burst_sources import read_bursts
+from torchliner.io.microphone_file import read_microphones
+from torchliner.io.resolved import read_channel
+from torchliner.io.signal_file import read_signal
+from torchliner.toml_files import parse_toml
+
+LINER = "frequency, resistance, reactance"
+BURSTS = "arrival_time [ms], wall_normal [m/s]"
+LINE = "# duct_height = 50 mm\nx [mm], frequency [Hz], SPL [dB], phase [deg]\n0, 1000, 120, 10\n"
+READERS = {"liner": tl.load_liner, "bursts": read_bursts, "microphones": read_microphones}
+
+
+def stored(tmp_path, text, name="a.csv"):
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "message"),
+    [
+        ("liner", f"{LINER}\n1000, 0,30, -1,25\n", "line 2 has 5 cells, the header 3"),
+        ("liner", f"{LINER}, resistance\n1000, 1, 2, 3\n", "'resistance' is named twice"),
+        ("liner", f"{LINER}\n#N/A, 1, 2\n2000, 1, 2\n", "line 2, column 'frequency' is '#N/A'"),
+        ("liner", f"{LINER}\n1e300, 1, 2\n", r"line 2, holds 1e\+300 Hz, which is no frequency"),
+        ("liner", f"{LINER}\n1, 2, 9e9\n2, 1, 2\n", r"holds 9e\+09 rho c, which is no impedance"),
+        ("liner", f"{LINER}\n1, 2, 3\n", "frequency must increase and have at least two values"),
+        ("liner", f"{LINER}\n1, 2, 3\0\n", "holds zero bytes: it is no text file"),
+        ("microphones", f"# mach: 0.1\n{LINE}", "line 1 is '# mach: 0.1'; write '# key = value'"),
+        ("microphones", f"# ma;ch = 0.1\n{LINE}", "line 1 is '# ma;ch = 0.1'; write '# key = v"),
+        ("bursts", f"{BURSTS}\n1,5,2\n", "line 2 has 3 cells, the header 2"),
+        ("bursts", f"{BURSTS}\n1, 5\n#N/A, 2\n", "line 3, column 'arrival_time' is '#N/A'"),
+        ("bursts", f"{BURSTS}\n1, 5\n2, 9.96921e36\n", "line 3, holds .* m/s, which is no vel"),
+        ("bursts", f"# x = 1e400 mm\n{BURSTS}\n1, 5\n", "line 1, x is '1e400 mm'; a finite number"),
+        ("bursts", f"# dropped = {'[' * 9999}\n{BURSTS}\n1, 5\n", "dropped is .*cannot be read"),
+        ("microphones", LINE + "#N/A, 1000, 119, 20\n", "line 4, column 'x' is '#N/A'; a number"),
+        ("microphones", LINE + "#DIV/0!, 1000, 119, 2\n", "line 4, column 'x' is '#DIV/0!'; a num"),
+        ("microphones", LINE + "9, 1000, 119, -1e300\n", r"line 4, holds -1e\+300 deg, which is"),
+        ("microphones", LINE + "9, 1000, 1e-300, 20\n", "a level is 1e-300 dB, below 1 dB"),
+        ("microphones", LINE + "1e300, 1000, 110, 20\n", r"holds 1e\+297 m, which is no length"),
+        ("microphones", LINE + "9, 1000, 119, 20, 7\n", "line 4 has 5 cells, the header 4"),
+    ],
+)  # fmt: skip
+def test_cells_that_are_none_are_refused(tmp_path, kind, text, message):
+    """In every reader: too many cells, doubled columns, #N/A, values that nothing measures."""
+    with pytest.raises(ValueError, match=rf"a.csv.*{message}"):
+        READERS[kind](stored(tmp_path, text))
+
+
+@pytest.mark.parametrize("line", ["# 9, 1000, 119, 20", "#9, 1000, 119, 20", "#N/A", ""])
+def test_remarks_are_passed_over(tmp_path, line):
+    """A row that was taken out by hand is a remark, as are words."""
+    text = f"{LINE}{line}\n200, 1000, 119, 20\n"
+    assert read_microphones(stored(tmp_path, text)).microphones == 2
+
+
+def test_numbers_in_columns_passed_over_are_told(tmp_path):
+    """There a decimal comma would hide: 0,30 as 0 and 30."""
+    path = stored(tmp_path, f"{LINER}, remark\n1000, 0,30, -1\n2000, 0,40, -1\n")
+    with pytest.warns(tl.DataWarning, match=r"a.csv: numbers in the columns 'remark' are passed"):
+        tl.load_liner(path)
+    tl.load_liner(stored(tmp_path, f"{LINER}, remark\n1000, 0.3, -1, a\n2000, 0.4, -1, b\n"))
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_only_regular_files_are_tables(tmp_path, kind):
+    """No device, no line of a gigabyte, no more than memory; nothing of it is kept before."""
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    with pytest.raises(OSError, match=r"zero.csv is a device or a pipe; a regular file is needed"):
+        READERS[kind](tmp_path / "zero.csv")
+    (tmp_path / "round.csv").symlink_to(tmp_path / "round.csv")
+    with pytest.raises(OSError, match=r"round.csv cannot be read"):
+        READERS[kind](tmp_path / "round.csv")
+    long = stored(tmp_path, f"{BURSTS}\n{'1' * (1 << 22)}")
+    if kind != "bursts":  # told by the beginning of the file to be one
+        with pytest.raises(ValueError, match=r"a.csv has a line of more than 1048576 bytes"):
+            READERS[kind](long)
+
+
+def test_texts_larger_than_memory_are_refused(tmp_path, monkeypatch):
+    """By their size on disk."""
+    monkeypatch.setattr(file_checks, "machine_memory", lambda: 100.0)
+    with pytest.raises(ValueError, match=r"a.csv as cells of text takes .* GB; this machine has"):
+        read_microphones(stored(tmp_path, LINE))
+
+
+TOML = 'model = "table"\nfile = "{}"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        (TOML.format("/dev/zero"), OSError, "/dev/zero is a device or a pipe"),
+        (TOML.format("none.csv"), FileNotFoundError, "none.csv: no such file"),
+        ("a = " + "[" * 9999, ValueError, "a.toml is not valid TOML"),
+        ("a = " + "1" * 9999, ValueError, "a.toml is not valid TOML"),
+        ("".join(f"[a{i}]\n" for i in range(200_000)), ValueError, r"a.toml has \d+ letters"),
+        ('model = "sdof"\n' + "".join(f"a{i} = 1\n" for i in range(999)), ValueError, "98. more"),
+        (f'model = "sdof"\nname = {list(range(9999))}\n', ValueError, r"name = \[0, 1, .*\.\.\.\]"),
+        (b"\xff\xfe", ValueError, "a.toml is not UTF-8 text"),
+    ],
+    ids=range(8),
+)  # fmt: skip
+def test_toml_that_is_none(tmp_path, text, error, message):
+    """Devices, depth, length, numbers and lists of mistakes without an end."""
+    with pytest.raises(error, match=message):
+        tl.load_liner(stored(tmp_path, text, "a.toml"))
+
+
+def test_toml_of_one_letter_too_many():
+    """The limit is where it says."""
+    assert parse_toml("#" * (1 << 20), Path("a.toml")) == {}
+
+
+def wav(channels=1, size=None, samples=100):
+    data = bytes(2 * channels * samples)
+    head = struct.pack("<HHIIHH", 1, channels, 8000, 16000 * channels, 2 * channels, 16)
+    body = b"WAVEfmt " + struct.pack("<I", 16) + head + b"data"
+    body += struct.pack("<I", len(data) if size is None else size) + data
+    return b"RIFF" + struct.pack("<I", len(body) if size is None else size) + body
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (wav(size=0), "is not a whole .wav file"),
+        (wav(size=2**32 - 1), "is not a whole .wav file"),
+        (wav(channels=0), "is not a whole .wav file"),
+        (wav(samples=0), "it holds no samples"),
+        (wav()[:50], "is not a whole .wav file"),
+        (b"", "is not a whole .wav file"),
+    ],
+)
+def test_sounds_that_were_streamed_or_broken_off(tmp_path, content, message):
+    """Headers without a length or a channel."""
+    with pytest.raises(ValueError, match=f"a.wav.*{message}"):
+        read_signal(stored(tmp_path, content, "a.wav"))
+    assert read_signal(stored(tmp_path, wav(), "b.wav")).sampling_rate == 8000
+
+
+def archive():
+    kept = io.BytesIO()
+    np.savez(kept, a=np.ones(3))
+    return kept.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.npy", archive(), "a.npy is an archive of arrays"),
+        ("a.npy", b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16, "a.npy is not a whole .npy file"),
+        ("a.mat", b"MATLAB 5.0" + bytes(114) + b"\x00\x01IM" + b"\x07" * 64, "a.mat is not"),
+        ("a.mat", bytes(200), "a.mat"),
+    ],
+)  # fmt: skip
+def test_arrays_that_are_none(tmp_path, name, content, message):
+    """Libraries' own words come behind the file's name."""
+    with pytest.raises(ValueError, match=message):
+        read_array(stored(tmp_path, content, name))
+
+
+V = np.random.default_rng(0).normal(size=(6, 2, 3))  # time, z, x
+
+
+class Table:
+    """What is like pandas' DataFrame."""
+
+    iloc = None
+    ndim = 2
+
+
+def of(values, **about):
+    return tl.VelocityPlane(values, sampling_rate=1e4, **about)
+
+
+@pytest.mark.parametrize("dims", [("time", "z", "x"), ("x", "time", "z"), ("z", "x", "time")])
+def test_axes_with_names_are_taken_by_name(dims):
+    """Whatever their order in the array."""
+    array = xarray.DataArray(V, dims=("time", "z", "x"), attrs={"units": "m/s"}).transpose(*dims)
+    assert torch.equal(of(array).velocity, torch.from_numpy(V).movedim(0, -1))
+    assert torch.equal(of(array[..., 0, :] if dims[1] == "z" else array, x=None).velocity,
+                       of(array[..., 0, :] if dims[1] == "z" else array).velocity)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: of(xarray.DataArray(V[:, 0], dims=("t", "x"))), TypeError, "none of them 'time'"),
+        (lambda: of(xarray.DataArray(V[:, 0], dims=("time", "x"), attrs={"units": "mm/s"})),
+         ValueError, "velocity is in mm/s; multiply it by 0.001: m/s is needed"),
+        (lambda: of(Table()), TypeError, "Table, whose rows and columns have names"),
+        (lambda: of(V[0], x=np.ma.masked_less([0.0, 0.1], 0.05)), ValueError, "x has 1 masked val"),
+        (lambda: of(V[0], x=xarray.DataArray([0.0, 1.0], attrs={"units": "mm"})),
+         ValueError, "x is in mm; multiply it by 0.001"),
+        (lambda: of(V[0], x=[0.0, 1e300]), ValueError, r"x holds 1e\+300 m, which is no length"),
+        (lambda: tl.load_liner("polito").impedance(np.ma.masked_less([500.0, 900.0], 600.0)),
+         ValueError, "1 masked values of 2"),
+        (lambda: tl.MicrophoneLine([0.0, 0.1], np.ma.masked_equal([1 + 1j, 2], 2), 500.0,
+                                   duct_height=0.05), ValueError, "pressure has 1 masked values"),
+        (lambda: tl.TabulatedLiner([1.0, 2.0], np.ma.masked_equal([1 + 1j, 2], 2)),
+         ValueError, "values has 1 masked values"),
+    ],
+)  # fmt: skip
+def test_what_an_array_cannot_carry_is_refused(make, error, message):
+    """Names of axes, units and masks that would go by unseen."""
+    with pytest.raises(error, match=message):
+        make()
+
+
+def test_masked_velocities_are_missing():
+    """They are nan, which educe refuses or leaves out, in all ways in."""
+    masked = np.ma.masked_greater(V[:, 0].T, 1.0)
+    wanted = torch.from_numpy(np.where(V[:, 0].T > 1.0, np.nan, V[:, 0].T))
+    for found in (of(masked), of(list(masked)),
+                  plane_from_array(masked, ["x", "time"], "m/s", 1e4)):  # fmt: skip
+        assert torch.equal(found.velocity.isnan(), wanted.isnan())
+        assert torch.equal(found.velocity.nan_to_num(), wanted.nan_to_num())
+
+
+def test_times_of_the_channel_are_uniform(tmp_path):
+    """As those of every other file."""
+    import h5py
+
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        for name, values, unit in (
+            ("t", [0.0, 1.0, 2.0, 4.0], "s"), ("y", [1.0], "m"), ("x", [0.0, 1.0, 2.0], "m"),
+            ("z", [0.0, 1.0], "m"), ("v", np.zeros((1, 4, 2, 3)), "m/s"),
+        ):  # fmt: skip
+            file[name] = values
+            file[name].attrs["units"] = unit
+    with pytest.raises(ValueError, match=r"c.h5:/t is not uniform"):
+        read_channel(tmp_path / "c.h5", 0)

@@ -1,0 +1,131 @@
+"""The structure of an HDF5 file read first by another process.
+
+On damaged files the library may end the process that reads, or never return. So it is tried where
+that does no harm: in a child, started with the first file, that reads all attributes and what is
+small, and that is given up after a while. Files that are whole cost it some milliseconds.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import functools
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import h5py
+
+LIMIT = 12.0  # s
+SMALL = 1 << 16  # values of a dataset that is read as well
+OBJECTS = 1000  # that are looked at
+_lock = threading.Lock()
+_children: dict[int, subprocess.Popen[bytes]] = {}  # by process, as forks do not share a child
+
+
+def rehearse(path: str | Path) -> None:
+    """Refuse a file on which the HDF5 library breaks down.
+
+    Nothing is tried where no further Python can be started.
+
+    Raises:
+        ValueError: it crashed, or did not come to an end within ``LIMIT``.
+    """
+    with contextlib.suppress(OSError):
+        path = Path(path).resolve()
+        status = path.stat()
+        _rehearse(path, status.st_size, status.st_mtime_ns)
+
+
+def _stop(child: subprocess.Popen[bytes], late: threading.Event) -> None:
+    late.set()
+    child.kill()
+
+
+@functools.lru_cache(maxsize=1024)
+def _rehearse(path: Path, size: int, changed: int) -> None:
+    """Once for a file as it is at present."""
+    python = sys.executable or ""
+    if getattr(sys, "frozen", False) or not Path(python).name.lower().startswith("py"):
+        return
+    with _lock:
+        child = _children.get(os.getpid())
+        if child is None or child.poll() is not None:
+            child = _children[os.getpid()] = subprocess.Popen(
+                [python, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+        assert child.stdin is not None
+        assert child.stdout is not None
+        late = threading.Event()
+        timer = threading.Timer(LIMIT, _stop, (child, late))
+        timer.start()
+        try:
+            child.stdin.write(os.fsencode(path).hex().encode() + b"\n")
+            child.stdin.flush()
+            answer = child.stdout.readline()
+        finally:
+            timer.cancel()
+        if not answer:
+            _end(child)
+            how = f"does not come to an end within {LIMIT:g} s" if late.is_set() else "crashes"
+            raise ValueError(
+                f"{path}: the HDF5 library {how} on its structure, which is damaged; copy it again "
+                "from where it comes from, or repair it (h5clear, h5repack)"
+            )
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    child.kill()
+    for pipe in (child.stdin, child.stdout):
+        with contextlib.suppress(OSError):  # nobody reads any more
+            if pipe is not None:
+                pipe.close()
+    child.wait()
+
+
+@atexit.register
+def _end_all() -> None:
+    for process, child in _children.items():
+        if process == os.getpid():
+            _end(child)
+
+
+def walk(path: str) -> None:
+    """Read what a reader may read of a file's structure."""
+    with h5py.File(path, "r", locking=False) as file:
+        groups, seen = [file], 0
+        while groups and seen < OBJECTS:
+            group = groups.pop()
+            list(group.attrs.items())
+            for key in group:
+                seen += 1
+                found = group.get(key)
+                if isinstance(found, h5py.Group) and group.name == "/":
+                    groups.append(found)
+                if isinstance(found, h5py.Dataset):
+                    _look_at(found)
+
+
+def _look_at(dataset: h5py.Dataset) -> None:
+    with contextlib.suppress(Exception):  # the reader says what is wrong
+        list(dataset.attrs.items())
+        for dim in dataset.dims:
+            _ = dim[0].name if len(dim) else dim.label
+        _ = dataset.chunks and dataset.id.get_num_chunks(), dataset.fillvalue
+        if dataset.size <= SMALL:
+            _ = dataset[()]
+
+
+def serve() -> None:
+    """Look at each file whose name comes in, in hexadecimal, and answer with a line."""
+    for line in sys.stdin:
+        with contextlib.suppress(Exception):
+            walk(os.fsdecode(bytes.fromhex(line)))
+        print(flush=True)
+
+
+if __name__ == "__main__":
+    serve()

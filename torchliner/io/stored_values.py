@@ -1,0 +1,218 @@
+"""Values of an HDF5 dataset as they are meant: all of them written, and unpacked."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from torchliner.checks import tell
+from torchliner.file_checks import require_memory
+
+NUMBERS = "fiu"  # kinds of dtype
+
+
+@dataclass(frozen=True)
+class Packing:
+    """How the CF conventions store numbers: value = factor * stored + offset.
+
+    Args:
+        factor, offset: attributes ``scale_factor`` and ``add_offset``.
+        missing: stored values that stand for none: ``_FillValue``, ``missing_value`` and the
+            file's own fill value, in the dtype of the dataset.
+        low, high: stored values beyond them stand for none: ``valid_range``, ``valid_min``,
+            ``valid_max``.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    missing: tuple[Any, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def linear(self) -> bool:
+        """Whether stored values differ from those meant."""
+        return (self.factor, self.offset) != (1.0, 0.0)
+
+    def lost(self, stored: np.ndarray) -> np.ndarray | None:
+        """Where stored values stand for none; None where all count."""
+        bad: np.ndarray | None = None
+        for mark in self.missing:
+            same = stored == mark
+            bad = same if bad is None else bad | same
+        if (self.low, self.high) != (-math.inf, math.inf):
+            beyond = (stored < self.low) | (stored > self.high)
+            bad = beyond if bad is None else bad | beyond
+        return bad if bad is not None and bool(bad.any()) else None
+
+    def unpack_floats(self, values: np.ndarray) -> None:
+        """In place: stored values, already floats, become those meant, nan where there is none."""
+        bad = self.lost(values)
+        if self.factor != 1.0:
+            values *= values.dtype.type(self.factor)
+        if self.offset != 0.0:
+            values += values.dtype.type(self.offset)
+        if bad is not None:
+            values[bad] = np.nan
+
+    def unpack(self, stored: np.ndarray) -> np.ndarray:
+        """The values meant; integers stay as they are where nothing is packed or missing."""
+        if stored.dtype.kind == "f":
+            self.unpack_floats(stored)
+            return stored
+        bad = self.lost(stored)
+        if bad is None and not self.linear:
+            return stored
+        values = stored.astype(np.float64) * self.factor + self.offset
+        return values if bad is None else np.where(bad, np.nan, values)
+
+
+def packing_of(dataset: h5py.Dataset, label: str) -> Packing:
+    """What the attributes of a dataset say of its packing.
+
+    Args:
+        dataset: of numbers.
+        label: FILE:/dataset, for messages.
+    Raises:
+        ValueError: an attribute is no finite number; a factor of 0.
+    Source: CF conventions 1.8, sections 2.5.1 and 8.1.
+    """
+    found = {key: _numbers(dataset, key, label)
+             for key in ("scale_factor", "add_offset", "_FillValue", "missing_value",
+                         "valid_min", "valid_max", "valid_range")
+             if key in dataset.attrs}  # fmt: skip
+    for key in ("scale_factor", "add_offset"):
+        if key in found and not (len(found[key]) == 1 and np.isfinite(found[key][0])):
+            raise ValueError(f"{label}: {key} is {found[key]}; one finite number is needed")
+    if "scale_factor" in found and found["scale_factor"][0] == 0:
+        raise ValueError(f"{label}: scale_factor is 0, so that all values are one; correct it")
+    marks = [*found.get("_FillValue", ()), *found.get("missing_value", ())]
+    fill = dataset.fillvalue
+    if dataset.id.get_create_plist().fill_value_defined() == h5py.h5d.FILL_VALUE_USER_DEFINED and (
+        fill != 0  # as chosen by hand for gaps that count as 0
+    ):
+        marks.append(fill)
+    with np.errstate(all="ignore"):
+        cast = [(mark, np.asarray(mark).astype(dataset.dtype)[()]) for mark in marks]
+    # nan needs no mark; among integers only a mark that is one can occur.
+    missing = tuple({m for mark, m in cast
+                     if mark == mark and (dataset.dtype.kind == "f" or m == mark)})  # fmt: skip
+    low, high = found.get("valid_range", (-math.inf, math.inf))
+    return Packing(
+        float(found.get("scale_factor", (1.0,))[0]),
+        float(found.get("add_offset", (0.0,))[0]),
+        missing,
+        float(found.get("valid_min", (low,))[0]),
+        float(found.get("valid_max", (high,))[0]),
+    )
+
+
+def _numbers(dataset: h5py.Dataset, key: str, label: str) -> list[Any]:
+    values = np.asarray(dataset.attrs[key]).reshape(-1)
+    if values.dtype.kind not in NUMBERS or len(values) < 1 + (key == "valid_range"):
+        raise ValueError(f"{label}: attribute {key} is {dataset.attrs[key]!r}; numbers are needed")
+    return list(values)
+
+
+def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
+    """Refuse what HDF5 would fill with zeros, or what does not fit into memory; before reading.
+
+    Args:
+        dataset: that is to be read.
+        label: FILE:/dataset, for messages.
+        path: of the file that was opened.
+    Raises:
+        ValueError: an empty dataset; chunks or values that were never written; raw storage
+            outside the file; a virtual dataset that does not cover itself or lacks a source; a
+            chunk larger than the machine's memory.
+    Warns:
+        DataWarning: the values stand in another file: an external link, a virtual dataset.
+    """
+    if dataset.shape is None:
+        raise ValueError(f"{label} is empty: it has neither shape nor values")
+    if dataset.external:
+        files = ", ".join(sorted({str(name) for name, *_ in dataset.external}))
+        raise ValueError(
+            f"{label} keeps its values outside the file, in {files}, where nothing tells whether "
+            "they are whole; copy the dataset into one file (h5repack)"
+        )
+    home = dataset.file.filename
+    if not os.path.samefile(home, path):
+        tell(f"{label} is a link; its values stand in {home}")
+    if dataset.is_virtual:
+        _require_sources(dataset, label, Path(home).parent)
+        return
+    if dataset.chunks is None:
+        # Space is made when the first value is written, for all of them at once.
+        if dataset.size and dataset.id.get_storage_size() == 0:
+            raise ValueError(
+                f"{label} holds no values: none of its {dataset.size} was ever written, and they "
+                f"would read as {dataset.fillvalue}"
+            )
+        return
+    require_memory(
+        2 * math.prod(dataset.chunks) * dataset.dtype.itemsize,
+        f"{label}: one chunk of {dataset.chunks}, which is unpacked as a whole,",
+        "store it in smaller chunks (h5repack)",
+    )
+    wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
+    written = dataset.id.get_num_chunks()
+    if written < wanted:
+        raise ValueError(
+            f"{label}: {wanted - written} of {wanted} chunks were never written and would read as "
+            f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is "
+            "there, or write the rest"
+        )
+
+
+def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
+    """All parts of a virtual dataset are mapped, and each source is there and whole."""
+    sources = dataset.virtual_sources()
+    mapped = sum(part.vspace.get_select_npoints() for part in sources)
+    if mapped < dataset.size:
+        raise ValueError(
+            f"{label} is a virtual dataset that has sources for {mapped} of its {dataset.size} "
+            f"values; the others would read as {dataset.fillvalue}"
+        )
+    for part in sources:
+        source = Path(dataset.file.filename if part.file_name == "." else folder / part.file_name)
+        if not source.is_file():
+            raise ValueError(f"{label} is a virtual dataset whose source {source} is not there")
+        with h5py.File(source, "r", locking=False) as file:
+            if part.dset_name not in file:
+                raise ValueError(f"{label}: its source {source}:{part.dset_name} is not there")
+            require_stored(file[part.dset_name], f"{source}:{part.dset_name}", source)
+    names = sorted({part.file_name for part in sources})
+    tell(f"{label} is a virtual dataset; its values stand in {', '.join(names)}")
+
+
+def read_values(dataset: h5py.Dataset, label: str, path: str | Path, part: Any = ()) -> np.ndarray:
+    """Numbers of a dataset, or a part of it, as they are meant.
+
+    Args:
+        dataset, label, path: as for ``require_stored``.
+        part: as h5py takes it; () for all.
+    Returns:
+        An array of the dataset's dtype; float64 where integers are packed or missing, nan where
+        there is no value.
+    Raises:
+        ValueError: as ``require_stored`` and ``packing_of``; no real numbers; more than the
+            machine's memory.
+    """
+    require_numbers(dataset, label)
+    require_stored(dataset, label, path)
+    if isinstance(part, tuple) and part == ():
+        require_memory(dataset.size * dataset.dtype.itemsize, f"{label}, {dataset.shape},")
+    return packing_of(dataset, label).unpack(np.asarray(dataset[part]))
+
+
+def require_numbers(dataset: h5py.Dataset, label: str) -> None:
+    """Refuse texts, records and truth values."""
+    if dataset.dtype.kind not in NUMBERS:
+        raise ValueError(f"{label} is {dataset.dtype}; numbers are needed")

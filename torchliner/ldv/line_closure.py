@@ -1,0 +1,99 @@
+r"""Closure of a line of stations: see ``torchliner.tdibc.closure``; a station is a cell of its own.
+
+The stations were measured one after another, so that Z and V of a station share no blocks of time:
+the interval adds their standard errors as independent ones. V errs by
+:math:`\\sqrt{(1-\\gamma^2)/(2 n \\gamma^2)}` of itself, from its coherence over n segments.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import torch
+from scipy.special import ndtri
+from torch import Tensor
+
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records import Closure, Gap, ImpedanceLine, Interval
+from torchliner.records.closure import gap_of
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.closure import turned_back
+from torchliner.tdibc.known_pressure import INCIDENT, stated_pressure
+
+PER_COHERENCE = 2.0  # periods of a segment behind the coherence without a reference
+
+
+def with_line_closure(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
+    """The line with its closure; why there is none stands in its choices."""
+    found = line_closure(line, choices)
+    if isinstance(found, str):
+        return dataclasses.replace(line, choices={**line.choices, "closure": found})
+    return dataclasses.replace(line, closure=found, choices={**line.choices, "closure": "checked"})
+
+
+def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
+    """Of the average, and of each station, against the stated level; or why there is none.
+
+    Args:
+        line: with its average.
+        choices: limit, doubt and level of the intervals.
+    """
+    known = stated_pressure(line, line.frequency, None)
+    if isinstance(known, str) or line.average is None:
+        return known if isinstance(known, str) else "not checked: the line has no average"
+    kind, words, pressure = known
+    moved = kind == INCIDENT
+    error = _velocity_error(line)
+    used, count = line.used, int(line.used.sum())
+    turns = torch.ones_like(line.velocity_amplitude)
+    if not moved:
+        turns = turned_back(line.x, torch.where(used[:, None], line.velocity_amplitude, 0),
+                            line.frequency, float(line.fluid.sound_speed))  # fmt: skip
+    mean = (turns * line.velocity_amplitude)[used].mean(0)
+    spread = (line.velocity_amplitude.abs() * error)[used].square().sum(0).sqrt() / count
+    everywhere = [
+        (line.average.impedance[None], mean[None], (spread / mean.abs())[None],
+         line.average.interval, line.y[used].nanmean()[None]),
+        (line.impedance, line.velocity_amplitude, error, line.interval, line.y),
+    ]  # fmt: skip
+    gaps = []
+    for z, velocity, of_velocity, interval, y in everywhere:
+        height = torch.nan_to_num(y) if moved else torch.zeros_like(y)
+        angle = 2 * torch.pi * line.frequency / float(line.fluid.sound_speed) * height[:, None]
+        shape = (z + 1) / 2 if moved else z
+        implied = velocity * shape / (angle.cos() + 1j * angle.sin() * z)
+        ratio = float(line.fluid.characteristic_impedance) * implied / pressure
+        ends = _ends(2 * shape if moved else z, of_velocity, interval, choices)
+        gaps.append(gap_of(ratio[None], ends, False))
+    return Closure(
+        orders=("stations",), order="stations", known=words, kind=kind,
+        pressure_level=spl_from_pressure_amplitude(pressure),
+        limit=choices.closure_limit + choices.level_doubt, doubt=choices.level_doubt,
+        confidence=None if line.interval is None else choices.interval,
+        liner=Gap(*(value[:, 0] for value in vars(gaps[0]).values())), cells=gaps[1],
+    )  # fmt: skip
+
+
+def _velocity_error(line: ImpedanceLine) -> Tensor:
+    """Standard error of the size of V over itself, (N, F)."""
+    segments = line.segments[:, None].to(torch.float64)
+    if not line.choices.get("referred", False):
+        start = torch.nan_to_num(line.segment_start, nan=-math.inf).amax(1, keepdim=True)
+        length = start - line.segment_start[:, :1] + float(line.choices["segment"])
+        segments = (length * line.frequency / PER_COHERENCE).clamp(min=1)
+    coherence = line.coherence.clamp(min=1e-12, max=1.0)
+    return ((1 - coherence) / (2 * segments * coherence)).sqrt()
+
+
+def _ends(
+    value: Tensor, of_velocity: Tensor, interval: Interval | None, choices: Choices
+) -> tuple[Tensor, Tensor] | None:
+    """Of the logarithm of |value V|, whose value has the standard errors of an interval of Z."""
+    if interval is None or choices.interval is None:
+        return None
+    error = interval.standard_error.reshape(value.shape)
+    of_size = torch.hypot(value.real * error.real, value.imag * error.imag) / value.abs() ** 2
+    reach = float(ndtri(0.5 + choices.interval / 2)) * torch.hypot(of_size, of_velocity)
+    reach = torch.complex(reach, torch.zeros_like(reach))[None]
+    return -reach, reach

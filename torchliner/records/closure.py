@@ -1,0 +1,192 @@
+"""Closure: the pressure that velocity and impedance imply, against one that is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+UNKNOWN = "not checked, state incident_level= or give wall pressures"
+DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
+CLOSURE_FACTS = ("order", "known", "kind", "limit", "doubt", "confidence")  # plain fields
+CLOSES, OPEN, FAILS = "closes", "open", "fails"
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """Implied over known pressure, with statistical bounds; float64 tensors of one shape.
+
+    Args:
+        level, level_low, level_high: dB; nan where nothing is known, bounds also without intervals.
+        phase, phase_low, phase_high: degrees, likewise; nan where the known has no phase.
+    """
+
+    level: Tensor
+    level_low: Tensor
+    level_high: Tensor
+    phase: Tensor
+    phase_low: Tensor
+    phase_high: Tensor
+
+    def at(self, *place: int) -> dict[str, float | None]:
+        """Plain values of one place, None for what is not known."""
+        found = {name: float(value[place]) for name, value in vars(self).items()}
+        return {name: value if math.isfinite(value) else None for name, value in found.items()}
+
+    def verdict(self, limit: float, *place: int) -> str:
+        """``closes``, ``fails``, or ``open`` where the interval reaches back into the limit.
+
+        Args:
+            limit: dB; that of the phase is as large an error of Z.
+            place: index.
+        Returns: "" where there is nothing to compare.
+        """
+        if not math.isfinite(float(self.level[place])):
+            return ""
+        words = [_verdict(*self._ends("level", place), limit)]
+        if math.isfinite(float(self.phase[place])):
+            words.append(_verdict(*self._ends("phase", place), limit * DEGREES_PER_DB))
+        return next(word for word in (FAILS, OPEN, CLOSES) if word in words)
+
+    def _ends(self, name: str, place: tuple[int, ...]) -> tuple[float, float, float]:
+        value, low, high = (
+            float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high")
+        )
+        return (value, low, high) if math.isfinite(low + high) else (value, value, value)
+
+
+def _verdict(value: float, low: float, high: float, limit: float) -> str:
+    if abs(value) <= limit:
+        return CLOSES
+    return FAILS if low > limit or high < -limit else OPEN
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """How far an impedance and the velocity it belongs to are off a pressure that is known.
+
+    Args:
+        orders: of averaging, O of them.
+        order: that of the answer, by which the whole is judged.
+        known: what the pressure is, and which formula it is compared by, in words.
+        kind: ``incident`` or ``wall``.
+        pressure_level: of what is known, at the wall, dB re 20 uPa rms, (F,); nan where unknown.
+        limit: dB beyond which closure fails, the stated doubt of the level included.
+        doubt: that doubt, dB.
+        confidence: of the statistical bounds, 0 to 1; None without any.
+        liner: of the whole plane, (O, F).
+        cells: (O, C, F).
+    """
+
+    orders: tuple[str, ...]
+    order: str
+    known: str
+    kind: str
+    pressure_level: Tensor
+    limit: float
+    doubt: float
+    confidence: float | None
+    liner: Gap
+    cells: Gap
+
+    def verdict(self, order: str, index: int = 0) -> str:
+        """Of the whole plane at one frequency: see ``Gap.verdict``."""
+        return self.liner.verdict(self.limit, self.orders.index(order), index)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the answer's order of averaging fails at any frequency."""
+        count = len(self.pressure_level)
+        return any(self.verdict(self.order, index) == FAILS for index in range(count))
+
+    def words(self, order: str, index: int = 0) -> str:
+        """'-2.61 dB (-2.62 to -2.60), +3.1 degrees fails'; '-' where nothing is compared."""
+        verdict = self.verdict(order, index)
+        if not verdict:
+            return "-"
+        here = self.liner.at(self.orders.index(order), index)
+        text = f"{here['level']:+.2f} dB"
+        if here["level_low"] is not None:
+            text += f" ({here['level_low']:+.2f} to {here['level_high']:+.2f})"
+        if here["phase"] is not None:
+            text += f", {here['phase']:+.1f} degrees"
+            if here["phase_low"] is not None:
+                text += f" ({here['phase_low']:+.1f} to {here['phase_high']:+.1f})"
+        return f"{text} {verdict}"
+
+    def sentence(self, order: str, frequency: float, index: int = 0) -> str:
+        """Why one order fails or stays open at a frequency, what that excludes, what to try."""
+        verdict = self.verdict(order, index)
+        if verdict in ("", CLOSES):
+            return ""
+        here = self.liner.at(self.orders.index(order), index)
+        stated, off = float(self.pressure_level[index]), here["level"] or 0.0
+        start = (
+            f"closure at {frequency:g} Hz {'fails' if verdict == FAILS else 'is open'}, {order}: "
+            f"{self.words(order, index).removesuffix(verdict).strip()} off {self.known}, limit "
+            f"{self.limit:.2g} dB"
+        )
+        if verdict == OPEN:
+            return f"{start}; the record is too short to tell: take a longer one"
+        others = [each for each in self.orders if self.verdict(each, index) == CLOSES]
+        tried = (
+            f"{' and '.join(others)} closes: take it" if others else
+            "no order of averaging closes: take another height, calibrate the model (calibrate "
+            "--closure), check the level"
+        )  # fmt: skip
+        if abs(off) <= self.limit:
+            excluded = "The size is right, so it is the reactance of the model that is wrong"
+        else:
+            excluded = (
+                "The velocity is not that of the cell, or the model is wrong, or the level is "
+                f"{stated + off:.1f} dB, which Z and velocity imply"
+            )
+        return f"{start}. {excluded}; {tried}"
+
+    def plain(self, frequency: list[float]) -> dict[str, Any]:
+        """For JSON."""
+        rows = [
+            {
+                "order": order, "frequency": f, "verdict": self.verdict(order, i),
+                **self.liner.at(o, i), "sentence": self.sentence(order, f, i),
+                "cells": [self.cells.at(o, c, i) for c in range(self.cells.level.shape[1])],
+            }
+            for o, order in enumerate(self.orders) for i, f in enumerate(frequency)
+        ]  # fmt: skip
+        return {
+            **{name: getattr(self, name) for name in CLOSURE_FACTS},
+            "pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows,
+        }  # fmt: skip
+
+
+def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:
+    """From the complex ratio of implied to known pressure.
+
+    Args:
+        ratio: complex; nan where nothing is known.
+        ends: of the interval of its logarithm less that of the value (real part: nepers,
+            imaginary part: rad); None without one.
+        has_phase: whether its phase means anything.
+    """
+    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
+    level, phase = 20 * torch.log10(ratio.abs()), torch.rad2deg(ratio.angle())
+    low, high = ends or (torch.complex(nothing, nothing),) * 2
+    per_neper = 20 / math.log(10)
+    parts = [level + per_neper * end.real for end in (0 * low, low, high)]
+    if has_phase:
+        parts += [phase, *(phase + torch.rad2deg(end.imag) for end in (low, high))]
+    else:
+        parts += [nothing] * 3
+    parts[0] = level
+    return Gap(*parts)
+
+
+def words_of(closure: Closure | None, choices: Mapping[str, Any]) -> str:
+    """What a result is compared with, or why it is not, which its choices say."""
+    if closure is None:
+        return str(choices.get("closure", UNKNOWN))
+    return f"off {closure.known}, limit {closure.limit:.2g} dB"

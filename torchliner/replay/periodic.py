@@ -1,0 +1,237 @@
+r"""The part of v that is periodic with the tone, and how it deviates from that of its cell.
+
+Sound passes the holes of a whole cell, turbulence acts where it is. So a probe is driven by
+
+    v*(x, t) = <v_per>_cell(t) + [v(x, t) - v_per(x, t)] = v(x, t) - d(x, t),
+
+where v_per are the mean and the first harmonics of the tone, fitted over the whole record, and d =
+v_per - <v_per>_cell is all that has to be taken off: the turbulence of the cell's mean never
+matters, and that of a probe enters d alone. Of N periods a fit keeps 1/N of the turbulence. How
+much of d is that is known from how it scatters from block to block, and each harmonic of a cell is
+taken off by the share
+
+    g = 1 - (variance of the mean of the blocks)/(mean square of d), at least 0,
+
+over the cell's probes, the least mean square error of an estimate with such noise. Without
+turbulence g = 1 and v* is the velocity averaged over the cell; without sound d is noise, g is next
+to 0 and v* is v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from torchliner.records.cells import Cells
+from torchliner.replay.sources import block_elements, weighted_sums
+from torchliner.replay.sources import blocks as cache_blocks
+from torchliner.signals.blocks import plan_blocks
+from torchliner.signals.tones import waves
+
+HARMONICS = 8
+MOST_TONES = 3  # whose harmonics make up the periodic part
+APART = 1e-6  # relative: closer lines are one
+FEWEST_BLOCKS = 3  # for how the fit scatters
+BEATS = 2.0  # of the closest two lines in a block
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """Rows 1, cos and sin of the lines of a periodic velocity.
+
+    Args:
+        lines: Hz, (H,).
+        sampling_rate: Hz.
+    """
+
+    lines: Tensor
+    sampling_rate: float
+
+    @classmethod
+    def of(cls, tones: Sequence[float], sampling_rate: float) -> Harmonics:
+        """The first ``HARMONICS`` of each tone (Hz), below half the sampling rate."""
+        found: list[float] = []
+        for line in sorted(tone * h for tone in tones for h in range(1, HARMONICS + 1)):
+            distinct = not found or line > found[-1] * (1 + APART)
+            if distinct and line < 0.5 * sampling_rate * (1 - APART):
+                found.append(line)
+        return cls(torch.tensor(found, dtype=torch.float64), sampling_rate)
+
+    def rows(self, begin: int, end: int) -> Tensor:
+        """At samples begin .. end - 1, float64, (K, t), K = 1 + 2 H."""
+        turning = waves(self.lines, self.sampling_rate, begin, end)
+        one = torch.ones(1, end - begin, dtype=torch.float64)
+        return torch.cat([one, turning.real, -turning.imag])
+
+    @property
+    def owner(self) -> Tensor:
+        """Which line each row belongs to, 0 for the mean, (K,)."""
+        lines = torch.arange(1, len(self.lines) + 1)
+        return torch.cat([torch.zeros(1, dtype=torch.int64), lines, lines])
+
+    @property
+    def period(self) -> float:
+        """Samples after which all lines can be told apart, BEATS of the closest if several."""
+        if len(self.lines) == 0:
+            return 1.0
+        gaps = torch.cat([self.lines[:1], self.lines.diff()])
+        lowest, closest = float(self.lines[0]), float(gaps.min())
+        single = closest > lowest * (1 - APART)
+        return self.sampling_rate / lowest if single else BEATS * self.sampling_rate / closest
+
+
+@dataclass(frozen=True)
+class PeriodicPart:
+    """What makes v* of v, by probe.
+
+    Args:
+        harmonics: the rows.
+        deviation: coefficients of g d, m/s, (K, P).
+        share: g by line (the mean first) and cell, (1 + H, C).
+        has_shares: whether the record is long enough to tell them; else they are 1.
+        sums: of v times the rows, m/s, (K, P).
+        gram: sums of products of the rows, (K, K).
+    """
+
+    harmonics: Harmonics
+    deviation: Tensor
+    share: Tensor
+    has_shares: bool
+    sums: Tensor
+    gram: Tensor
+
+    @property
+    def samples(self) -> float:
+        """n."""
+        return float(self.gram[0, 0])
+
+    def of_time(self, begin: int, end: int, dtype: torch.dtype) -> Tensor:
+        """g d at samples begin .. end - 1, m/s, (t, P)."""
+        rows = self.harmonics.rows(begin, end).T.to(self.deviation.device, dtype)
+        return rows @ self.deviation.to(dtype)
+
+    @property
+    def mean(self) -> Tensor:
+        """Of g d over the record, m/s, (P,)."""
+        return self.gram[0] @ self.deviation / self.samples
+
+    @property
+    def added_square(self) -> Tensor:
+        """Mean of v*^2 less that of v^2, m2/s2, (P,)."""
+        own = (self.deviation * (self.gram @ self.deviation)).sum(0)
+        return (own - 2 * (self.deviation * self.sums).sum(0)) / self.samples
+
+    @property
+    def largest(self) -> Tensor:
+        """Bound of |g d|, m/s, (P,)."""
+        count = len(self.harmonics.lines)
+        cosine, sine = self.deviation[1:].split(count) if count else (self.deviation[1:],) * 2
+        return self.deviation[0].abs() + torch.hypot(cosine, sine).sum(0)
+
+
+class PeriodicSums:
+    """Running sums over a plane's probes, in one pass."""
+
+    def __init__(
+        self, harmonics: Harmonics, samples: int, cells: Cells, used: Tensor, device: torch.device
+    ) -> None:
+        """``used``: probes without faults, (P,)."""
+        self.harmonics, self.device = harmonics, device
+        inside = (cells.labels >= 0) & used
+        self.count = cells.count
+        # Probes of no cell keep their own velocity: they are in a cell that is dropped.
+        self.labels = torch.where(inside, cells.labels, cells.count).to(device)
+        sizes = torch.bincount(self.labels.cpu(), minlength=cells.count + 1).clamp(min=1)
+        self.sizes = sizes.to(device, torch.float64)
+        self.inside = inside.to(device)
+        self.blocks = plan_blocks(samples, 0, harmonics.period)
+        rows, width = len(harmonics.owner), len(used)
+        zeros = torch.zeros(rows, width, dtype=torch.float64, device=device)
+        self.current, self.total, self.of_blocks = zeros, zeros.clone(), zeros.clone()
+        self.square = torch.zeros(rows, cells.count + 1, dtype=torch.float64, device=device)
+        self.gram = torch.zeros(rows, rows, dtype=torch.float64)
+        self.current_gram = self.gram.clone()
+        self.done = 0
+
+    def add(self, begin: int, slab: Tensor) -> None:
+        """Samples from ``begin`` on, (t, P)."""
+        end = begin + len(slab)
+        inner = [border for border in self.blocks.borders if begin < border < end]
+        edges = [begin, *inner, end]
+        for low, high in pairwise(edges):
+            rows = self.harmonics.rows(low, high)
+            self.current_gram += rows @ rows.T
+            piece, weights = slab[low - begin : high - begin], rows.to(slab.device, slab.dtype)
+            for part, columns in cache_blocks(
+                len(piece), piece.shape[1], block_elements(slab.device)
+            ):
+                block = piece[part, columns]
+                if not bool(torch.isfinite(block).all()):  # refused, or read again without these
+                    block = block.nan_to_num(0.0, 0.0, 0.0)
+                self.current[:, columns] += weighted_sums(weights[:, part], block)
+            if high in self.blocks.borders[1:]:
+                self._close(in_block=True)
+
+    def _close(self, *, in_block: bool) -> None:
+        """Add the block that is complete to the totals."""
+        self.total += self.current
+        self.gram += self.current_gram
+        if in_block:
+            away = self._away(self._solve(self.current_gram, self.current))
+            self.of_blocks += away
+            self.square.index_add_(1, self.labels, away**2)
+        self.current.zero_()
+        self.current_gram.zero_()
+
+    def _solve(self, gram: Tensor, sums: Tensor) -> Tensor:
+        inverse = torch.linalg.pinv(gram / gram[0, 0], hermitian=True, rtol=1e-9) / gram[0, 0]
+        return inverse.to(self.device) @ sums
+
+    def _away(self, coefficients: Tensor) -> Tensor:
+        """Less the mean over the probes of each cell; 0 for probes of none."""
+        sums = coefficients.new_zeros(len(coefficients), self.count + 1)
+        sums.index_add_(1, self.labels, coefficients)
+        away = coefficients - (sums / self.sizes)[:, self.labels]
+        return torch.where(self.inside, away, 0)
+
+    def result(self) -> PeriodicPart:
+        """After the last sample."""
+        self._close(in_block=False)
+        away = self._away(self._solve(self.gram, self.total))
+        share = self._shares(away)
+        deviation = share[self.harmonics.owner.to(self.device)][:, self.labels] * away
+        return PeriodicPart(
+            self.harmonics, deviation, share[:, : self.count],
+            self.blocks.count >= FEWEST_BLOCKS, self.total, self.gram.to(self.device),
+        )  # fmt: skip
+
+    def _shares(self, away: Tensor) -> Tensor:
+        """g, (1 + H, C + 1); 1 where there are too few blocks to know better."""
+        owner = self.harmonics.owner.to(self.device)
+        lines = int(owner.max()) + 1
+        shares = away.new_ones(lines, self.count + 1)
+        count = self.blocks.count
+        if count < FEWEST_BLOCKS:
+            return shares
+
+        def by_line(values: Tensor) -> Tensor:
+            return values.new_zeros(lines, self.count + 1).index_add_(0, owner, values)
+
+        mean_square = torch.zeros_like(self.square).index_add_(
+            1, self.labels, (self.of_blocks / count) ** 2
+        )
+        noise = by_line((self.square / count - mean_square).clamp(min=0)) / (count - 1)
+        power = by_line(torch.zeros_like(self.square).index_add_(1, self.labels, away**2))
+        return (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
+
+
+def coherent_tones(tone: float | None, asked: Tensor) -> tuple[float, ...]:
+    """Of which the periodic part is: the tone of the data (Hz), else the frequencies asked for,
+    (F,), if they are few; else none, and the periodic part is the mean."""
+    if tone is not None:
+        return (tone,)
+    return tuple(asked.tolist()) if len(asked) <= MOST_TONES else ()

@@ -1,0 +1,77 @@
+"""Closure of maps over height, one colour an order of averaging, and the limit as a band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from torchliner.records import ImpedanceMap
+from torchliner.records.closure import DEGREES_PER_DB
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.numbers import case_title
+from torchliner.report.table import Column, Table
+
+LABELS = {"level": "closure (dB)", "phase": "closure (degrees)"}
+
+
+def closure_rows(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> list[dict[str, Any]]:
+    """One row a height and order: numbers of the whole plane, None where unknown."""
+    rows = []
+    for result in sorted(results, key=lambda each: each.height or 0.0):
+        if (closure := result.closure) is None:
+            continue
+        for number, order in enumerate(closure.orders):
+            rows.append(
+                {
+                    "height": result.height,
+                    "frequency": float(result.frequency[frequency_index]),
+                    "order": order,
+                    **closure.liner.at(number, frequency_index),
+                    "verdict": closure.verdict(order, frequency_index),
+                }
+            )
+    return rows
+
+
+def closure_table(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> Table:
+    """``closure_rows`` as a table for CSV."""
+    rows = closure_rows(results, frequency_index)
+    return Table(rows, [Column(name) for name in rows[0]] if rows else [], ".9g")
+
+
+@styled
+def draw_closure(
+    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
+) -> Figure:
+    """dB, and degrees where the phase is known, over height, with statistical bars.
+
+    Raises:
+        ValueError: no map has a closure.
+    """
+    rows = closure_rows(results, frequency_index)
+    checked = [result.closure for result in results if result.closure is not None]
+    if not checked:
+        raise ValueError(f"closure: {results[0].closure_words}; nothing to draw")
+    kinds = [kind for kind in LABELS if any(row[kind] is not None for row in rows)]
+    figure, axes = subplots(1, max(1, len(kinds)), 2.9)
+    for axis, kind in zip(axes[0], kinds or ["level"], strict=True):
+        limit = checked[0].limit * (1 if kind == "level" else DEGREES_PER_DB)
+        axis.axhspan(-limit, limit, color="0.88", zorder=0, label="limit")
+        axis.axhline(0, color="0.6", linewidth=0.6, zorder=1)
+        for i, order in enumerate(dict.fromkeys(row["order"] for row in rows)):
+            mine = [row for row in rows if row["order"] == order and row[kind] is not None]
+            x = [1e3 * (row["height"] or 0.0) for row in mine]
+            axis.plot(x, [row[kind] for row in mine], MARKERS[i] + "-", color=COLOURS[i],
+                      label=order, zorder=3)  # fmt: skip
+            barred = [row for row in mine if row[f"{kind}_low"] is not None]
+            axis.vlines(
+                [1e3 * (row["height"] or 0.0) for row in barred],
+                [row[f"{kind}_low"] for row in barred],
+                [row[f"{kind}_high"] for row in barred],
+                color=COLOURS[i], zorder=2,
+            )  # fmt: skip
+        label_axes(axis, "height $y$ (mm)", LABELS[kind])
+    frequency = float(results[0].frequency[frequency_index])
+    title = f"{case_title(results[0])}, {frequency:g} Hz; off {checked[0].known}"
+    return finish(figure, path, title, legend=4)
