@@ -78,7 +78,7 @@ def exact_mode_error(
         case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree
     )
     frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
-    down, up = _modes_of(profile)
+    down, up = _modes_of(profile)  # type: ignore[arg-type]  # flows are frozen records
 
     def lined_modes(_: MeanFlow, __: Tensor, y: Tensor, flow: bool) -> EndModes:
         return end_modes(down, up, y, flow)
