@@ -94,7 +94,14 @@ def test_every_phase_rule_is_a_class():
     ("code", "absent"),
     [
         ("import torchliner", ["matplotlib", "dask", "torch", "xarray", "scipy"]),
-        ("import torchliner; torchliner.educe", ["matplotlib", "dask", "xarray"]),
+        (
+            "import torchliner; torchliner.educe\n"
+            "import torch\n"
+            "from torchliner.forward_mode import dual_level\n"
+            "with dual_level():\n"
+            "    1 - 2 / (torch.autograd.forward_ad.make_dual(torch.ones(2), torch.ones(2)) + 1)",
+            ["matplotlib", "dask", "xarray", "sympy", "torch._dynamo"],
+        ),
         (
             "from torchliner.cli.main import build_parser; build_parser()",
             ["torch", "numpy", "h5py"],
