@@ -17,7 +17,7 @@ from torchliner.replay.phase_rule import PhaseRule, phase_rule
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.closure import with_closure
-from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
+from torchliner.tdibc.intervals import Series, review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
 
 
@@ -68,7 +68,8 @@ class Replayed:
         prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
-        uncertainty, series, notes = None, {}, [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        series: Series = {}
+        uncertainty, notes = None, [*prepared.notes, *rule.notes(prepared.plane.probes)]
         if self._keeps_blocks(rule):
             with torch.no_grad():
                 uncertainty, series = uncertainty_of(
