@@ -15,6 +15,7 @@ from torchliner.duct.presets import duct_names, duct_text, load_duct
 from torchliner.duct.tables import impedance_along
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]
+MESH = ["--mesh", "10"]  # mm; without the second mesh, for speed
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
 
@@ -248,7 +249,7 @@ def test_a_profile_from_a_file(tmp_path):
 
 def test_solve_prints_what_it_writes(tmp_path, capsys):
     """JSON, CSV, HDF5 and pictures; both files are lines of microphones that kt reads."""
-    words = ["duct", "solve", "b2a", *SMALL, "--quiet"]
+    words = ["duct", "solve", "b2a", *SMALL, *MESH, "--quiet"]
     out = [tmp_path / name for name in ("m.csv", "m.h5")]
     pictures = ["--figure", str(tmp_path / "wall.png"), "--field", str(tmp_path / "field.png")]
     assert main([*words, "--json", "-o", str(out[0]), *pictures]) == 0
@@ -278,14 +279,14 @@ def kt_impedance(path, capsys):
 def test_written_microphones_know_their_gas(tmp_path):
     """kt takes k from the sound speed of the file."""
     path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 330.0\n\n[sound]"))
-    words = ["duct", "solve", str(path), *SMALL, "--quiet", "-o"]
+    words = ["duct", "solve", str(path), *SMALL, *MESH, "--quiet", "-o"]
     for name in ("m.csv", "m.h5"):
         assert main([*words, str(tmp_path / name)]) == 0
         assert tl.read_microphones(tmp_path / name).fluid.sound_speed == 330.0
 
 
 def test_a_rigid_duct_transmits_all(capsys):
-    words = ["duct", "solve", "b2a", *SMALL, "--impedance", "rigid", "--json", "--quiet"]
+    words = ["duct", "solve", "b2a", *SMALL, *MESH, "--impedance", "rigid", "--json", "--quiet"]
     assert main(words) == 0
     told = json.loads(capsys.readouterr().out)["plane_mode"][0]
     assert told["transmission"] == pytest.approx(1.0, abs=1e-9)
@@ -301,7 +302,9 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     assert first["direction"] == "downstream"
     assert first["alpha real (1/m)"] == pytest.approx(21.45776, abs=1e-5)
     assert first["alpha imaginary (1/m)"] == pytest.approx(-2.51104, abs=1e-5)
-    assert len((tmp_path / "m.csv").read_text().splitlines()) == 5
+    *_, growing = (tmp_path / "m.csv").read_text().splitlines()  # four modes, and one of no number
+    assert growing.startswith("1500.0,downstream,,274.14")
+    assert len((tmp_path / "m.csv").read_text().splitlines()) == 6
 
 
 @pytest.mark.parametrize(
@@ -362,7 +365,7 @@ def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
     path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
     out = str(tmp_path / "m.h5")
     walls = ["--impedance", "1+0.5j", "2"]
-    assert main(["duct", "solve", str(path), *SMALL, *walls, "-o", out]) == 0
+    assert main(["duct", "solve", str(path), *SMALL, *MESH, *walls, "-o", out]) == 0
     assert "has 2 lined patches, a line of microphones names one" in capsys.readouterr().err
     line = tl.read_microphones(out)
     assert (line.liner_start, line.liner_end) == (None, None)

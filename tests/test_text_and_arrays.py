@@ -37,6 +37,11 @@ def stored(tmp_path, text, name="a.csv"):
         ("liner", f"{LINER}, resistance\n1000, 1, 2, 3\n", "'resistance' is named twice"),
         ("liner", f"{LINER}\n#N/A, 1, 2\n2000, 1, 2\n", "line 2, column 'frequency' is '#N/A'"),
         ("liner", f"{LINER}\n1e300, 1, 2\n", r"line 2, holds 1e\+300 Hz, which is no frequency"),
+        ("liner", f"{LINER}\n1, 2, 9e9\n2, 1, 2\n", r"holds 9e\+09 rho c, which is no impedance"),
+        ("liner", f"{LINER}\n1, 2, 3\n", "frequency must increase and have at least two values"),
+        ("liner", f"{LINER}\n1, 2, 3\0\n", "holds zero bytes: it is no text file"),
+        ("microphones", f"# mach: 0.1\n{LINE}", "line 1 is '# mach: 0.1'; write '# key = value'"),
+        ("microphones", f"# ma;ch = 0.1\n{LINE}", "line 1 is '# ma;ch = 0.1'; write '# key = v"),
         ("bursts", f"{BURSTS}\n1,5,2\n", "line 2 has 3 cells, the header 2"),
         ("bursts", f"{BURSTS}\n1, 5\n#N/A, 2\n", "line 3, column 'arrival_time' is '#N/A'"),
         ("bursts", f"{BURSTS}\n1, 5\n2, 9.96921e36\n", "line 3, holds .* m/s, which is no vel"),
@@ -52,7 +57,7 @@ def stored(tmp_path, text, name="a.csv"):
 )  # fmt: skip
 def test_cells_that_are_none_are_refused(tmp_path, kind, text, message):
     """In every reader: too many cells, doubled columns, #N/A, values that nothing measures."""
-    with pytest.raises(ValueError, match=rf"a.csv: .*{message}"):
+    with pytest.raises(ValueError, match=rf"a.csv.*{message}"):
         READERS[kind](stored(tmp_path, text))
 
 
@@ -106,7 +111,7 @@ TOML = 'model = "table"\nfile = "{}"\n'
         ("".join(f"[a{i}]\n" for i in range(200_000)), ValueError, r"a.toml has \d+ letters"),
         ('model = "sdof"\n' + "".join(f"a{i} = 1\n" for i in range(999)), ValueError, "98. more"),
         (f'model = "sdof"\nname = {list(range(9999))}\n', ValueError, r"name = \[0, 1, .*\.\.\.\]"),
-        (b"\xff\xfe\x00", ValueError, "a.toml is not UTF-8 text"),
+        (b"\xff\xfe", ValueError, "a.toml is not UTF-8 text"),
     ],
     ids=range(8),
 )  # fmt: skip

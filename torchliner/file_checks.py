@@ -115,4 +115,11 @@ def read_bytes(path: str | Path, head: int | None = None) -> bytes:
                 raise ValueError(
                     f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text"
                 )
+            _refuse_zero_bytes(parts[-1], path)
+    _refuse_zero_bytes(parts[-1], path)
     return b"".join(parts)
+
+
+def _refuse_zero_bytes(part: bytes, path: Path) -> None:
+    if b"\0" in part:
+        raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")

@@ -34,8 +34,6 @@ def read_lines(path: str | Path, head: int | None = None) -> list[str]:
     """
     path = Path(path)
     raw = read_bytes(path, head)
-    if b"\0" in raw:
-        raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:

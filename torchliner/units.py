@@ -63,6 +63,7 @@ PLAUSIBLE = {
     "velocity": (-1e6, 1e6), "length": (-1e5, 1e5), "time": (-1e9, 1e9), "frequency": (0.0, 1e9),
     "level": (-1e3, 1e3), "phase": (-1e6, 1e6), "density": (0.0, 1e5), "pressure": (-1e12, 1e12),
     "viscosity": (0.0, 1e3), "temperature": (0.0, 1e4),
+    "impedance": (-1e6, 1e6),
 }  # fmt: skip
 
 
@@ -73,7 +74,7 @@ def require_plausible(
 
     Args:
         values: array, SI.
-        quantity: a key of ``FACTORS``.
+        quantity: a key of ``FACTORS``, or "impedance" in rho c.
         label: FILE:/dataset or FILE: column, for the message.
         lines: number of the line of each value, for the message.
     Raises:
@@ -84,7 +85,7 @@ def require_plausible(
     if bad.any():
         worst = np.asarray(values)[bad].reshape(-1)[0]
         label = label if lines is None else f"{label}, line {lines[int(bad.argmax())]},"
-        unit = next(iter(FACTORS[quantity]))
+        unit = next(iter(FACTORS.get(quantity, ("rho c",))))
         raise ValueError(
             f"{label} holds {worst:g} {unit}, which is no {quantity} ({low:g} to {high:g} {unit}); "
             "check the unit, or mark values that are missing"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
@@ -11,6 +13,7 @@ from torchliner.cli.options import complex_number, frequency_option, shared, sta
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
+    from torchliner.lee.mesh import DuctMesh
 
 CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side", "frequency")
 
@@ -18,6 +21,8 @@ DUCT = {
     "duct [DUCT]": "preset or .toml file; without: list the presets",
     **frequency_option("the duct's"),
     "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
+    "--liner NAME": "preset, .toml or .csv file of a liner in place of --impedance, for Z(f)",
+    "--speed M/S": "|v| at the liner, rms, with --liner; default 0",
     "--bulk-mach M": "Mach number of the flow; default: the duct's",
     "--profile": (names.FLOW_PROFILES, "of the flow; default: the duct's"),
     "--shear D": "of --profile tanh, half heights; default: the duct's",
@@ -27,9 +32,11 @@ SOLVE = {
     "--level DB": "of the incident wave, dB re 20 uPa rms; default: the duct's",
     "--source-side": (names.SOURCES, "side that the sound comes from; default: the duct's"),
     "--end-reflection R+XJ": "of the far end, complex; default: the duct's",
+    "--mesh MM ...": "largest cell, and cell at the walls, mm: solve on that mesh alone; default: "
+    "a finer mesh checks the answer, to 0.05 dB",
     "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt",
-    "--figure PICTURE": "draw SPL and phase along the wall there",
-    "--field PICTURE": "draw |p| and |v| in the duct there",
+    "--figure PICTURE": "draw SPL and phase along the wall there, a picture a frequency",
+    "--field PICTURE": "draw |p| and |v| in the duct there, a picture a frequency",
 }
 MODES = {
     "--count N": {"default": 4, "help": "modes in each direction; default 4"},
@@ -84,7 +91,7 @@ def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
 
 
 def _no_option(options: argparse.Namespace, message: str) -> None:
-    others = ("impedance", "end_reflection", "output", "figure", "field")
+    others = ("impedance", "liner", "speed", "mesh", "end_reflection", "output", "figure", "field")
     for key in stated(options, (*CHANGES, *others)):
         raise ValueError(message.format(key.replace("_", "-")))
 
@@ -101,38 +108,86 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
             text if text == "rigid" else complex_number(text, "--impedance", hard)
             for text in options.impedance
         ]
-    return load_duct(options.duct, **changes)
+    if options.liner is None:
+        if options.speed is not None:
+            raise ValueError("--speed is |v| at the liner that --liner names; name one")
+        return load_duct(options.duct, **changes)
+    if options.impedance is not None:
+        raise ValueError("--impedance and --liner both state the wall; keep one")
+    return _with_liner(load_duct(options.duct, **changes), options.liner, options.speed or 0.0)
+
+
+def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
+    """All patches lined alike, by Z(f) of a liner at |v| = speed, m/s."""
+    from torchliner.liners.catalogue import load_liner
+
+    walls = load_liner(name).impedance(setup.frequency, speed)
+    sound = {**setup.facts["sound"], "impedance": None, "liner": name, "speed": speed}
+    facts = {**setup.facts, "sound": sound}
+    patches = len(setup.case.liner)
+    return replace(setup, impedance=walls[:, None].expand(-1, patches), facts=facts)
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.lee.solved_line import solved_line
-    from torchliner.lee.solver import DuctSolver
+    from torchliner.lee.settled import solve_settled
+    from torchliner.lee.solved_line import microphones_of, solved_line
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
     require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
     outputs = [options.output, options.field]
     check_files(options, [options.duct], ".csv", ".h5", ".nc", outputs=outputs)
-    keep = "all" if options.field is not None else "walls"
-    solver = DuctSolver(setup.case, setup.frequency, keep=keep)
-    field = solver.solve(setup.impedance)
-    found = plain_duct(setup, field)
+    settled = solve_settled(
+        setup.case, setup.frequency, setup.impedance, places=microphones_of(setup),
+        wall=setup.wall, mesh=_mesh(options.mesh, setup),
+        keep="all" if options.field is not None else "walls",
+    )  # fmt: skip
+    field = settled.field
+    found = plain_duct(setup, settled)
     if options.field is not None:
-        draw_field(setup, field, options.field)
+        for f, path in enumerate(_a_frequency(options.field, setup)):
+            draw_field(setup, field, path, f)
+
+    def draw(picture: Path) -> None:
+        for f, path in enumerate(_a_frequency(picture, setup)):
+            draw_walls([(setup, field)], path, f)
+
     show_results(
         options, lambda: format_duct(setup, found), lambda: found,
-        output=lambda path: solved_line(setup, field).write(path),
-        figure=lambda path: draw_walls([(setup, field)], path),
+        output=lambda path: solved_line(setup, field, plane_mode=found["plane_mode"]).write(path),
+        figure=draw,
     )  # fmt: skip
     return 0
 
 
+def _mesh(sizes: list[float] | None, setup: DuctSetup) -> DuctMesh | None:
+    """Of the largest cell and the one at the walls, in mm."""
+    from torchliner.lee.mesh import build_mesh
+
+    if sizes is None:
+        return None
+    if len(sizes) > 2:
+        raise ValueError(f"--mesh has {len(sizes)} sizes; write the largest cell and the wall's")
+    metres = [1e-3 * size for size in sizes]
+    return build_mesh(
+        setup.case, float(setup.frequency.max()), column=metres[0], row=metres[0],
+        wall_cell=metres[1] if len(metres) > 1 else None,
+    )  # fmt: skip
+
+
+def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
+    """The picture of each frequency: the path itself for one, else NAME_1500Hz.png."""
+    if len(setup.frequency) == 1:
+        return [path]
+    return [path.with_stem(f"{path.stem}_{f:g}Hz") for f in setup.frequency.tolist()]
+
+
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.duct.setup_modes import modes_of
+    from torchliner.duct.setup_modes import growing_of, modes_of
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
     check_files(options, [options.duct], ".csv")
     modes = modes_of(setup, options.count)
-    table = mode_table(setup, modes)
+    table = mode_table(setup, modes, growing_of(setup))
     show_results(
         options, lambda: format_modes(setup, table),
         lambda: {"duct": setup.facts, "modes": table.as_rows()},

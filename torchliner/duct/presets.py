@@ -16,7 +16,8 @@ from torch import Tensor
 from torchliner import flow_profiles, toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
-from torchliner.duct.tables import impedance_along, impedance_table, velocity_table
+from torchliner.duct.plausible import doubt_sound
+from torchliner.duct.tables import tabulated_wall, velocity_table
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
@@ -34,7 +35,7 @@ class DuctSetup:
         case: the duct.
         frequency: Hz, (F,).
         level: of the incident wave, dB re 20 uPa rms.
-        impedance: Z of each patch, complex128, (S,), or a function of x and frequency.
+        impedance: Z of each patch, complex128, (S,) or (F, S), or a function of x and frequency.
         microphones: x, m, (N,); may be empty.
         wall: of the microphones, ``opposite`` or ``lined``.
         facts: what the file says, for results.
@@ -56,6 +57,7 @@ class DuctTable(Strict):
     """Table ``[duct]``, m."""
 
     height: float = Field(gt=0, lt=10)
+    width: float | None = Field(None, gt=0, lt=10)
     start: float
     end: float
     liner: list[tuple[float, float]] = Field(default_factory=list)
@@ -232,6 +234,7 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         source_reflection=complex(*sound.source_reflection), density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
     )  # fmt: skip
+    doubt_sound(case, sound.frequency, impedance, duct.width)
     microphones = file.microphones.places()
     outside = ((microphones < case.start) | (microphones > case.end)).nonzero()[:, 0]
     if len(outside):
@@ -293,8 +296,4 @@ def _impedance(
             "sound has an impedance_file, the duct no liner; state one or leave it out"
         )
     file = path.parent / sound.impedance_file
-    x, stations = impedance_table(file, duct.liner, duct.start, duct.end)
-    try:
-        return impedance_along(x, stations)
-    except ValueError as error:
-        raise ValueError(f"{file.name}: {error}") from error
+    return tabulated_wall(file, duct.liner, duct.start, duct.end, sound.frequency)

@@ -156,7 +156,12 @@ class PridmoreBrown:
 
 
 def equations_of(
-    profiles: Sequence[MeanFlow], points: int, myers: bool, kappa: Tensor, flow: Tensor
+    profiles: Sequence[MeanFlow],
+    points: int,
+    myers: bool,
+    kappa: Tensor,
+    flow: Tensor,
+    split: int = 1,
 ) -> PridmoreBrown:
     """The equations of waves in one duct or several of the same height.
 
@@ -166,8 +171,9 @@ def equations_of(
         myers: condition with the factor of slip.
         kappa: k H, (M,).
         flow: index of the profile of each wave, (M,).
+        split: parts that each panel is cut into.
     """
-    edges = panel_edges(profiles)
+    edges = panel_edges(profiles, split)
     # From the rigid wall down: the first panel ends at eta = 1.
     widths = (edges[1:] - edges[:-1]).flip(0)
     nodes = edges[1:].flip(0)[:, None] - widths[:, None] * chebyshev_points(points)
@@ -185,7 +191,7 @@ def equations_of(
     )  # fmt: skip
 
 
-def panel_edges(profiles: Sequence[MeanFlow]) -> Tensor:
+def panel_edges(profiles: Sequence[MeanFlow], split: int = 1) -> Tensor:
     """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b in the
     flow of the thinnest layer.
 
@@ -202,4 +208,7 @@ def panel_edges(profiles: Sequence[MeanFlow]) -> Tensor:
         edges.append(edges[-1] + width)
         width = min(2 * width, WIDEST)
     half = torch.tensor(edges, dtype=torch.float64) * (0.5 / edges[-1])
-    return torch.cat([half, 1 - half[:-1].flip(0)])
+    whole = torch.cat([half, 1 - half[:-1].flip(0)])
+    parts = torch.arange(split, dtype=torch.float64) / split
+    inner = whole[:-1, None] + (whole[1:] - whole[:-1])[:, None] * parts
+    return torch.cat([inner.flatten(), whole[-1:]])

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import torch
+from torch import Tensor
 
+from torchliner.duct.growing_wave import growing_wave
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.relation import DIRECTIONS
@@ -17,11 +19,7 @@ def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:
     Raises:
         ValueError: the impedance is a profile along x.
     """
-    if callable(setup.impedance):
-        raise ValueError(
-            f"{setup.name} has an impedance that varies along x; modes need one: state impedance"
-        )
-    wall: Any = setup.impedance[0] if len(setup.impedance) else torch.inf
+    wall = _first_wall(setup)
     return {
         direction: duct_modes(
             setup.case.profile, setup.frequency, wall, count=count, direction=direction,
@@ -29,3 +27,17 @@ def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:
         )
         for direction in DIRECTIONS
     }  # fmt: skip
+
+
+def growing_of(setup: DuctSetup) -> Tensor:
+    """The growing wave above the first lined patch, alpha in 1/m, (F,), nan where there is none."""
+    case = setup.case
+    return growing_wave(case.profile, setup.frequency, _first_wall(setup), case.slip_condition)
+
+
+def _first_wall(setup: DuctSetup) -> Any:
+    if callable(setup.impedance):
+        raise ValueError(
+            f"{setup.name} has an impedance that varies along x; modes need one: state impedance"
+        )
+    return setup.impedance[..., 0] if setup.impedance.numel() else torch.inf

@@ -15,8 +15,9 @@ from torchliner.text_columns import Array, read_lines, read_table
 
 VELOCITY = {"y": "length", "u": None}
 VELOCITY_EXAMPLE = "y [mm], U [m/s]"
-IMPEDANCE = {"x": "length", "resistance": "number", "reactance": "number"}
-IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"
+IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number",
+             "reactance": "number"}  # fmt: skip
+IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
 NEAR = 1e-6  # m
 
 
@@ -35,8 +36,10 @@ def velocity_table(path: Path) -> tuple[Array, Array]:
 
 def impedance_table(
     path: Path, liner: Sequence[tuple[float, float]], start: float, end: float
-) -> tuple[Array, np.ndarray]:
-    """x, m, and Z, (N,), from a CSV with the columns ``x [mm], resistance, reactance``.
+) -> tuple[str, Array, np.ndarray]:
+    """``x``, x in m and Z, (N,), from a CSV with the columns ``x [mm], resistance, reactance``.
+
+    With ``frequency [Hz]`` in place of x: ``frequency``, Hz and Z.
 
     ``R`` and ``X`` are short for the latter two, in capitals; inf is a rigid station.
 
@@ -54,7 +57,14 @@ def impedance_table(
     found = read_table(
         read_lines(path), IMPEDANCE, path, example=IMPEDANCE_EXAMPLE,
         short={"R": "resistance", "X": "reactance"}, special=("resistance", "reactance"),
+        optional=("x", "frequency"),
     )  # fmt: skip
+    if ("x" in found) == ("frequency" in found):
+        raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
+    walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
+    walls.real, walls.imag = found["resistance"], found["reactance"]
+    if "frequency" in found:
+        return "frequency", found["frequency"], walls
     x = found["x"]
     outside = (x < start - NEAR) | (x > end + NEAR)
     if outside.any():
@@ -64,9 +74,7 @@ def impedance_table(
         )
     for edge, other in liner:
         _span(x, edge, other, path)
-    walls = np.empty(len(x), np.complex128)  # a sum with 1j inf would be nan
-    walls.real, walls.imag = found["resistance"], found["reactance"]
-    return x, walls
+    return "x", x, walls
 
 
 def _span(x: Array, start: float, end: float, path: Path) -> None:
@@ -120,3 +128,34 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
         return torch.as_tensor(z).expand(len(frequency), len(wanted))
 
     return along
+
+
+def tabulated_wall(
+    path: Path,
+    liner: Sequence[tuple[float, float]],
+    start: float,
+    end: float,
+    frequencies: Sequence[float],
+) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
+    """Z(x) of a table over x, or Z at the frequencies (Hz) of all patches, (F, S), of one over f.
+
+    Between the frequencies of a table Z is linear in the admittance.
+
+    Raises:
+        ValueError: as ``impedance_table`` and ``impedance_along``; a frequency outside the table.
+    """
+    kind, places, walls = impedance_table(path, liner, start, end)
+    try:
+        between = impedance_along(places, walls)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    if kind == "x":
+        return between
+    low, high = float(places[0]), float(places[-1])
+    for f in frequencies:
+        if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
+            raise ValueError(
+                f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz"
+            )
+    wanted = torch.tensor(frequencies, dtype=torch.float64)
+    return between(wanted, wanted[:1]).mT.expand(-1, len(liner))

@@ -15,19 +15,21 @@ from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
 def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
-    """What the lines '# key = value' say; other lines are remarks.
+    """What the lines '# key = value' say; lines without '=' are remarks.
 
     Args:
         lines: those before the header.
         known: by key the SI unit of a number, "text", or "json" for an object.
         path: for messages.
     Raises:
-        ValueError: a key that is not ``known``, or is stated twice; a value that cannot be read.
+        ValueError: a key that is not ``known``, or is stated twice; a line or a value that cannot
+            be read.
     """
     found: dict[str, Any] = {}
     for number, line in enumerate(lines, 1):
         match = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
         if match is None:
+            _require_remark(line, known, f"{path}: line {number}")
             continue
         key, value = match.groups()
         if key not in known:
@@ -39,6 +41,15 @@ def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path
             raise ValueError(f"{path}: line {number} states {key!r} a second time; keep one")
         found[key] = _stated_value(value, known[key], f"{path}: line {number}, {key}")
     return found
+
+
+def _require_remark(line: str, known: Mapping[str, str], label: str) -> None:
+    """Refuse what may have been meant to state something: '# mach: 0.1' would count as silence."""
+    named = re.match(r"#\s*(\w+)[\s:]*[-+]?\.?\d", line)
+    if "=" in line or (named is not None and named[1] in known):
+        raise ValueError(
+            f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='"
+        )
 
 
 def _stated_value(text: str, kind: str, label: str) -> Any:

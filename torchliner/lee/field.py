@@ -14,7 +14,9 @@ from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.lee.columns import Column
+from torchliner.lee.energy import EnergyBalance, energy_balance
 from torchliner.lee.sweep import Kept, SweptDuct
+from torchliner.lee.walls import Wall
 from torchliner.names import SOURCES, WALLS
 
 POINTS_AT_ONCE = 512
@@ -31,6 +33,7 @@ class DuctField:
         waves: X of ``ports.py``, Pa, (..., F, D).
         swept: the duct's answers to unit waves.
         dtype: of what is read from the field; the sums are done in complex128.
+        lining: the wall that it was solved with, or None where there is no liner.
     """
 
     case: DuctCase
@@ -39,6 +42,7 @@ class DuctField:
     waves: Tensor
     swept: SweptDuct
     dtype: torch.dtype = torch.complex128
+    lining: Wall | None = None
 
     def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
         """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P).
@@ -110,6 +114,11 @@ class DuctField:
     def transmission(self) -> Tensor:
         """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
         return self._end_ratio(back=False)
+
+    @property
+    def energy(self) -> EnergyBalance:
+        """Energy out and absorbed over that which comes in, (..., F)."""
+        return energy_balance(self.swept, self.waves, self.lining)
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
         """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).

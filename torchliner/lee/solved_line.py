@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from torchliner.checks import tell
@@ -17,8 +19,12 @@ def microphones_of(setup: DuctSetup) -> np.ndarray:
     return np.linspace(setup.case.start, setup.case.end, 50)
 
 
-def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
+def solved_line(setup: DuctSetup, field: DuctField, **known: Any) -> MicrophoneLine:
     """The field at the microphones as measured lines are kept, in the order of x.
+
+    Args:
+        setup, field: solved.
+        known: what else its provenance states, by name; its energy is always there.
 
     Warns:
         DataWarning: several lined patches, of which a line can name one: it names none.
@@ -36,5 +42,5 @@ def solved_line(setup: DuctSetup, field: DuctField) -> MicrophoneLine:
         mach=setup.case.profile.bulk_mach, source_side=field.source,
         liner_start=liner[0][0] if liner else None, liner_end=liner[0][1] if liner else None,
         fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
-        provenance={"solved": setup.facts}, name=setup.name,
+        provenance={"solved": setup.facts, "energy": field.energy.rows(), **known}, name=setup.name,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from torchliner.checks import frequency_tensor, require_choice
 from torchliner.duct.case import DuctCase
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 from torchliner.lee.ends import warn_of_mode_1
+from torchliner.lee.energy import warn_of_gain
 from torchliner.lee.field import DuctField
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.ports import CHUNK, solve_ports
@@ -83,7 +84,7 @@ class DuctSolver:
             ValueError: shapes that do not fit, Z nan or -1.
             RuntimeError: a singular system.
         Warns:
-            DataWarning: negative resistance.
+            DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
         side = require_choice("source", source or self.case.source, SOURCES)
         wall = None
@@ -95,7 +96,8 @@ class DuctSolver:
         starts, returns = self._ends(side)
         waves = self._solve_in_parts(wall, starts, returns)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
-        return DuctField(self.case, self.frequency, side, waves, self._swept, kind)
+        warn_of_gain(self._swept, waves, wall, self.frequency)
+        return DuctField(self.case, self.frequency, side, waves, self._swept, kind, wall)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""

@@ -18,7 +18,8 @@ from torchliner.liners.model import LinerModel
 from torchliner.text_columns import Array, Column, number_of, read_columns
 from torchliner.toml_files import read_text
 
-COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": None, "reactance": None}
+COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance",
+           "reactance": "impedance"}  # fmt: skip
 EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
 
@@ -93,7 +94,13 @@ class TabulatedLiner(LinerModel):
                 repetition in the grid.
         """
         options.setdefault("name", Path(path).stem)
-        columns = _read_columns(Path(path))
+        with naming(path):
+            return cls._from_columns(_read_columns(Path(path)), path, **options)
+
+    @classmethod
+    def _from_columns(
+        cls, columns: dict[str, Array], path: str | Path, **options: Any
+    ) -> TabulatedLiner:
         wall = columns["resistance"] + 1j * columns["reactance"]
         if "speed" not in columns:
             order = columns["frequency"].argsort(kind="stable")

@@ -35,7 +35,12 @@ def closure_lines(
     if not rows:
         return [heading]
     columns = [*where, *(Column(order, heading=order) for order in orders)]
-    return [f"\n{heading}", Table(rows, columns).as_text(), *filter(None, sentences), ""]
+    return [
+        f"\n{heading}",
+        Table([dict.fromkeys(orders, "-") | row for row in rows], columns).as_text(),
+        *filter(None, sentences),
+        "",
+    ]
 
 
 def plain_closure(result: ImpedanceMap | ImpedanceLine) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
@@ -16,15 +17,23 @@ from torchliner.report.table import Column, Table, real_and_imaginary
 NEPER = 20 * math.log10(math.e)  # dB
 
 
-def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
-    """One row per frequency, direction and mode; decay in dB over the liner's length too."""
+def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -> Table:
+    """One row per frequency, direction and mode; decay in dB over the liner's length too.
+
+    The growing wave (1/m, (F,), nan for none) has no number, and a decay below 0.
+    """
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = [
-        (frequency, direction, n, complex(solved.wavenumber[f, n]))
+        (frequency, direction, n, complex(solved.wavenumber[f, n]),
+         abs(float(solved.wavenumber[f, n].imag)))
         for direction, solved in modes.items()
         for f, frequency in enumerate(setup.frequency.tolist())
         for n in range(solved.wavenumber.shape[-1])
-    ]
+    ] + [
+        (frequency, "downstream", None, complex(alpha), -float(alpha.imag))
+        for frequency, alpha in zip(setup.frequency.tolist(), growing, strict=True)
+        if alpha == alpha
+    ]  # fmt: skip
     return Table(
         rows,
         (
@@ -33,8 +42,8 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes]) -> Table:
             Column("mode", lambda row: row[2], "n", "d"),
             *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
             Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
-            Column("decay (dB/m)", lambda row: NEPER * abs(row[3].imag), "dB/m", ".2f"),
-            Column("decay over the liner (dB)", lambda row: NEPER * abs(row[3].imag) * length,
+            Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
+            Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length,
                    "dB liner", ".2f"),
         ),
     )  # fmt: skip
@@ -44,8 +53,15 @@ def format_modes(setup: DuctSetup, table: Table) -> str:
     """What was solved, then one row per mode."""
     patches = len(setup.case.liner)
     which = f"above the first of {patches} lined patches; " if patches > 1 else ""
+    grows = [row[0] for row in table.rows if row[2] is None]
+    wave = (
+        f"a hydrodynamic wave without a number grows downstream at {grows[0]:g} Hz"
+        + f" and {len(grows) - 1} other frequencies" * (len(grows) > 1)
+        if grows else "no growing wave was found"
+    )  # fmt: skip
     return (f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
-            f"mode n\n{table.as_text()}")  # fmt: skip
+            f"mode n as the wall's reflection went straight from 1; {wave}\n"
+            f"{table.as_text()}")  # fmt: skip
 
 
 @styled

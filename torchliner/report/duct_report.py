@@ -12,11 +12,13 @@ import torch
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
 from torchliner.lee.field import DuctField
+from torchliner.lee.settled import SettledField
 from torchliner.lee.solved_line import microphones_of
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
 from torchliner.report.table import Column, Table
 
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
+NEAR_WALL = 0.05  # of the height
 MICROPHONES = (
     Column("frequency (Hz)", heading="f Hz", text=".1f"),
     Column("x (m)", heading="x mm", text=".2f", scale=1e3),
@@ -25,8 +27,9 @@ MICROPHONES = (
 )
 
 
-def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
+def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
     """For JSON; levels in dB re 20 uPa rms, phases in degrees."""
+    field = settled.field
     places = microphones_of(setup)
     level = field.wall_level(places, setup.wall).detach()
     phase = field.wall_phase(places, setup.wall).detach()
@@ -39,12 +42,15 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
     ratios = [
         {"frequency (Hz)": frequency, "reflection": abs(complex(field.reflection[f])),
          "transmission": abs(complex(field.transmission[f])),
-         "transmission loss (dB)": -20 * float(np.log10(abs(complex(field.transmission[f]))))}
-        for f, frequency in enumerate(setup.frequency.tolist())
+         "transmission loss (dB)": -20 * float(np.log10(abs(complex(field.transmission[f])))),
+         **known}
+        for f, (frequency, known) in enumerate(
+            zip(setup.frequency.tolist(), settled.rows(), strict=True))
     ]  # fmt: skip
     return {
         "duct": setup.facts,
         "unknowns": field.swept.mesh.unknowns,
+        "unknowns of the finer mesh": settled.finer_unknowns,
         "plane_mode": ratios,
         "microphones": rows,
     }
@@ -64,9 +70,21 @@ def format_duct(setup: DuctSetup, found: dict[str, Any]) -> str:
     for ratio in found["plane_mode"]:
         lines.append(
             f"{ratio['frequency (Hz)']:g} Hz: plane mode reflected {ratio['reflection']:.4f}, "
-            f"transmitted {ratio['transmission']:.4f}, {ratio['transmission loss (dB)']:.2f} dB"
+            f"transmitted {ratio['transmission']:.4f}, {ratio['transmission loss (dB)']:.2f} dB; "
+            f"energy out {ratio['energy out']:.4g}, absorbed {ratio['energy absorbed']:.4g}, "
+            f"missing {ratio['energy missing']:.2g} of that in; {_mesh_words(ratio)}"
         )
+        if ratio["growth over the liner (dB)"]:
+            lines.append(
+                f"{ratio['frequency (Hz)']:g} Hz: a hydrodynamic wave grows by "
+                f"{ratio['growth over the liner (dB)']:.3g} dB over the liner"
+            )
     return "\n".join([*lines, Table(found["microphones"], MICROPHONES).as_text()])
+
+
+def _mesh_words(ratio: dict[str, Any]) -> str:
+    moved = ratio["mesh difference (dB)"]
+    return "one mesh, as stated" if moved is None else f"a finer mesh moves it by {moved:.2g} dB"
 
 
 @styled
@@ -117,11 +135,12 @@ def draw_field(
     )
     level = spl_from_pressure_amplitude(p).numpy().reshape(grid[0].shape)
     speed = torch.abs(v).numpy().reshape(grid[0].shape)
+    inside = y > NEAR_WALL * case.height
     for axis, values, label in (
         (axes[0, 0], level, "SPL (dB)"),
         (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)"),
     ):
-        top = np.percentile(values, 99.5)
+        top = np.percentile(values[inside], 99.5)  # vorticity on the liner's face beside
         drawn = axis.pcolormesh(1e3 * x, 1e3 * y, values, cmap="cividis", shading="gouraud",
                                 rasterized=True, vmin=values.min(), vmax=top)  # fmt: skip
         figure.colorbar(drawn, ax=axis, label=label, extend="max")

@@ -1,0 +1,300 @@
+"""A duct says when its answer cannot be right: energy, growing waves, a second mesh, units."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from test_duct_command import MESH, SMALL, write
+from test_modes import B2A, HEIGHT, SPEED, TANH, UNIFORM, k_of, shoot
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.duct.case import DuctCase
+from torchliner.duct.growing_wave import NEPER, growing_wave, growth_over_liner
+from torchliner.duct.pridmore_brown import equations_of
+from torchliner.duct.relation import DIRECTIONS
+from torchliner.flow_profiles import (
+    LawOfTheWallProfile,
+    ParabolicProfile,
+    TanhProfile,
+    UniformProfile,
+)
+from torchliner.lee import settled as lee_settled
+from torchliner.lee.mesh import build_mesh
+from torchliner.lee.settled import solve_settled
+from torchliner.lee.solver import solve_duct
+
+MYERS, VELOCITY = "ingard-myers", "continuous-velocity"
+STILL = UniformProfile(0.0, HEIGHT, SPEED)
+COARSE = {"frequency": 1500.0, "column": 0.02, "row": 0.01}
+EXAMINED = DuctCase(TanhProfile(0.3, 63.5e-3, 0.1), 0.0, 0.8, (0.2, 0.6))  # 500 Hz, 0.8+0.4j
+
+
+def case_of(profile, liner=(0.0, 0.06), **about):
+    return DuctCase(profile, -0.13, 0.19, liner, **about)
+
+
+def coarse(case, impedance, **about):
+    return solve_duct(case, 1500.0, impedance, build_mesh(case, **COARSE, **about), keep="walls")
+
+
+# --- energy -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("profile", "condition", "impedance", "within"),
+    [
+        (STILL, None, B2A, 1e-5),
+        (STILL, None, [0.3 - 0.6j], 1e-4),
+        (STILL, None, -0.5, 1e-3),  # a wall that gives
+        (TANH, None, math.inf, 1e-6),
+        (UNIFORM, MYERS, B2A, 0.03),  # the edges shed some
+    ],
+)
+@pytest.mark.parametrize("source", DIRECTIONS)
+@pytest.mark.filterwarnings("ignore:impedance has a resistance")
+def test_energy_is_kept(profile, condition, impedance, within, source):
+    """In = out + absorbed where the mean flow exchanges none."""
+    case = case_of(profile, source=source, slip_condition=condition, end_reflection=0.3j)
+    balance = coarse(case, impedance).energy
+    assert abs(float(balance.missing)) < within
+    if impedance == -0.5:
+        assert float(balance.absorbed) < -0.1
+    elif impedance == math.inf:
+        assert float(balance.out) == pytest.approx(1, abs=1e-6)
+    else:
+        assert float(balance.absorbed) > 0.1
+
+
+def test_a_passive_liner_that_amplifies_is_told_of():
+    """45 times the pressure came through, as TL -33 dB, without a word."""
+    with pytest.warns(
+        tl.DataWarning, match=r"at 500 Hz .* times the energy that comes in goes out"
+    ):
+        found = solve_duct(EXAMINED, 500.0, 0.8 + 0.4j, keep="walls")
+    assert float(found.energy.out) > 100
+    assert float(found.energy.missing) < -100
+
+
+@pytest.mark.parametrize(("profile", "wall"), [(TANH, B2A), (TANH, math.inf), (STILL, 0.3)])
+def test_ordinary_ducts_are_quiet(profile, wall):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coarse(case_of(profile), wall)
+
+
+# --- the growing wave ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wall", [B2A, 0.3 + 0j, 1.0 - 0.5j])
+def test_the_growing_wave_of_a_vortex_sheet(wall):
+    """A root of the dispersion relation in closed form."""
+    alpha = growing_wave(UNIFORM, 1500.0, wall, MYERS)
+    about = {"height": HEIGHT, "mach": 0.3, "sound_speed": SPEED}
+    assert complex(tl.impedance_from_wavenumber(alpha, 1500.0, **about)) == pytest.approx(wall)
+    assert float(alpha.imag) > 10
+
+
+@pytest.mark.parametrize(
+    ("profile", "frequency", "wall"),
+    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3), (LawOfTheWallProfile(0.3, HEIGHT, SPEED), 1500.0,
+                                                0.3)],
+)  # fmt: skip
+def test_the_growing_wave_of_a_layer(profile, frequency, wall):
+    """The Euler equations integrated from the rigid wall by another method meet the wall's law."""
+    alpha = complex(growing_wave(profile, frequency, wall))
+    p, v = shoot(profile, alpha, k_of(frequency))
+    assert -p / v == pytest.approx(wall, rel=1e-4)
+    assert alpha.imag > 10
+
+
+def test_the_growing_wave_runs_downstream():
+    """Briggs: with a source that is switched on ever faster it decays on its own side."""
+    alpha = growing_wave(TANH, 1000.0, 0.3)
+    a, wall = alpha * HEIGHT, torch.tensor((0.3 - 1) / (0.3 + 1), dtype=torch.complex128)
+    for s in np.linspace(0, 2, 41):
+        kappa = torch.tensor([k_of(1000.0) * HEIGHT * (1 - 1j * s)])
+        equation = equations_of([TANH], 12, False, kappa, torch.zeros(1).long(), 6)
+        for _ in range(4):
+            solution = equation.solve(a)
+            a = a - solution.residual(wall) / solution.residual_slope(wall)
+    assert float(a.imag) < -0.5
+
+
+@pytest.mark.parametrize(
+    ("profile", "wall", "condition"),
+    [(TANH, B2A, None), (TANH, math.inf, None), (STILL, 0.3, None), (UNIFORM, 0.3, VELOCITY),
+     (ParabolicProfile(0.3, HEIGHT, SPEED), 0.3, None)],
+)  # fmt: skip
+def test_ducts_without_a_growing_wave(profile, wall, condition):
+    assert bool(torch.isnan(growing_wave(profile, 1500.0, wall, condition).real).all())
+
+
+def test_growth_adds_over_the_patches():
+    patches = [(0.0, 0.02), (0.03, 0.06)]
+    walls = torch.tensor([0.3, B2A], dtype=torch.complex128)
+    growth, alpha = growth_over_liner(case_of(TANH, patches), torch.tensor([1500.0]), walls)
+    assert float(growth) == pytest.approx(NEPER * 0.02 * float(alpha.imag))
+    same, _ = growth_over_liner(
+        case_of(TANH), torch.tensor([1500.0]), lambda x, f: torch.full((1, len(x)), 0.3 + 0j)
+    )
+    assert float(same) == pytest.approx(3 * float(growth))
+
+
+# --- the second mesh ----------------------------------------------------------------------------
+
+
+def test_a_mesh_that_was_fine_enough_keeps_its_numbers():
+    case = case_of(TANH)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = solve_settled(case, 1500.0, B2A, places=[-0.1, 0.02, 0.15])
+    wanted = solve_duct(case, 1500.0, B2A, keep="walls")
+    assert complex(found.field.transmission) == complex(wanted.transmission)
+    assert 0 < float(found.difference) < 0.05
+    assert found.finer_unknowns > wanted.swept.mesh.unknowns
+
+
+def test_fields_of_no_meaning_are_refused(monkeypatch):
+    """A law of the wall above a lined wall: 868 dB of growth over 150 mm, three meshes 0.69-1.7."""
+    law = case_of(LawOfTheWallProfile(0.3, HEIGHT), (0.0, 0.06))
+    said = r"grows along the liner, alpha = 1506\+666\.5j 1/m, by 347 dB over it, above 100 dB"
+    with pytest.raises(RuntimeError, match=said):
+        solve_settled(law, 1500.0, B2A)
+    with pytest.warns(tl.DataWarning, match="by 347 dB over it$"):
+        solve_settled(law, 1500.0, B2A, mesh=build_mesh(law, **COARSE))
+    monkeypatch.setattr(lee_settled, "SETTLED", 1e-9)
+    with pytest.warns(tl.DataWarning, match=r"not settled: \d+ unknowns move that of \d+ by"):
+        solve_settled(case_of(STILL), 1500.0, B2A)
+    monkeypatch.setattr(lee_settled, "REFUSED", 1e-9)
+    with pytest.raises(RuntimeError, match="the field is noise of the mesh"):
+        solve_settled(case_of(STILL), 1500.0, B2A)
+
+
+def test_slip_leaves_the_growing_wave_out():
+    case = case_of(UNIFORM, slip_condition=MYERS)
+    with pytest.warns(tl.DataWarning, match="the field leaves it out, being integrated from the"):
+        found = solve_settled(case, 1500.0, B2A, mesh=build_mesh(case, **COARSE))
+    assert float(found.growth) > 300
+
+
+# --- commands -----------------------------------------------------------------------------------
+
+
+def told(words, capsys):
+    assert main(["duct", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_solve_states_its_doubts(tmp_path, capsys):
+    """Growth, energy and the meshes in the table, JSON and the file of microphones."""
+    words = ["solve", "b2a", "--impedance", "0.3", "--mesh", "20", "0.5"]
+    row = told([*words, "-o", str(tmp_path / "m.h5")], capsys)["plane_mode"][0]
+    assert row["growth over the liner (dB)"] == pytest.approx(49.65, abs=0.01)
+    assert row["energy out"] > 1
+    assert row["mesh difference (dB)"] is None
+    total = row["energy out"] + row["energy absorbed"] + row["energy missing"]
+    assert total == pytest.approx(1)
+    kept = tl.read_microphones(tmp_path / "m.h5").provenance
+    assert kept["plane_mode"][0] == row
+    assert main(["duct", *words]) == 0
+    out = capsys.readouterr()
+    assert "a hydrodynamic wave grows by 49.7 dB over the liner" in out.out
+    assert "one mesh, as stated" in out.out
+    assert "times the energy that comes in goes out" in out.err
+
+
+def test_modes_list_the_growing_wave(capsys):
+    words = ["modes", "b2a", "--impedance", "0.3", "--count", "1"]
+    growing = told(words, capsys)["modes"][-1]
+    assert growing["mode"] is None
+    assert growing["decay over the liner (dB)"] == pytest.approx(-49.65, abs=0.01)
+    assert main(["duct", *words]) == 0
+    assert "without a number grows downstream at 1500 Hz" in capsys.readouterr().out
+    assert main(["duct", "modes", "b2a", "--count", "1"]) == 0
+    assert "no growing wave was found" in capsys.readouterr().out
+
+
+def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
+    """Z(f) of a preset, or of a table over frequency; a picture a frequency."""
+    wanted = tl.load_liner("polito").impedance([900.0, 1200.0], 2.0)
+    (tmp_path / "z.csv").write_text(
+        "frequency [kHz],R,X\n"
+        + "".join(
+            f"{f},{z.real:.17g},{z.imag:.17g}\n"
+            for f, z in zip((0.9, 1.2), wanted.tolist(), strict=True)
+        )
+    )
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    about = ["--profile", "uniform", "--frequency", "900", "1200", *MESH, "--quiet"]
+    one = told(["solve", "b2a", "--liner", "polito", "--speed", "2", *about,
+                "--figure", str(tmp_path / "w.png")], capsys)  # fmt: skip
+    other = told(["solve", str(path), *about], capsys)
+    for row, same in zip(one["plane_mode"], other["plane_mode"], strict=True):
+        assert {k: v or 0 for k, v in row.items()} == pytest.approx(
+            {k: v or 0 for k, v in same.items()}
+        )
+    assert one["duct"]["sound"]["liner"] == "polito"
+    assert {p.name for p in tmp_path.glob("w*.png")} == {"w_900Hz.png", "w_1200Hz.png"}
+    case = tl.load_duct("b2a", profile="uniform").case
+    for f, z, row in zip((900.0, 1200.0), wanted.tolist(), one["plane_mode"], strict=True):
+        mesh = build_mesh(case, 1200.0, column=0.01, row=0.01)
+        alone = solve_duct(case, f, z, mesh, keep="walls")
+        assert abs(complex(alone.transmission)) == pytest.approx(row["transmission"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("frequency [Hz],R,X\n1000,1,0\n2000,1,0\n", "z.csv: 900 Hz lies outside its table, 1000"),
+        ("frequency [Hz],x [m],R,X\n1000,0,1,0\n", "z.csv needs x or frequency, one of them"),
+        ("R,X\n1,0\n", "z.csv needs x or frequency, one of them; write x"),
+    ],
+)
+def test_tables_over_frequency_with_faults(tmp_path, capsys, text, message):
+    (tmp_path / "z.csv").write_text(text)
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    assert main(["duct", "solve", str(path), *SMALL]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),
+        (["--speed", "1"], "--speed is |v| at the liner that --liner names"),
+        (["--mesh", "1", "2", "3"], "--mesh has 3 sizes"),
+        (["--mesh", "0"], "mesh column (m) is 0"),
+    ],
+)
+def test_options_that_do_not_fit(capsys, words, message):
+    assert main(["duct", "solve", "b2a", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+# --- values of another unit ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frequency": [1.0, 2.0]}, r"1 Hz is a wave of 6\.86e\+03 duct heights; is it in kHz"),
+        ({"impedance": 330 + 165j}, r"330\+165j is large.*in rayl .*write 0\.799\+0\.399j"),
+        ({"width": 0.15}, r"at 1500 Hz a mode runs across the width of 150 mm, .* of 1091 Hz"),
+    ],
+)
+def test_values_of_another_unit_are_doubted(change, message):
+    with pytest.warns(tl.DataWarning, match=message):
+        tl.load_duct("b2a", **change)
+
+
+@pytest.mark.parametrize("change", [{"impedance": 1e13}, {"width": 0.05}, {"frequency": [50.0]}])
+def test_values_of_the_right_unit_are_not(change):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tl.load_duct("b2a", **change)

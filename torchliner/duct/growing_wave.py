@@ -1,0 +1,132 @@
+r"""The wave that grows along a lined wall under flow, if there is one.
+
+A liner may be passive and the sound above it grow: the shear layer feeds a hydrodynamic wave, as
+between two streams. It is no mode that grows out of the rigid duct, which has none, so it is looked
+for: Newton's method on F/p of the Pridmore-Brown equation from a grid of wavenumbers beyond k/M,
+in panels cut fine for its critical layer. A root counts if finer panels have it too, within 1e-2,
+and still finer ones within 1e-4; that of the fastest growth is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor
+from torchliner.duct.case import DuctCase
+from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
+from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
+from torchliner.flow_profiles import MeanFlow
+
+POINTS = 12  # Chebyshev points of a panel
+# Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
+STAGES = ((4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
+ALIKE = 1e-2  # of |alpha|: roots of a stage that are one
+NEAREST, FARTHEST, ALONG = 0.8, 80.0, 14  # Re alpha of the starts, in k/M_max
+ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
+STEPS, LONGEST = 12, 0.25  # of Newton's method, of |alpha|
+SETTLED = 1e-10  # a step, of |alpha|
+LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
+NEPER = 20 * math.log10(math.e)  # dB
+
+
+def growing_wave(
+    profile: MeanFlow, frequency: Any, impedance: Any, slip_condition: str | None = None
+) -> Tensor:
+    r"""Wavenumber of the fastest growing wave along the flow above an endless liner.
+
+    Args:
+        profile: mean flow.
+        frequency: Hz, (F,).
+        impedance: Z, normalised, complex, broadcast against (F,).
+        slip_condition: where the flow slips along the wall, as for ``duct_modes``.
+    Returns:
+        alpha, 1/m, (F,), complex128, of exp(-j alpha x): Im alpha > 0 and Re alpha > k. nan where
+        none is found among Re alpha up to some 80 k/M: none then grows by as much as 0.001/H.
+    Raises:
+        ValueError: as ``duct_modes``.
+    Source: Briggs (1964) for what runs downstream though it grows there; Brambley, Davis and Peake
+        (2012), J. Fluid Mech. 690, 399, for such waves above liners.
+    """
+    wanted = frequency_tensor(frequency).cpu()
+    reflection = wall_reflection(impedance).detach().cpu().expand(wanted.shape)
+    none = complex(math.nan, math.nan)
+    found = torch.full(wanted.shape, none, dtype=torch.complex128)
+    heights = torch.linspace(0, profile.duct_height, 201, dtype=torch.float64)
+    fastest = float(torch.as_tensor(profile.mach(heights.numpy())).max())
+    lined = reflection != 1
+    if fastest == 0 or not bool(lined.any()):
+        return found
+    myers = require_slip_condition(profile, slip_condition)
+    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
+    for i in lined.nonzero()[:, 0].tolist():
+        a = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
+        if a is not None:
+            found[i] = torch.as_tensor(a / profile.duct_height)
+    return found
+
+
+def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tuple[Tensor, Tensor]:
+    """Growth of the fastest wave over all lined patches, dB, (F,), and its largest alpha, (F,).
+
+    Args:
+        case: the duct.
+        frequency: Hz, (F,).
+        impedance: as for ``DuctSolver.solve``, without leading axes; of a function the value in the
+            middle of each patch.
+    Returns:
+        0 and nan where no wave grows.
+    """
+    if callable(impedance):
+        middles = torch.tensor([(start + end) / 2 for start, end in case.liner])
+        walls = torch.as_tensor(impedance(middles.to(frequency), frequency))
+    else:
+        walls = torch.as_tensor(impedance)
+    walls = walls.detach().cpu().expand(len(frequency), len(case.liner))
+    growth = torch.zeros(len(frequency), dtype=torch.float64)
+    worst = torch.full_like(growth, math.nan) * (1 + 1j)
+    for patch, (start, end) in enumerate(case.liner):
+        alpha = growing_wave(case.profile, frequency, walls[:, patch], case.slip_condition)
+        growth += NEPER * (end - start) * torch.nan_to_num(alpha.imag)
+        more = torch.isnan(worst.real) | (alpha.imag > worst.imag)
+        worst = torch.where(more, alpha, worst)
+    return growth, worst
+
+
+def _fastest(
+    profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool
+) -> complex | None:
+    """alpha H of the fastest growing root, or None."""
+    low, high = (math.log(share * kappa / fastest) for share in (NEAREST, FARTHEST))
+    along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()
+    a = (along[:, None] * (1 + 1j * torch.tensor(ASIDE, dtype=torch.float64))).flatten()
+    for split, close, change in STAGES:
+        of_waves = torch.full(a.shape, kappa, dtype=torch.float64), torch.zeros(len(a)).long()
+        equation = equations_of([profile], POINTS, myers, *of_waves, split)
+        start = a
+        a, last = _newton(equation, start, reflection)
+        held = (last < close * a.abs()) & (a.imag > LEAST) & (a.real > kappa)
+        held &= (a - start).abs() < change * a.abs()
+        a = a[held]
+        apart = (a[:, None] - a).abs() < ALIKE * a.abs()
+        a = a[~torch.triu(apart, diagonal=1).any(0)]
+        if not len(a):
+            return None
+    return complex(a[a.imag.argmax()])
+
+
+def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> tuple[Tensor, Tensor]:
+    """Roots of F/p, and the size of their last step: F itself grows as exp(alpha H)."""
+    change = torch.zeros_like(a)
+    for _ in range(STEPS):
+        solution = equation.solve(a)
+        value = solution.residual(reflection)
+        relative = solution.pressure_slope[:, -1] / solution.pressure[:, -1]
+        change = value / (solution.residual_slope(reflection) - value * relative)
+        a = a - change * (LONGEST * a.abs() / change.abs()).clamp(max=1)
+        if bool((change.abs() < SETTLED * a.abs()).all()):
+            break
+    return a, torch.nan_to_num(change.abs(), nan=math.inf)

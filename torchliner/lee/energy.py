@@ -1,0 +1,99 @@
+r"""Where the sound's energy goes: plane-like mode in and out of the duct, and into the liner.
+
+A plane wave of amplitude a carries (1 +- M)^2 |a|^2 H/(2 rho c) with and against the flow; the wall
+takes half the integral of Re(p w*), p = (T + E) eta the pressure and w = 2 eta - p, in p's units,
+the velocity of its face (``walls.py``). Without flow what goes in comes out or is taken. With flow
+the mean flow may give or take energy: the difference of the balance, which may be negative. A
+passive wall that lets out more than comes in says that a wave grew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import tell
+from torchliner.lee.sweep import SweptDuct
+from torchliner.lee.walls import Wall
+
+GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in: limits of a warning
+PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyBalance:
+    """Shares of the energy that comes in, (..., F).
+
+    Args:
+        out: plane-like modes out of both ends, with (1 +- M)^2, M the bulk Mach number.
+        absorbed: by the liner, from p and w on its face.
+    """
+
+    out: Tensor
+    absorbed: Tensor
+
+    @property
+    def missing(self) -> Tensor:
+        """1 - out - absorbed: to the mean flow, if negative from it; errors of the mesh; mode 1."""
+        return 1 - self.out - self.absorbed
+
+    def rows(self) -> list[dict[str, float]]:
+        """One a frequency, of a field without leading axes."""
+        parts = {"energy out": self.out, "energy absorbed": self.absorbed,
+                 "energy missing": self.missing}  # fmt: skip
+        return [
+            {name: float(part[f]) for name, part in parts.items()} for f in range(len(self.out))
+        ]
+
+
+def energy_balance(swept: SweptDuct, waves: Tensor, wall: Wall | None) -> EnergyBalance:
+    """Of X (..., F, D) of ``ports.py`` and the wall that it was solved with."""
+    coming, out = ends_energy(swept, waves)
+    absorbed = torch.zeros_like(out)
+    mesh = swept.mesh
+    if wall is not None:
+        arriving = (swept.response.wall @ waves[..., None])[..., 0]
+        pressure = arriving + waves[..., 2:-2]
+        eta = arriving
+        if wall.arrive is not None:
+            eta = torch.linalg.solve(wall.arrive, arriving[..., None])[..., 0]
+        widths = torch.as_tensor(mesh.lined_widths).to(swept.basis.weights)
+        weights = torch.outer(widths, swept.basis.weights).flatten() / mesh.case.height
+        power = (pressure * (2 * eta - pressure).conj()).real
+        absorbed = (power * weights).sum(-1)
+    return EnergyBalance(out / coming, absorbed / coming)
+
+
+def ends_energy(swept: SweptDuct, waves: Tensor) -> tuple[Tensor, Tensor]:
+    """Energy in and out of both ends, in |p|^2, (..., F)."""
+    mach = swept.mesh.case.profile.bulk_mach
+    size = waves[..., [0, 1, -2, -1]].abs().square()
+    along, against = (1 + mach) ** 2, (1 - mach) ** 2
+    coming = along * size[..., 0] + against * size[..., 2]
+    return coming, against * size[..., 1] + along * size[..., 3]
+
+
+def warn_of_gain(swept: SweptDuct, waves: Tensor, wall: Wall | None, frequency: Any) -> None:
+    """Say where more energy goes out than comes in though the wall takes some.
+
+    Warns:
+        DataWarning: with the frequency and the ratio.
+    """
+    with torch.no_grad():
+        balance = energy_balance(swept, waves.detach(), wall)
+    grown = (balance.out > GAIN) | (balance.out + balance.absorbed > FED)
+    grown &= balance.absorbed > PASSIVE
+    if bool(grown.any()):
+        total = torch.where(grown, balance.out + balance.absorbed, 0 * balance.out)
+        item = int(total.argmax())
+        out, taken = (float(part.flatten()[item]) for part in (balance.out, balance.absorbed))
+        tell(
+            f"at {float(frequency[item % len(frequency)]):g} Hz ({int(grown.sum())} of "
+            f"{grown.numel()} cases) {out:.3g} times the energy that comes in goes out and "
+            f"{taken:.3g} times is absorbed, though the wall is passive: a wave of the shear layer "
+            "grows along the liner, or the mesh does not resolve it; do not rely on this field",
+            depth=3,
+        )

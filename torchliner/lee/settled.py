@@ -1,0 +1,180 @@
+"""A duct solved on two meshes at least: by how much a finer one moves the answer.
+
+Two meshes differ where the layer of the flow is thin or a wave grows along the liner. The answer is
+that of the coarsest mesh which the next one confirms, so that a duct whose mesh was fine enough
+keeps its numbers. Each next mesh has 1.5 times the columns and rows and half the cell at the walls,
+and columns that resolve the growing wave, if there is one, as far as ``NARROWEST`` goes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, tell
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.case import DuctCase
+from torchliner.duct.growing_wave import growth_over_liner
+from torchliner.lee.field import DuctField
+from torchliner.lee.mesh import FEWEST, DuctMesh, build_mesh
+from torchliner.lee.solver import DuctSolver
+
+SETTLED, REFUSED = 0.05, 1.0  # dB
+MOST_GROWTH = 100.0  # dB over the liner: beyond, a field of linear sound has no meaning
+FINER, THINNER = 1.5, 2.0  # columns and rows; cells at the walls
+NARROWEST = 6.0  # of the height over a column, for a growing wave
+TRIES = 2  # meshes beyond the first
+WEAK = 20.0  # dB below the loudest microphone: the levels of standing-wave nodes are not compared
+DEGREE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SettledField:
+    """A field, and what is known against it.
+
+    Args:
+        field: of the coarsest mesh that the next one confirms, else of the last but one.
+        difference: by which the next mesh moves transmission and levels, dB, (F,); nan where one
+            mesh was stated.
+        finer_unknowns: of that next mesh, or None.
+        growth: of the growing wave over the liner, dB, (F,); 0 where none was found.
+        growing: its wavenumber, 1/m, (F,), nan where there is none.
+    """
+
+    field: DuctField
+    difference: Tensor
+    finer_unknowns: int | None
+    growth: Tensor
+    growing: Tensor
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """One a frequency: energy, the growing wave, the difference of the meshes."""
+        return [
+            {**energy, "growing wave real (1/m)": _plain(alpha.real),
+             "growing wave imaginary (1/m)": _plain(alpha.imag),
+             "growth over the liner (dB)": float(growth), "mesh difference (dB)": _plain(moved)}
+            for energy, alpha, growth, moved in zip(
+                self.field.energy.rows(), self.growing, self.growth, self.difference, strict=True)
+        ]  # fmt: skip
+
+
+def solve_settled(
+    case: DuctCase,
+    frequency: Any,
+    impedance: Any = math.inf,
+    *,
+    places: Any = (),
+    wall: str = "opposite",
+    mesh: DuctMesh | None = None,
+    keep: str = "walls",
+) -> SettledField:
+    """The field of one impedance, refined until a finer mesh moves it by less than 0.05 dB.
+
+    Args:
+        case, frequency: as for ``DuctSolver``.
+        impedance: as for ``DuctSolver.solve``, without leading axes.
+        places: x at which levels on ``wall`` are compared, m; the transmission always is.
+        mesh: to be used as it is, without a second one.
+        keep: ``all`` or ``walls``.
+    Raises:
+        RuntimeError: meshes that still differ by more than 1 dB, or a wave in the field that grows
+            by more than 100 dB over the liner; the message says by how much.
+        ValueError: see ``DuctSolver``.
+    Warns:
+        DataWarning: meshes that still differ by more than 0.05 dB; a growing wave; as
+            ``DuctSolver`` and its ``solve``.
+    """
+    wanted = frequency_tensor(frequency)
+    growth, growing = growth_over_liner(case, wanted, impedance)
+    _judge_growth(case, wanted, growth, growing, mesh is None)
+    field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
+    unknown = torch.full(wanted.shape, math.nan, dtype=torch.float64)
+    if mesh is not None:
+        return SettledField(field, unknown, None, growth, growing)
+    for step in range(1, TRIES + 1):
+        finer = DuctSolver(case, wanted, finer_mesh(case, wanted, step, growing), keep=keep)
+        other = finer.solve(impedance)
+        moved = _difference(field, other, torch.as_tensor(places), wall)
+        if float(moved.max()) <= SETTLED or step == TRIES:
+            break
+        field = other
+    found = SettledField(field, moved, finer.mesh.unknowns, growth, growing)
+    _judge(found)
+    return found
+
+
+def finer_mesh(
+    case: DuctCase, frequency: Tensor, step: int, growing: Tensor | None = None
+) -> DuctMesh:
+    """The mesh ``step`` times refined, its columns fit for a growing wave alpha (1/m, (F,))."""
+    first = build_mesh(case, float(frequency.max()), degree=DEGREE)
+    columns, rows = float(first.widths.max()), first.y[1:] - first.y[:-1]
+    column = columns / FINER**step
+    if growing is not None and not bool(torch.isnan(growing.real).all()):
+        shortest = 2 * math.pi / float(torch.nan_to_num(growing.real).max())
+        needed = shortest * (DEGREE + 1) / FEWEST[DEGREE] / FINER ** (step - 1)
+        column = min(column, max(needed, case.height / NARROWEST / 5))
+    return build_mesh(
+        case, float(frequency.max()), degree=DEGREE, column=column,
+        row=float(rows.max()) / FINER**step, wall_cell=float(rows[0]) / THINNER**step,
+    )  # fmt: skip
+
+
+def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> Tensor:
+    """Of transmission and, where not weak, of levels, dB, (F,)."""
+    ratio = (one.transmission.detach() / other.transmission.detach()).abs()
+    moved = 20 * ratio.log10().abs()
+    if not len(places):
+        return moved
+    first, second = (field.wall_pressure(places, wall).detach() for field in (one, other))
+    loud = spl_from_pressure_amplitude(first) > spl_from_pressure_amplitude(
+        first.abs().amax(-1, keepdim=True)) - WEAK  # fmt: skip
+    levels = 20 * (first / second).abs().log10().abs()
+    return torch.maximum(moved, torch.where(loud, levels, torch.zeros_like(levels)).amax(-1))
+
+
+def _judge(found: SettledField) -> None:
+    worst = int(torch.nan_to_num(found.difference, nan=math.inf).argmax())
+    moved, frequency = float(found.difference[worst]), float(found.field.frequency[worst])
+    if moved <= SETTLED:
+        return
+    text = (
+        f"at {frequency:g} Hz the answer is not settled: {found.finer_unknowns} unknowns move that "
+        f"of {found.field.swept.mesh.unknowns} by {moved:.2g} dB"
+    )
+    if math.isnan(moved) or moved > REFUSED:
+        raise RuntimeError(
+            f"{text}, above {REFUSED:g} dB: the field is noise of the mesh, as of a layer too thin "
+            "or a wave that grows along the liner; take a thicker profile, or state a mesh "
+            "(--mesh, mesh=) to have its answer without this check"
+        )
+    tell(f"{text} (limit {SETTLED:g} dB)", depth=3)
+
+
+def _judge_growth(
+    case: DuctCase, frequency: Tensor, growth: Tensor, growing: Tensor, refuse: bool
+) -> None:
+    worst = int(growth.argmax())
+    if float(growth[worst]) == 0:
+        return
+    text = (
+        f"at {float(frequency[worst]):g} Hz ({int((growth > 0).sum())} of {len(growth)} "
+        "frequencies) a hydrodynamic wave grows along the liner, alpha = "
+        f"{complex(growing[worst]):.4g} 1/m, by {float(growth[worst]):.3g} dB over it"
+    )
+    if float(case.profile.mach(0.0)) > 0:
+        text += "; the field leaves it out, being integrated from the downstream edge"
+    elif float(growth[worst]) > MOST_GROWTH and refuse:
+        raise RuntimeError(
+            f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; take a thicker "
+            "profile, or state a mesh (--mesh, mesh=) to have its answer without this check"
+        )
+    tell(text, depth=3)
+
+
+def _plain(value: Tensor) -> float | None:
+    return float(value) if bool(torch.isfinite(value)) else None
