@@ -13,6 +13,7 @@ from test_stations import station
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
+from torchliner.report.alongside import joint_bounds
 from torchliner.report.audit_report import format_audit, plain_audit, write_audit
 from torchliner.report.calibration_report import format_calibration, plain_calibration
 from torchliner.report.line_table import format_line, plain_line
@@ -444,3 +445,13 @@ def test_the_orifice_by_closure_alone(capsys):
     assert max(map(abs, found["closure"])) < 0.1
     assert main([*words, "--reference", "true"]) == 2
     assert "--closure needs no --reference" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("other", "differs"), [((1.15, 1.25), True), ((1.0, 1.2), False)])
+def test_half_widths_of_two_intervals_add_as_independent(other, differs):
+    """R 0.9 to 1.1 less 1.15 to 1.25: -0.2 +- sqrt(0.1^2 + 0.05^2)."""
+    found = joint_bounds((0.9 + 0j, 1.1 + 0j), (complex(other[0]), complex(other[1])))
+    middle, reach = 1.0 - sum(other) / 2, math.hypot(0.1, (other[1] - other[0]) / 2)
+    assert found["low"].real == pytest.approx(middle - reach)
+    assert found["high"].real == pytest.approx(middle + reach)
+    assert found["differs"] is differs
