@@ -76,10 +76,9 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
 
 
 def _bounds_of(other: PointImpedances, name: str, index: int) -> tuple[complex, complex] | None:
-    known = getattr(other, "uncertainty", None)
-    if known is None:
+    if other.uncertainty is None:
         return None
-    interval = getattr(known, name)
+    interval = getattr(other.uncertainty, name)
     return complex(interval.low[index]), complex(interval.high[index])
 
 
