@@ -64,7 +64,8 @@ def growing_wave(
     kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
     for i in lined.nonzero()[:, 0].tolist():
         a = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
-        found[i] = none if a is None else a / profile.duct_height
+        if a is not None:
+            found[i] = torch.as_tensor(a / profile.duct_height)
     return found
 
 
