@@ -26,7 +26,7 @@ try:
 except ImportError:  # not POSIX: nothing is tried there
     resource = None  # type: ignore[assignment]
 
-LIMIT = 10  # s of a core
+LIMIT = 4  # s of a core
 PATIENCE = 60.0  # s, on a machine or a disk that is busy
 SMALL = 1 << 16  # values of a dataset that is read as well
 OBJECTS = 1000  # that are looked at
