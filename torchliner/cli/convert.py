@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from inspect import signature
 from typing import TYPE_CHECKING
 
-from torchliner.cli.files import check_files
+from torchliner.cli.files import check_files, require_ending, write_text
 from torchliner.cli.options import CASE, dest, stated
 from torchliner.names import PLANE_LAYOUTS, resolve
 
@@ -28,6 +29,9 @@ OPTIONS = {
         "--case NAME": "resolved: group; required there",
         "--line I": {"default": 0, "help": "index of the height; default 0"},
         "--stride N": {"default": 1, "help": "resolved: keep every N-th x; default 1"},
+        "--liner-file FILE": "resolved: write the case's own liner there, .toml; default: none",
+        "--linear CASE": "resolved: case of low level, or Z as 0.243-0.203j, of the same lattice, "
+                         "that fixes the linear part of --liner-file; default: the model's",
     },
     "array": {
         "--variable NAME": "name in the file; default: the only one",
@@ -57,7 +61,10 @@ def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
     from torchliner.io.plane_file import write_plane
 
-    check_files(options, [options.source])
+    check_files(options, [options.source], outputs=[options.output, options.liner_file])
+    require_ending(options.liner_file, [".toml"], "--liner-file")
+    if options.liner_file is not None and options.layout != "resolved":
+        raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
     read = resolve(PLANE_LAYOUTS[options.layout][0])
     wanted = {name: getattr(options, name) for name in signature(read).parameters
               if name in options}  # fmt: skip
@@ -67,7 +74,23 @@ def run(options: argparse.Namespace) -> int:
     facts = stated(options, ABOUT)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
     write_plane(plane, options.output, compress=options.compress)
+    if options.liner_file is not None:
+        _write_liner(options)
     shape = "x".join(str(n) for n in plane.probe_shape) or "1"
     print(f"{options.output}: {shape} probes, {plane.samples} samples at "
           f"{plane.sampling_rate:g} Hz")  # fmt: skip
     return 0
+
+
+def _write_liner(options: argparse.Namespace) -> None:
+    """The liner of a resolved case as a file of its own."""
+    from torchliner.io.resolved_liner import resolved_liner
+    from torchliner.liners.catalogue import liner_text
+
+    linear = options.linear
+    if linear is not None:
+        with suppress(ValueError):
+            linear = complex(linear)
+    liner = resolved_liner(options.source, options.case, linear)
+    source = f"{options.source.name}, case {options.case}; linear part: {options.linear or 'model'}"
+    write_text(liner_text(liner, source), options.liner_file)

@@ -23,7 +23,8 @@ OPTIONS = {
         "--cell-pitch MM": "mm; default: the liner's",
         "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
         "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
-        "--limits IMPRINT ORDERS CHANGE": "that a height keeps to, relative; default 0.1 0.1 0.1",
+        "--limits IMPRINT ORDERS CHANGE": "where closure is not checked, relative; default 0.1 "
+                                          "0.1 0.1",
     }
     | shared("--liner", "--output", "--figures", "--json", "--quiet"),
 } | choice_options(CHOICES, NO_GIVEN_PHASE)  # fmt: skip

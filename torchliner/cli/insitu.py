@@ -9,7 +9,7 @@ from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import check_files, show_results
 from torchliner.cli.options import shared, stated
 
-CHOICES = ("window", "segment", "allow_short")
+CHOICES = ("window", "segment", "allow_short", "interval", "no_intervals")
 OWN = {
     "--window NAME": "window of scipy, e.g. hann, boxcar; default hann",
     "--segment S": "of the H1 estimate, s; default the whole record",
@@ -49,7 +49,12 @@ def run(options: argparse.Namespace) -> int:
     show_results(
         options,
         lambda: format_in_situ(record, report),
-        lambda: {"title": record.title, "rows": table.as_rows(), "notes": report.notes},
+        lambda: {
+            "title": record.title,
+            "interval_level": report.level,
+            "rows": table.as_rows(),
+            "notes": report.notes,
+        },
         output=table.write_csv if as_rows or points is None else points.write,
         figure=None if points is None else lambda path: draw_in_situ(record, points, path),
     )
