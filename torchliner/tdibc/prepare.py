@@ -107,7 +107,7 @@ def _survey(
     )
     notes += review_survey(plane, seen, used)
     if periodic is not None:
-        notes += review_coherent(plane, cells, periodic, wanted, liner.cell_pitch)
+        notes += review_coherent(plane, cells, periodic, wanted, liner, chosen)
         weights = record.weights(0, plane.samples)
         seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
     running = chosen.running_window or 1 / float(wanted.min())

@@ -173,7 +173,12 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
 
 
 def review_coherent(
-    plane: VelocityPlane, cells: Cells, periodic: PeriodicPart, asked: Tensor, pitch: float | None
+    plane: VelocityPlane,
+    cells: Cells,
+    periodic: PeriodicPart,
+    asked: Tensor,
+    liner: LinerModel,
+    chosen: Choices,
 ) -> list[str]:
     """Where the coherent velocity of a cell is not what its name says."""
     notes = []
@@ -188,7 +193,7 @@ def review_coherent(
             "is that of its probe, and 'coherent first' is 'probes first'; more probes a cell are "
             "needed"
         )
-    if pitch is None and plane.x is not None:
+    if liner.cell_pitch is None and plane.x is not None:
         length = float(plane.x.max() - plane.x.min())
         wave = float(plane.fluid.sound_speed) / float(asked.max())
         if length > LONG_CELL * wave:
@@ -197,10 +202,11 @@ def review_coherent(
                 f"mm counts as one cell, {length / wave:.2g} wavelengths, over which the phase of "
                 "the tone turns; state cell_pitch, or choose order='probes first'"
             )
-    if not periodic.has_shares:
+    if not (periodic.has_shares or chosen.allow_short):
         notes.append(
             f"{plane.name} is too short to tell what of v is periodic and what is turbulence: "
-            "all that a fit of the tone finds counts as periodic; "
-            f"{FEWEST_BLOCKS} periods are the least"
+            "all that a fit of the tones finds counts as periodic; "
+            f"{FEWEST_BLOCKS} times {periodic.harmonics.period / plane.sampling_rate:.3g} s, in "
+            "which the tones can be told apart, are the least"
         )
     return notes
