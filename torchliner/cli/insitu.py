@@ -6,7 +6,7 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import shared, stated
 
 CHOICES = ("window", "segment", "allow_short", "interval", "no_intervals")
@@ -33,7 +33,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.pressure_file import read_pressure
     from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 
-    check_files(options, [options.record], ".csv", ".h5", ".nc")
     chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start"))
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)

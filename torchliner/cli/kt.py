@@ -8,7 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
@@ -60,7 +60,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.wall_pressure import draw_wall
     from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
-    check_files(options, options.lines, ".csv")
     chosen = _chosen(options)
     lines, found = [], []
     for path in options.lines:

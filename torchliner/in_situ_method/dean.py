@@ -24,7 +24,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice, stated_frequency, tell
+from torchliner.checks import FEWEST_PERIODS, require_choice, stated_frequency, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
 from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
 from torchliner.in_situ_method.error_bars import (
@@ -40,7 +40,6 @@ from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 NO_TONE = 1e-9  # of a signal's largest value: no tone
-FEWEST_PERIODS = 4.0
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5

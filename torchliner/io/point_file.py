@@ -15,7 +15,7 @@ from torchliner.records import PointImpedances, PointUncertainty
 
 KIND = FileKind(
     "torchliner points 1", "set of point impedances",
-    {"name": "points", "choices": {}, "notes": ()},
+    {"name": "points", "choices": {}, "notes": ()}, others=(".csv",),
 )  # fmt: skip
 GROUP = "alongside_"  # of a map file
 FREQUENCY = (real("frequency", "Hz", ("frequency",)),)

@@ -28,7 +28,7 @@ BOUNDS = {
 
 def result_kind(schema: str, noun: str, **attributes: Any) -> FileKind:
     """A kind of file with title, side of the source, choices, notes and gas among attributes."""
-    return FileKind(schema, noun, {**HEADING, **attributes})
+    return FileKind(schema, noun, {**HEADING, **attributes}, others=(".csv",))
 
 
 def interval_table(stem: str, dims: tuple[str, ...]) -> Table:

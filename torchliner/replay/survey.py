@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -61,7 +62,9 @@ class Survey:
     def join(cls, parts: Sequence[Survey]) -> Survey:
         """Groups of columns side by side."""
         columns = set(vars(parts[0])) - {"segments", "blocks", "cell_blocks"}
-        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in columns}
+        joined: dict[str, Any] = {
+            name: torch.cat([getattr(part, name) for part in parts]) for name in columns
+        }
         blocks = [part.blocks for part in parts if part.blocks is not None]
         kept = VelocityBlocks.join(blocks) if blocks else None
         return dataclasses.replace(parts[0], **joined, blocks=kept)

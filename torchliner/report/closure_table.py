@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceLine, ImpedanceMap
 from torchliner.report.table import Column, Table
 
@@ -19,15 +20,17 @@ def closure_lines(
         where: columns that say which row it is.
     """
     heading = dict.fromkeys(f"closure: {result.closure_words}" for result in results)
-    rows, sentences = [], []
+    unknown = dict.fromkeys(ORDERS, "-")
+    rows: list[dict[str, Any]] = []
+    sentences: list[str] = []
     for result in sorted(results, key=lambda each: getattr(each, "height", None) or 0.0):
         closure = result.closure
         if closure is None:
             continue
         for i, frequency in enumerate(result.frequency.tolist()):
             height = getattr(result, "height", None)
-            words = {order: closure.words(order, i) for order in closure.orders}
-            rows.append({"height": height, "frequency": frequency, **words})
+            cells = {order: closure.words(order, i) for order in closure.orders}
+            rows.append({"height": height, "frequency": frequency, **unknown, **cells})
             sentences += filter(None, [closure.sentence(closure.order, frequency, i)])
     if not rows:
         return list(heading)
@@ -35,7 +38,7 @@ def closure_lines(
                            for order in result.closure.orders)  # fmt: skip
     level = next(result.closure.confidence for result in results if result.closure is not None)
     words = "" if level is None else f" ({100 * level:g} % statistical intervals)"
-    columns = [*where, *(Column("", lambda row, o=order: row.get(o, "-"), order)
+    columns = [*where, *(Column("", order, order)
                          for order in orders)]  # fmt: skip
     lines = ["\n" + "\n".join(heading) + words, Table(rows, columns).as_text()]
     return [*lines, *dict.fromkeys(sentences), ""]

@@ -68,7 +68,8 @@ class Replayed:
         prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
-        uncertainty, series, notes = None, {}, [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        uncertainty, series = None, dict[str, tuple[Tensor, Tensor]]()
         if self._keeps_blocks(rule):
             with torch.no_grad():
                 uncertainty, series = uncertainty_of(

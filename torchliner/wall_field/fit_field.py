@@ -86,8 +86,8 @@ def fit_field(
         DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
             that cannot be distinguished from a rigid one, a negative resistance, an end that
             reflects more than it gets, a field that a growing wave feeds; the same text is in
-            ``notes``. A misfit tells of a wrong duct only as far as there are more microphones than
-            unknowns.
+            ``notes``. A misfit tells of a wrong duct only as far as there are more microphones
+            than unknowns.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
