@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from torchliner import names
 from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, preset_named, show_results
-from torchliner.cli.options import frequency_option, progress_bar, shared, stated
+from torchliner.cli.files import preset_named, show_results
+from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -27,7 +27,7 @@ OWN = {
                              "reference; default: none",
 }  # fmt: skip
 OPTIONS = {
-    "": ldv.READING | shared("--liner", "--json", "--quiet") | {
+    "": ldv.READING | shared("--liner", "--json", "--quiet", "--strict") | {
         **frequency_option("the tone", "--educe-at"),
         "--output FILE": "write the line as .h5/.nc or .csv",
         "--figure PICTURE": "draw Z along the line there",
@@ -60,15 +60,17 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.io.line_parts import LineParts
+    from torchliner.io.whole_file import writable_folder
     from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line_table import format_line, plain_line
 
-    inputs = [*ldv.files_in(options.source), options.liner, options.reference]
-    check_files(options, inputs, ".csv", ".h5", ".nc")
     chosen = chosen_from(options, CHOICES) | stated(options, STATION)
     sources = ldv.stations_from(options, "liner", "title")
     liner = _liner(options, sources)
-    parts = None if options.output is None else LineParts(f"{options.output}.parts")
+    parts = None
+    if options.output is not None:
+        parts = LineParts(f"{options.output}.parts")
+        writable_folder(parts.folder)
     if parts is not None and parts.there and not options.quiet:
         print(f"{parts.folder} holds {parts.there} finished stations; those of the same data and "
               "choices are taken up", file=sys.stderr)  # fmt: skip
@@ -85,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     if parts is not None:
         parts.clear()
-    return 0
+    return closure_code(options, [line])
 
 
 def _liner(options: argparse.Namespace, sources: list[StationSource]) -> Any:
