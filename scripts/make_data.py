@@ -2,15 +2,16 @@
 
     python scripts/make_data.py FOLDER
 
-FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5 and les_channel_planes.h5. What is cut,
-rounded and superposed is stated in each file and in data/README.md; checksums go to
-data/SHA256SUMS. ``--only pressures`` writes the pressure records alone.
+FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5, resolved_more.h5 and
+les_channel_planes.h5. What is cut, rounded and superposed is stated in each file and in
+data/README.md; checksums go to data/SHA256SUMS. ``--only`` writes a part alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
@@ -24,6 +25,10 @@ from torchliner.io.resolved import read_channel, read_resolved
 from torchliner.records import VelocityPlane
 
 SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"
+MORE_FILE, MORE_LINES = "resolved_more.h5", (0, 1, 4)
+MORE_CASES = {"n145": "slit", "o130": "orifice", "t00_130": "orifice", "t03_130": "orifice",
+              "t015_145": "orifice"}  # fmt: skip
+NAMED_CASE = "lbm_slit"  # of the g cases: the linear part of their lattice was not measured
 SLIT_CASES, SLIT_LINES = ("n115", "n130", "g01_145", "g03_145"), (0, 1, 2, 4)
 ORIFICE_CASES, ORIFICE_LINES = ("o115", "o145"), (0, 1, 4)
 CHANNEL_PLANES = (0, 1, 2)
@@ -31,23 +36,29 @@ STREAMWISE_LINE = 1  # the streamwise velocity is kept at y = 1 mm alone
 LENGTH, VELOCITY = 0.02, 749.06  # half height 20 mm, bulk velocity 100 m/s
 BULK_VELOCITY = 100.0
 MANTISSA_BITS = 11  # relative rounding 2.4e-4, far below the scatter of any record
-PRESSURE_STRIDE = {"n115": 2, "n130": 2}  # symmetric: 1e-7 in Z; with flow it would cost 5e-3
+FEWER_BITS = 7  # of the cases of MORE_FILE: 3.9e-3 a sample, 3e-5 in Z, two thirds of the size
+PRESSURE_STRIDE = {
+    "n115": 2,
+    "n130": 2,
+    "n145": 2,
+}  # symmetric: 1e-7 in Z; with flow it would cost 5e-3
+FILES = {SLIT_FILE: SLIT_CASES, ORIFICE_FILE: ORIFICE_CASES, MORE_FILE: tuple(MORE_CASES)}
 TONE = (1400.0, 1.0)  # Hz, peak m/s into the liner
 
 
-def rounded(values: Tensor) -> Tensor:
-    """float32 with the mantissa rounded to ``MANTISSA_BITS``, so that gzip has less to store."""
-    drop = 23 - MANTISSA_BITS
-    bits = values.to(torch.float32).contiguous().view(torch.int32)
-    return ((bits + (1 << (drop - 1))) & -(1 << drop)).view(torch.float32)
+def rounded(values: Tensor, bits: int = MANTISSA_BITS) -> Tensor:
+    """float32 with the mantissa rounded to ``bits``, so that gzip has less to store."""
+    drop = 23 - bits
+    pattern = values.to(torch.float32).contiguous().view(torch.int32)
+    return ((pattern + (1 << (drop - 1))) & -(1 << drop)).view(torch.float32)
 
 
-def prepared(plane: VelocityPlane, **extra: object) -> VelocityPlane:
+def prepared(plane: VelocityPlane, bits: int = MANTISSA_BITS, **extra: object) -> VelocityPlane:
     """The plane with rounded velocities and the rounding on record."""
-    stream = None if plane.streamwise is None else rounded(plane.streamwise)
-    provenance = {**plane.provenance, **extra, "mantissa_bits": MANTISSA_BITS}
+    stream = None if plane.streamwise is None else rounded(plane.streamwise, bits)
+    provenance = {**plane.provenance, **extra, "mantissa_bits": bits}
     return dataclasses.replace(
-        plane, velocity=rounded(plane.velocity), streamwise=stream, provenance=provenance
+        plane, velocity=rounded(plane.velocity, bits), streamwise=stream, provenance=provenance
     )
 
 
@@ -85,6 +96,7 @@ def make_slits(folder: Path) -> None:
             plane = read_resolved(folder / SLIT_FILE, case, line, stride=2)
             if line != STREAMWISE_LINE:
                 plane = dataclasses.replace(plane, streamwise=None)
+            plane = dataclasses.replace(plane, liner=plane.liner or NAMED_CASE)
             write(prepared(plane), f"slit_{case}_y{millimetres(plane):.1f}mm.h5")
 
 
@@ -94,6 +106,15 @@ def make_orifices(folder: Path) -> None:
         for line in ORIFICE_LINES:
             plane = read_resolved(folder / ORIFICE_FILE, case, line)
             write(prepared(plane), f"orifice_{case}_y{millimetres(plane):.1f}mm.h5")
+
+
+def make_more(folder: Path) -> None:
+    """Levels between, and turbulence over the orifice."""
+    for case, kind in MORE_CASES.items():
+        for line in MORE_LINES:
+            stride = 2 if kind == "slit" else 1
+            plane = read_resolved(folder / MORE_FILE, case, line, stride)
+            write(prepared(plane, FEWER_BITS), f"{kind}_{case}_y{millimetres(plane):.1f}mm.h5")
 
 
 def make_channel(folder: Path) -> None:
@@ -117,15 +138,16 @@ def make_channel(folder: Path) -> None:
             write(toned, name.replace("channel_", "channel_tone_"))
 
 
-def make_pressures(folder: Path) -> None:
+def make_pressures(folder: Path, which: Sequence[str] = tuple(FILES)) -> None:
     """Pressures of the resolved cases: on the surface rounded, elsewhere as they are."""
-    for name, cases in ((SLIT_FILE, SLIT_CASES), (ORIFICE_FILE, ORIFICE_CASES)):
-        for case in cases:
+    for name in which:
+        bits = FEWER_BITS if name == MORE_FILE else MANTISSA_BITS
+        for case in FILES[name]:
             whole = read_resolved_pressure(folder / name, case, PRESSURE_STRIDE.get(case, 1))
             record = dataclasses.replace(
                 whole,
-                facesheet=rounded(whole.facesheet),
-                provenance={**whole.provenance, "mantissa_bits_surface": MANTISSA_BITS},
+                facesheet=rounded(whole.facesheet, bits),
+                provenance={**whole.provenance, "mantissa_bits_surface": bits},
             )
             path = DATA / f"pressure_{case}.h5"
             write_pressure(record, path)
@@ -134,15 +156,16 @@ def make_pressures(folder: Path) -> None:
 
 def main() -> None:
     parser = parser_of(__doc__)
-    parser.add_argument("folder", type=Path, help="folder with the three full simulation files")
-    parser.add_argument("--only", choices=["planes", "pressures"], help="leave the others as is")
+    parser.add_argument("folder", type=Path, help="folder with the four full simulation files")
+    parts: dict[str, Callable[[Path], None]] = {
+        "slits": make_slits, "orifices": make_orifices, "channel": make_channel, "more": make_more,
+        "pressures": make_pressures,
+    }  # fmt: skip
+    parser.add_argument("--only", choices=list(parts), nargs="+", help="leave the others as is")
     options = parser.parse_args()
     DATA.mkdir(exist_ok=True)
-    if options.only != "pressures":
-        for make in (make_slits, make_orifices, make_channel):
-            make(options.folder)
-    if options.only != "planes":
-        make_pressures(options.folder)
+    for part in options.only or parts:
+        parts[part](options.folder)
     files = sorted(DATA.glob("*.h5"))
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files]
     (DATA / "SHA256SUMS").write_text("\n".join(sums) + "\n")

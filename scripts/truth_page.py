@@ -2,19 +2,22 @@
 
     python scripts/truth_page.py [--write] [--rows FILE]
 
-Rows, tables and pictures go to results/truth. ``--write`` puts rows and pictures into docs/figures
-and the tables into docs/truth.md. ``--rows`` takes the 528 rows from a CSV instead of computing
-them again, which takes a minute and a half.
+Rows, tables and pictures go to results/truth. ``--write`` puts rows and pictures into docs/figures,
+the tables into docs/truth.md and README.md, and the default rules into the package, where ``educe``
+and ``audit`` find them. ``--rows`` takes the rows from a CSV instead of computing them again, which
+takes minutes.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import torchliner as tl
 from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
@@ -26,6 +29,7 @@ from studies.truth_reasons import (
     plain_motion,
     reason_row,
 )
+from torchliner.audits.known_truths import TABLE, hole_kind
 from torchliner.audits.truth_rows import (
     DEFAULT,
     DRIVES,
@@ -41,20 +45,25 @@ from torchliner.report.table import format_complex
 from torchliner.report.truth_table import drive_label, plain_truth
 
 PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
-CASES = ("n115", "n130", "g01_145", "g03_145", "o115", "o145")
-LOW, HIGH = ("n115", "n130", "o115"), ("g01_145", "g03_145", "o145")
-MOVING = ("n130", "g01_145", "g03_145", "o145")
+KNOWN = ROOT / "torchliner" / "audits" / TABLE
+QUIET = ("n115", "n130", "o115", "o130", "t00_130")  # up to 130 dB without flow
+LOUD, FLOW = ("n145", "o145"), ("g01_145", "g03_145", "t03_130", "t015_145")
+GROUPS = {"to 130 dB": QUIET, "145 dB": LOUD, "flow": FLOW}
+CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130",
+         "t015_145")  # fmt: skip
+REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
+MOVING = tuple(case for case in REASONED if not case.endswith("115"))
 PRINTED = 6  # digits of the committed rows
 
 
 def kind_of(case: str) -> str:
     """'slit' or 'orifice'."""
-    return "orifice" if case.startswith("o") else "slit"
+    return "orifice" if case[0] in "ot" else "slit"
 
 
 def liner_of(case: str) -> tl.SDoFLiner:
     """The preset that stands for a case."""
-    liner = tl.load_liner(f"lbm_{kind_of(case)}")
+    liner = tl.load_liner(planes_of(case)[0].liner)
     assert isinstance(liner, tl.SDoFLiner)
     return liner
 
@@ -72,7 +81,8 @@ def pressures_of(case: str) -> tl.PressureRecord:
 def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[TruthRow]:
     """All rules of a case beside its truth and the in situ value (Dean, pressure first)."""
     rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
-    dean = complex(tl.in_situ(pressures_of(case)).liner_impedance_pressure_first[0])
+    found = tl.in_situ(pressures_of(case), allow_short=True)
+    dean = complex(found.liner_impedance_pressure_first[0])
     return [dataclasses.replace(row, in_situ=dean) for row in rows]
 
 
@@ -83,8 +93,12 @@ def truth_row_of(row: dict[str, str]) -> TruthRow:
         return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
 
     names = ("educed", "true", "in_situ", "low", "high")
-    return TruthRow(row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"],
-                    row["order"], *map(pair, names))  # fmt: skip
+    rest = ("closure", "speed", "velocity_rms", "mach", "incident_level", "periods")
+    educed, true, in_situ, low, high = map(pair, names)
+    return TruthRow(
+        row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["order"],
+        educed, true, in_situ, low, high, *(float(row[key]) for key in rest),
+    )  # fmt: skip
 
 
 def read_rows(path: Path) -> list[TruthRow]:
@@ -165,8 +179,8 @@ def part_words(rows: Sequence[TruthRow], part: str) -> list[str]:
 
 
 def rule_table(rows: Sequence[TruthRow]) -> str:
-    """Median |dR|, |dX| of every rule, cases up to 130 dB and those of 145 dB."""
-    groups = [[row for row in rows if row.case in cases] for cases in (LOW, HIGH)]
+    """Median |dR|, |dX| of every rule, by groups of cases."""
+    groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
     found = [{(e.drive, e.mean, e.phase, e.order): e for e in errors_by_rule(g)} for g in groups]
     lines = []
     for drive, mean in DRIVES:
@@ -175,8 +189,50 @@ def rule_table(rows: Sequence[TruthRow]) -> str:
                      for phase in PHASES]  # fmt: skip
             lines.append([drive_label(drive, mean), order,
                           *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
-    columns = [f"{level}: {phase}" for level in ("to 130 dB", "145 dB") for phase in PHASES]
+    columns = [f"{group}: {phase}" for group in GROUPS for phase in PHASES]
     return table(" | ".join(["drive", "order", *columns]), lines)
+
+
+def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
+    """Z and closure of the default rules by case, height and order.
+
+    Args:
+        rows: of all rules.
+        ends: the lowest and highest plane alone, without closure.
+    """
+    lines = []
+    for case in dict.fromkeys(row.case for row in rows):
+        mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
+        heights = sorted({row.height for row in mine})
+        for height in (heights[0], heights[-1]) if ends else heights:
+            here = {row.order: row for row in mine if row.height == height}
+            gaps = [here[order].closure for order in ORDERS if not ends]
+            lines.append([
+                case, format_complex(mine[0].true), f"{1e3 * height:.1f}",
+                *(format_complex(here[order].educed) for order in ORDERS),
+                *("-" if math.isnan(gap) else f"{gap:+.2f}" for gap in gaps),
+            ])  # fmt: skip
+    closure = "" if ends else "".join(f" | closure dB, {order}" for order in ORDERS)
+    return table(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
+
+
+def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
+    """The table of the package: what the default rules gave, and where."""
+    found = []
+    for row in rows:
+        if row.rule != DEFAULT:
+            continue
+        liner = liner_of(row.case)
+        found.append({
+            "case": row.case, "hole": hole_kind(liner.name), "height": f"{row.height:.4g}",
+            "hole_diameter": f"{liner.hole_diameter:.4g}",
+            "porosity": f"{liner.surface_porosity:.4g}", "mach": f"{row.mach:g}",
+            "incident_level": f"{row.incident_level:g}", "speed": f"{row.speed:.3g}",
+            "velocity_rms": f"{row.velocity_rms:.3g}", "order": row.order,
+            "resistance": f"{row.educed.real:.3f}", "reactance": f"{row.educed.imag:.3f}",
+            "true_resistance": f"{row.true.real:.3f}", "true_reactance": f"{row.true.imag:.3f}",
+        })  # fmt: skip
+    return found
 
 
 def reason_table(rows: Sequence[ReasonRow]) -> str:
@@ -189,18 +245,30 @@ def reason_table(rows: Sequence[ReasonRow]) -> str:
     )  # fmt: skip
 
 
+def pair_words(pair: tuple[float | None, float | None]) -> str:
+    """'0.241 / 0.252'."""
+    return " / ".join("none" if v is None else f"{v:.3f}" for v in pair)
+
+
 def limit_table(rows: Sequence[ReasonRow]) -> str:
     """What the model would need, and where it ends."""
-
-    def speeds(pair: tuple[float | None, float | None]) -> str:
-        return " / ".join("none" if v is None else f"{v:.3f}" for v in pair)
 
     return table(
         "case | rms in the holes | needed for R: constant / sine | needed for X | X at rest | "
         "X at infinite speed | true X | nearest Z of any velocity | R without S_t | true R",
-        [[r.case, f"{r.speed:.3f}", speeds(r.for_resistance), speeds(r.for_reactance),
+        [[r.case, f"{r.speed:.3f}", pair_words(r.for_resistance), pair_words(r.for_reactance),
           *(f"{x:.3f}" for x in (r.at_rest, r.lowest, r.true.imag)), format_complex(r.nearest),
           f"{r.quasi_steady:.3f}", f"{r.true.real:.3f}"] for r in rows],
+    )  # fmt: skip
+
+
+def factor_table(rows: Sequence[ReasonRow]) -> str:
+    """By how much |v| is too small for the true R, and the vena contracta that mends it."""
+    return table(
+        "case | rms in the holes | R of it: replayed / rms | true R | factor in speed: replayed / "
+        "rms | vena contracta that gives R: replayed / rms",
+        [[r.case, f"{r.speed:.3f}", f"{r.replayed.real:.3f} / {r.of_rms.real:.3f}",
+          f"{r.true.real:.3f}", pair_words(r.factor), pair_words(r.contraction)] for r in rows],
     )  # fmt: skip
 
 
@@ -235,10 +303,11 @@ def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -
     draw_truth_errors(rows, folder / "truth_errors.png")
     write_truth_rows(rows, folder / "truth_errors.csv")
     panels = [
-        ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if kind_of(r.case) == kind])
-        for title, name, kind in (
-            ("model of the slit", "n115", "slit"),
-            ("model of the orifice", "o115", "orifice"),
+        ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if r.case[0] in letters])
+        for title, name, letters in (
+            ("model of the slit", "n115", "ng"),
+            ("model of the orifice", "o115", "o"),
+            ("orifice, coarser lattice", "t03_130", "t"),
         )
     ]
     draw_reach(panels, folder / "truth_reach.png")
@@ -253,16 +322,19 @@ def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> d
         for case in CASES:
             say(f"{case}: all rules")
             rows += rows_of(case)
-    reasons = [reasons_of(case) for case in CASES]
+    reasons = [reasons_of(case) for case in REASONED]
     motions = [row for case in MOVING for row in motions_of(case)]
     draw(rows, reasons, FOLDER)
     rows = read_rows(FOLDER / "truth_errors.csv")  # so that the tables follow from the file
     write_rows(plain_motion(motions), FOLDER / "motion.csv")
     return {
+        "default": default_table(rows),
+        "ends": default_table(rows, ends=True),
         "errors": error_table(rows),
         "rules": rule_table(rows),
         "reasons": reason_table(reasons),
         "limits": limit_table([row for row in reasons if row.case in MOVING]),
+        "factors": factor_table([row for row in reasons if row.case in MOVING]),
         "motion": motion_table(motions, reasons),
     }
 
@@ -271,7 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, print, write."""
     parser = parser_of(__doc__)
     parser.add_argument("--write", action="store_true", help="into docs/ as well")
-    parser.add_argument("--rows", type=Path, help="the 528 rows as CSV")
+    parser.add_argument("--rows", type=Path, help="the rows as CSV")
     options = options_of(parser, arguments)
     rows = None if options.rows is None else read_rows(options.rows)
     tables = everything(rows, lambda text: print(text, file=sys.stderr))
@@ -281,9 +353,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for path in FOLDER.glob("truth_*"):
             with written_whole(FIGURES / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
-        with written_whole(PAGE) as temporary:
-            page = with_tables(PAGE.read_text(encoding="utf-8"), tables)
-            temporary.write_text(page, encoding="utf-8")
+        for page in (PAGE, ROOT / "README.md"):
+            with written_whole(page) as temporary:
+                text = with_tables(page.read_text(encoding="utf-8"), tables)
+                temporary.write_text(text, encoding="utf-8")
+        write_rows(known_rows(read_rows(FOLDER / "truth_errors.csv")), KNOWN, end="\n")
     print(f"\nNumbers and pictures are in {FOLDER}")
     return 0
 

@@ -8,7 +8,8 @@ import torch
 from conftest import plane_of, turbulence
 
 import torchliner as tl
-from torchliner.audits.truth_rows import true_wave_phase, truth_table
+from torchliner.audits.truth_rows import DEFAULT, TruthRow, true_wave_phase, truth_table
+from torchliner.names import ORDERS
 from torchliner.report import figures
 from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
 from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
@@ -127,7 +128,41 @@ def test_truth_table_covers_every_rule_once(liner):
                == ("instantaneous", "kept", "given", "probes first"))  # fmt: skip
     assert row.educed == pytest.approx(complex(stated.liner_impedance[0]), abs=1e-12)
     assert format_truth(rows).count("instantaneous, mean removed") == 2  # both orders
-    assert "No one rule is best" in format_summary(rows)
+    text = format_summary(rows)
+    assert "best for " in text
+    assert "one rule is best" not in text  # there is one case
+    assert "default, velocity first: holds at every height in " in text
+
+
+def closing(**cases):
+    """The closing lines for rows of the default rule: per case (true, closure, educed ...)."""
+    rows = [
+        TruthRow(case, 1e-3 * (1 + i), *DEFAULT, order, z, true, closure=gap, periods=periods)
+        for case, (true, gap, periods, *values) in cases.items()
+        for i, z in enumerate(values)
+        for order in ORDERS
+    ]
+    return format_summary(rows)
+
+
+def test_closing_sentences_follow_from_the_rows():
+    """Which cases hold, how closure parts them, which say little, which are short."""
+    text = closing(a=(1 + 0j, 0.1, 20, 1.05, 0.95), b=(1 + 0j, 2.0, 20, 1.5, 1.02),
+                   c=(1 + 0j, -0.6, 3, 2.0))  # fmt: skip
+    first = ORDERS[0]
+    for words in (
+        f"default, {first}: holds at every height in 1 of 3 cases (a); at the lowest height in 1",
+        f"closure, {first}: 0.10 to 2.00 dB in 3 planes where R is within, 0.60 to 2.00 dB in 2",
+        "every rule is within 10 % in a: these say little",
+        "short records, in periods of the tone: c (3.0)",
+        "one rule is best in all cases",
+    ):
+        assert words in text, words
+    assert "'given'" not in text
+    other = closing(b=(1 + 0j, float("nan"), 20, 1.5, 1.4))
+    assert "closure" not in other
+    assert "say little" not in other
+    assert "short records" not in other
 
 
 def test_true_wave_phase_by_hand(liner):

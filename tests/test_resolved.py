@@ -9,7 +9,9 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.io.resolved import read_channel, read_resolved, resolved_cases
+from torchliner.cli.main import main
+from torchliner.io.resolved import read_channel, read_resolved
+from torchliner.io.resolved_liner import GEOMETRY, resolved_cases, resolved_liner
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SAMPLES, COLUMNS, ROWS = 6, 5, 4
@@ -20,6 +22,10 @@ ATTRIBUTES = {
     "kinematic_viscosity_m2_s": 1.6e-5, "frequency_Hz": 1400.0, "incident_SPL_dB_nominal": 130.0,
     "incident_SPL_dB_measured": 129.9, "mach": 0.1, "n_periods_analysed": 19,
 }  # fmt: skip
+SLIT = {"cfg_dx": 6.84e-5, "cfg_tp": 8, "cfg_D": 146, "cfg_H": 557, "cfg_Lc": 182, "cfg_slit": 10,
+        "porosity": 10 / 182}  # fmt: skip  # nodes of n115
+ORIFICE = {"cfg_dx": 1.08e-4, "cfg_tp": 5, "cfg_D": 33, "cfg_H": 353, "cfg_Lc": 41,
+           "cfg_d_eff_mm": 1.2002305640291455, "porosity": 0.05770374776918501}  # fmt: skip
 
 
 def add(group, name, values, units):
@@ -38,9 +44,9 @@ def cells(tmp_path):
     with h5py.File(path, "w") as file:
         file.attrs.update({"solver": "by hand", "source": "a test"})
         file.create_group("notes")
-        for case, rows in (("slit", ()), ("orifice", (ROWS,))):
+        for case, rows, nodes in (("slit", (), SLIT), ("orifice", (ROWS,), ORIFICE)):
             group = file.create_group(case)
-            group.attrs.update(ATTRIBUTES)
+            group.attrs.update(ATTRIBUTES | nodes)
             add(group, "time", 0.1 + np.arange(SAMPLES) / 1e5, "s")
             add(group, "x", np.arange(COLUMNS) * 1e-3, "m")
             add(group, "y_lines", HEIGHTS, "m")
@@ -99,6 +105,61 @@ def test_truth_fluid_and_conditions(cells, case, liner, reference):
     assert plane.provenance["periods_behind_truth"] == 19
     assert plane.title.endswith(f"case {case}, y = 0.5 mm")
     assert plane.name.endswith(f"cells.h5:/{case}/v_n[0]")
+
+
+def test_the_coarse_lattice_has_a_preset_and_truth_of_its_own(cells):
+    """Each lattice has its own linear part; on the coarse one the top row is the truth."""
+    nodes = {"cfg_dx": 1.38375e-4, "cfg_tp": 4, "cfg_D": 26, "cfg_H": 275, "cfg_Lc": 32,
+             "cfg_d_eff_mm": 1.2094511126654315, "porosity": 0.05859375}  # fmt: skip
+    with h5py.File(cells, "a") as file:
+        file["orifice"].attrs.update(nodes)
+    plane = read_resolved(cells, "orifice", 0)
+    assert plane.liner == "lbm_orifice_coarse"
+    assert plane.reference == {"true": 0.5 - 1j, "in situ": 0.75 - 0.125j}
+
+
+@pytest.mark.parametrize("change", [{"cfg_tp": 6}, {"cfg_dx": 8.52e-5}, {"cfg_slit": 9}])
+def test_another_geometry_or_lattice_is_no_preset(cells, change):
+    with h5py.File(cells, "a") as file:
+        file["slit"].attrs.update(change)
+    with pytest.warns(
+        tl.DataWarning, match=r"/slit has the geometry and lattice of no preset.*for"
+    ):
+        assert read_resolved(cells, "slit", 0).liner == ""
+
+
+@pytest.mark.parametrize(("case", "preset"), [("slit", "lbm_slit"), ("orifice", "lbm_orifice")])
+def test_presets_are_the_liners_of_the_files(cells, case, preset):
+    """Geometry of the file; linear part of a named case, or as stated."""
+    found = resolved_liner(cells, case, 0.25 - 0.5j)
+    assert complex(found.impedance(1400.0)) == pytest.approx(0.25 - 0.5j, abs=1e-12)
+    assert resolved_liner(cells, "slit", "slit").impedance(1400.0).item() == pytest.approx(
+        0.25 - 0.5j, abs=1e-12
+    )
+    known = tl.load_liner(preset)
+    for name in GEOMETRY:
+        assert getattr(found, name) == pytest.approx(getattr(known, name), rel=1e-5), name
+
+
+def test_the_command_writes_the_liner_of_a_case(cells, tmp_path, capsys):
+    arguments = ["convert", str(cells), "--layout", "resolved", "--case", "slit", "-o",
+                 str(tmp_path / "p.h5"), "--liner-file", str(tmp_path / "l.toml")]  # fmt: skip
+    assert main([*arguments, "--linear", "0.1+0.2j"]) == 0
+    written = tl.load_liner(tmp_path / "l.toml")
+    assert complex(written.impedance(1400.0)) == pytest.approx(0.1 + 0.2j, abs=1e-12)
+    assert main([*arguments, "--linear", "slat"]) == 2
+    assert "no case 'slat' (did you mean 'slit'?)" in capsys.readouterr().err
+
+
+def test_times_that_are_not_uniform_are_refused(cells, channel):
+    for path, name in ((cells, "slit/time"), (channel, "t")):
+        with h5py.File(path, "a") as file:
+            file[name][3] += 1e-5
+            file[name][3] *= 1.001
+    with pytest.raises(ValueError, match="slit/time is not uniform"):
+        read_resolved(cells, "slit", 0)
+    with pytest.raises(ValueError, match=r"channel.h5:/t is not uniform"):
+        read_channel(channel, 0)
 
 
 def test_units_of_the_file_are_honoured(cells):
@@ -179,6 +240,7 @@ needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the real files ar
 
 
 @needs_shared
+@pytest.mark.filterwarnings("ignore:.*lattice of no preset")
 @pytest.mark.parametrize(
     ("name", "case", "truth", "peak"),
     [
@@ -187,6 +249,10 @@ needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the real files ar
         ("resolved_liner_lbm.h5", "g03_145", 1.662 - 0.460j, 502.97),
         ("resolved_orifice_3d.h5", "o115", 0.221 - 0.215j, 15.91),
         ("resolved_orifice_3d.h5", "o145", 1.099 - 0.511j, 502.97),
+        ("resolved_more.h5", "n145", 0.764 - 0.302j, 502.97),
+        ("resolved_more.h5", "o130", 0.343 - 0.369j, 89.44),
+        ("resolved_more.h5", "t00_130", 0.376 - 0.352j, 89.44),
+        ("resolved_more.h5", "t015_145", 1.453 - 0.658j, 502.97),
     ],
 )
 def test_real_cells(name, case, truth, peak):

@@ -21,6 +21,7 @@ from torchliner.audits.truth_rows import TruthRow, errors_by_rule
 from torchliner.report.truth_table import format_rules, plain_truth
 
 page = load_script("truth_page")
+MORE_CASES = load_script("make_data").MORE_CASES
 PAGE = page.PAGE.read_text(encoding="utf-8")
 TABLES = page.blocks_of(PAGE)
 ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")
@@ -160,17 +161,23 @@ def test_hole_velocity_refuses(change, message):
 @pytest.mark.skipif(not SHARED.exists(), reason="the full simulation files are not here")
 @pytest.mark.parametrize("case", page.CASES)
 def test_hole_velocity_is_that_in_the_holes(case):
-    """Against the velocity stored inside them: correlation 0.9997, rms within 1.1 %."""
+    """Against the velocity stored inside them: correlation 0.9997, rms within 1.1 %.
+
+    On the coarser lattice the rms is within 2.2 %; in the turbulence of t03, 5 %, correlation 0.93.
+    """
     import h5py
 
     name = "resolved_orifice_3d.h5" if case.startswith("o") else "resolved_liner_lbm.h5"
+    if case in MORE_CASES:
+        name = "resolved_more.h5"
+    least, off = (0.93, 0.05) if case == "t03_130" else (0.9997, 0.022 if case[0] == "t" else 0.011)
     found = hole_velocity(page.pressures_of(case)).velocity.numpy()
     with h5py.File(SHARED / "data" / name) as file:
         inside = file[case]["v_orifice_mean"][:].T * file[case].attrs["porosity"]
     cut = (inside.shape[1] - found.shape[1]) // 2
     for mine, stored in zip(found, inside[:, cut : cut + found.shape[1]], strict=True):
-        assert np.corrcoef(mine, stored)[0, 1] > 0.9997
-        assert mine.std() == pytest.approx(stored.std(), rel=0.011)
+        assert np.corrcoef(mine, stored)[0, 1] > least
+        assert mine.std() == pytest.approx(stored.std(), rel=off)
 
 
 # --- what keeps step
@@ -231,17 +238,28 @@ def numbers(text: str) -> list[float]:
 
 
 def test_page_states_every_case_and_rule():
-    """528 rows; the tables of errors and rules are those of the committed rows, to the letter."""
-    assert len(ROWS) == len({(r.case, r.height, *r.rule, r.order) for r in ROWS}) == 528
+    """1332 rows; the tables made of rows are those of the committed ones, to the letter."""
+    assert len(ROWS) == len({(r.case, r.height, *r.rule, r.order) for r in ROWS}) == 1332
+    assert page.default_table(ROWS) == TABLES["default"]
     assert page.error_table(ROWS) == TABLES["errors"]
     assert page.rule_table(ROWS) == TABLES["rules"]
-    assert set(TABLES) == {"errors", "rules", "reasons", "limits", "motion"}
+    assert set(TABLES) == {
+        "default", "errors", "rules", "reasons", "limits", "factors", "motion",
+    }  # fmt: skip
+    readme = page.blocks_of((page.ROOT / "README.md").read_text(encoding="utf-8"))
+    assert page.default_table(ROWS, ends=True) == readme["ends"]
+
+
+def test_the_package_has_the_default_rows(tmp_path):
+    """What educe prints beside an answer are the page's rows."""
+    page.write_rows(page.known_rows(ROWS), tmp_path / "known.csv", end="\n")
+    assert (tmp_path / "known.csv").read_text() == page.KNOWN.read_text()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "index"), [("n130", 3), ("g01_145", 0)])
 def test_committed_rows_are_current(case, index):
-    """All 24 rules of a plane, computed now: value, truth, in situ, interval."""
+    """All 36 rules of a plane, computed now: value, truth, in situ, interval, closure."""
     plane = page.planes_of(case)[index]
     fresh = page.rows_of(case, [plane])
     kept = [r for r in ROWS if r.case == case and abs(r.height - plane.height) < 1e-9]
@@ -251,6 +269,7 @@ def test_committed_rows_are_current(case, index):
             now, then = getattr(row, name), getattr(old, name)
             if now == now or then == then:
                 assert now == pytest.approx(then, rel=1e-3, abs=1e-3), name
+        assert row.closure == pytest.approx(old.closure, abs=2e-3)
 
 
 @pytest.mark.slow
@@ -272,15 +291,80 @@ def test_reasons_are_current(case):
             assert numbers(line) == pytest.approx(numbers(printed), abs=1.01e-3, rel=1.5e-2)
 
 
+def default_of(case, order, height=0.5e-3):
+    """The committed default row."""
+    (row,) = [r for r in ROWS if (r.case, r.order, r.rule) == (case, order, page.DEFAULT)
+              and abs(r.height - height) < 1e-9]  # fmt: skip
+    return row
+
+
+@pytest.mark.parametrize(
+    ("case", "order", "share"),
+    [
+        ("n130", "coherent first", 0.03), ("o130", "coherent first", -0.24),
+        ("t00_130", "coherent first", -0.26), ("n145", "coherent first", 0.00),
+        ("g03_145", "coherent first", 0.01), ("g01_145", "coherent first", 0.61),
+        ("t03_130", "coherent first", -0.55), ("t015_145", "coherent first", -0.27),
+        ("o145", "coherent first", -0.52), ("t03_130", "velocity first", -0.88),
+    ],
+)  # fmt: skip
+def test_shares_that_the_page_names(case, order, share):
+    """R over the true one, less 1, at 0.5 mm."""
+    row = default_of(case, order)
+    assert row.educed.real / row.true.real - 1 == pytest.approx(share, abs=6e-3)
+
+
 def test_claims_of_the_page():
     """What the text says of the rows."""
-    high = [r for r in ROWS if r.case in page.HIGH]
-    default = [r for r in high if r.rule == page.DEFAULT]
+    default = [r for r in ROWS if r.rule == page.DEFAULT and r.case not in page.QUIET]
     assert not any(r.low.imag <= r.true.imag <= r.high.imag for r in default)
-    nearest = {c: min(abs(r.miss.imag) for r in high if r.case == c) for c in page.HIGH}
-    assert [round(nearest[c], 2) for c in page.HIGH] == [0.08, 0.16, 0.01]
-    low = [r for r in ROWS if r.case in page.LOW and r.rule == page.DEFAULT]
-    assert max(r.error for r in low if r.order == "velocity first") < 0.007
+    for case in page.QUIET:  # without turbulence coherent first is velocity first
+        one, other = (
+            default_of(case, order).educed for order in ("velocity first", "coherent first")
+        )
+        assert abs(one - other) < 1e-3
+    coherent = [r for r in ROWS if r.rule == page.DEFAULT and r.order == "coherent first"]
+    right = [abs(r.closure) for r in coherent if abs(r.miss.real) <= 0.15 * r.true.real]
+    wrong = [abs(r.closure) for r in coherent if abs(r.miss.real) > 0.15 * r.true.real]
+    assert max(right) < 0.48
+    assert min(wrong) > 0.56
+
+
+# --- calibrate without flow, predict with flow
+
+flowless = load_script("calibrate_without_flow")
+PREDICTED = flowless.read_rows(flowless.FIGURES / "calibrate_without_flow.csv")
+
+
+def test_predictions_on_the_page_are_those_of_the_file(tmp_path):
+    tables = page.blocks_of(flowless.PAGE.read_text(encoding="utf-8"))
+    assert flowless.prediction_table(PREDICTED) == tables["predictions"]
+    figure = flowless.draw_without_flow(PREDICTED, tmp_path / "p.png")
+    assert "resistance" in figure.axes[0].get_ylabel()
+
+
+def test_claims_of_the_calibration():
+    """R of coherent first at 0.5 mm, fitted without flow, over the true one."""
+    found = {
+        r.case: r for r in PREDICTED if r.order == "coherent first" and abs(r.height - 5e-4) < 1e-9
+    }
+    for case, share in {"o145": -0.03, "t03_130": 0.01, "t015_145": 0.63, "g01_145": 0.54,
+                        "g03_145": -0.03, "n145": -0.05}.items():  # fmt: skip
+        row = found[case]
+        assert row.after.real / row.true.real - 1 == pytest.approx(share, abs=6e-3), case
+        assert 0.08 < row.after.imag - row.true.imag < 0.33
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_the_fit_without_flow_is_current():
+    """t00_130 alone: 0.409, and t03_130 from it."""
+    fit = flowless.FITS[1]
+    found = flowless.calibrated(fit)
+    assert float(found.values[0]) == pytest.approx(0.409, abs=1e-3)
+    plane = flowless.planes_of("t03_130")[0]
+    value = complex(tl.educe(plane, found.liner, interval=None).answer[0])
+    assert value == pytest.approx(2.385 - 0.522j, abs=3e-3)
 
 
 def test_tables_are_put_into_the_page():

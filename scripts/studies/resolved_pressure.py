@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from torchliner.checks import plain_number
+from torchliner.io.axes import read_times
 from torchliner.io.hdf5 import open_file, read_attribute, read_si
-from torchliner.io.resolved import (
+from torchliner.io.resolved import resolved_provenance, time_last
+from torchliner.io.resolved_liner import (
     complex_attribute,
+    liner_of_group,
     require_case,
     resolved_cases,
     resolved_fluid,
-    resolved_provenance,
-    time_last,
+    truth_of,
 )
 from torchliner.records import PressureRecord
 
@@ -34,7 +39,9 @@ def read_resolved_pressure(path: str | Path, case: str, stride: int = 1) -> Pres
         stride: keep every n-th surface point along x (and z).
     Returns:
         The record. ``reference`` holds the file's own impedances: ``true`` (by waves for the slit,
-        the pressure over the velocity through the hole for the orifice), and those of each method.
+        the pressure over the velocity through the hole for the orifice, the top row on its coarser
+        lattice), and those of each method. The cases of the coarser lattice have one surface
+        pressure a cell, its average.
     Raises:
         ValueError: no such case, or a stride below 1.
     """
@@ -44,25 +51,31 @@ def read_resolved_pressure(path: str | Path, case: str, stride: int = 1) -> Pres
     with open_file(path) as file:
         group = file[case]
         three = "z" in group
-        spacing = read_attribute(group, "cfg_dx", path)
-        width = spacing * read_attribute(group, "cfg_D", path)
-        pitch = spacing * read_attribute(group, "cfg_Lc", path)
-        time = read_si(group, "time", "s", path)
+        geometry = liner_of_group(group, path)
+        pitch = geometry.cell_pitch
+        assert pitch is not None
         cut = (slice(None), *(slice(None, None, stride),) * (2 if three else 1))
         own = {name: complex_attribute(group, key, path) for name, key in OWN.items()}
         if three:
             own["top row"] = complex_attribute(group, "top", path)
-        true = own["in situ" if three else "waves"]
+        true = complex_attribute(group, truth_of(group, path), path)
+        cells = "p_surface_cell" in group  # averaged over each cell
+        x, z = read_si(group, "x", "m", path)[::stride], None
+        if cells:
+            x = x[0] + pitch * (0.5 + np.arange(group["p_surface_cell"].shape[-1]))
+        elif three:
+            z = read_si(group, "z", "m", path)[::stride]
         return PressureRecord(
-            time_last(group, "p_surface", cut, path, "pressure"),
+            time_last(group, "p_surface_cell", (), path, "pressure")
+            if cells
+            else time_last(group, "p_surface", cut, path, "pressure"),
             time_last(group, "p_cavity_bottom", (), path, "pressure"),
-            sampling_rate=float((len(time) - 1) / (time[-1] - time[0])),
-            x=read_si(group, "x", "m", path)[::stride],
-            z=read_si(group, "z", "m", path)[::stride] if three else None,
-            cavity_depth=spacing * read_attribute(group, "cfg_H", path),
-            cavity_porosity=(width / pitch) ** (2 if three else 1),
-            # Twice the area over the perimeter: plates, or a square.
-            cavity_hydraulic_radius=width / 2 if three else width,
+            sampling_rate=read_times(group, Path(path))[0],
+            x=x,
+            z=z,
+            cavity_depth=plain_number(geometry.cavity_depth),
+            cavity_porosity=plain_number(geometry.cavity_porosity),
+            cavity_hydraulic_radius=plain_number(geometry.cavity_hydraulic_radius),
             cell_pitch=pitch,
             microphones=time_last(group, "mic_p", (), path, "pressure"),
             microphone_y=read_si(group, "mic_y", "m", path),

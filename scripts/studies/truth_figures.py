@@ -39,7 +39,7 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     """
     cases = list(dict.fromkeys(row.case for row in rows))
     places = [(case, order) for case in cases for order in ORDERS]
-    figure, axes = subplots(1, 2, 1.6 + 0.42 * len(places))
+    figure, axes = subplots(1, 2, 1.6 + 0.3 * len(places))
     for axis, part in zip(axes[0], ("real", "imag"), strict=True):
         for row in rows:
             i = DRIVES.index((row.drive, row.mean))
@@ -68,11 +68,11 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
 
 def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> None:
     axis.axvline(0, color="k", linewidth=0.8, zorder=1)
-    for i in range(0, len(places), 4):
-        axis.axhspan(i - 0.5, i + 1.5, color="0.95", zorder=0)
+    for i in range(0, len(places), 2 * len(ORDERS)):  # every second case
+        axis.axhspan(i - 0.5, i + len(ORDERS) - 0.5, color="0.95", zorder=0)
     axis.set_xscale("symlog", linthresh=LINEAR, linscale=0.6)
     axis.set_xticks([*TICKS, 0], [*(f"{tick:g}" for tick in TICKS), "0"])
-    axis.set_xlim(*((-1.7, 15) if part == "real" else (-0.5, 0.7)))
+    axis.set_xlim(*((-3, 15) if part == "real" else (-0.5, 0.7)))
     axis.set_ylim(len(places) - 0.5, -0.5)
     axis.tick_params(axis="y", length=0)
     name = "R" if part == "real" else "X"

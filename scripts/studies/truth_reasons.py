@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from scipy.optimize import brentq
 
 from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
@@ -82,6 +83,9 @@ class ReasonRow:
         for_resistance, for_reactance: rms of a constant |v| and of a sine that give the true R
             (the true X), m/s; None where none does.
         nearest: to the truth, of all that |v(t)| up to 100 m/s gives with the phase averaged.
+        factor: on the velocity of the holes that gives the true R, replayed and as an rms; None
+            where none from 0.2 to 10 does.
+        contraction: vena contracta that does, likewise, from 0.05 to 1.
     """
 
     case: str
@@ -97,6 +101,8 @@ class ReasonRow:
     for_resistance: tuple[float | None, float | None]
     for_reactance: tuple[float | None, float | None]
     nearest: complex
+    factor: tuple[float | None, float | None]
+    contraction: tuple[float | None, float | None]
 
     def plain(self) -> dict[str, Any]:
         """For CSV: pairs and complex values as two numbers."""
@@ -105,9 +111,10 @@ class ReasonRow:
             if isinstance(value, complex):
                 row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
             elif isinstance(value, tuple):
-                row[f"{key}_constant"], row[f"{key}_sine"] = (
-                    v if v is not None else "" for v in value
-                )
+                ends = ("replayed", "rms") if key in ("factor", "contraction") else (
+                    "constant", "sine")  # fmt: skip
+                for end, v in zip(ends, value, strict=True):
+                    row[f"{key}_{end}"] = "" if v is None else v
             else:
                 row[key] = value
         return row
@@ -149,7 +156,26 @@ def reason_row(record: PressureRecord, liner: SDoFLiner, case: str) -> ReasonRow
         for_resistance=_needed(liner, frequency, true.real, "resistance"),
         for_reactance=_needed(liner, frequency, true.imag, "reactance"),
         nearest=reach(liner, frequency, FASTEST).nearest(true),
+        factor=_that_gives("velocity_gain", 0.2, 10.0, holes, liner, true.real),
+        contraction=_that_gives("vena_contracta", 0.05, 1.0, holes, liner, true.real),
     )
+
+
+def _that_gives(
+    name: str, low: float, high: float, holes: VelocityPlane, liner: SDoFLiner, resistance: float
+) -> tuple[float | None, float | None]:
+    """Value of a parameter of the liner with which the holes' velocity gives R: replayed, rms."""
+
+    def solved(drive: str) -> float | None:
+        def excess(value: float) -> float:
+            found = educe(holes, liner.replace(**{name: value}), interval=None, drive=drive)
+            return float(found.liner_impedance[0].real) - resistance
+
+        if excess(low) * excess(high) > 0:
+            return None
+        return float(brentq(excess, low, high, xtol=1e-4))
+
+    return solved("instantaneous"), solved("rms")
 
 
 def _needed(

@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.audits.known_truths import nearest_truth
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.audits.variants import CannotApply, VariantMaker
 from torchliner.checks import tell
@@ -280,7 +281,7 @@ class _Work:
             found.title or self.ready.plane.name, float(self.ready.frequency[0]),
             self.order, self.base, low, high, level, tuple(rows), self.skipped, self.readings,
             dict(found.choices), found.notes,
-            self._closure(self.base, self.ready), found.closure_words,
+            self._closure(self.base, self.ready), found.closure_words, nearest_truth(found),
         )  # fmt: skip
 
 

@@ -39,6 +39,8 @@ class Audit:
         choices: behind the base.
         notes: warnings about the base.
         closure, closure_words: of the base, dB, and what it rests on, or why there is none.
+        nearest_truth: what came out in the shipped case most like this one, where the truth is
+            known.
     """
 
     title: str
@@ -55,6 +57,7 @@ class Audit:
     notes: tuple[str, ...]
     closure: float | None = None
     closure_words: str = ""
+    nearest_truth: str = ""
 
     @property
     def factors(self) -> list[str]:

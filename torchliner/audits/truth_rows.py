@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
 
+from torchliner.audits.known_truths import tone_speed
 from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner
-from torchliner.names import ORDERS, PHASE_RULES
+from torchliner.names import PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
@@ -39,6 +41,12 @@ class TruthRow:
         in_situ: what the file states for the in situ method, nan if it states none.
         low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the
             replay did not keep the blocks that the rule needs (``self-consistent``).
+        closure: level of the incident wave that Z and velocity imply over the stated one, dB; nan
+            where it was not checked.
+        speed: rms of the plane's mean velocity at the tone, m/s.
+        velocity_rms: v'_rms over the probes, m/s.
+        mach, incident_level: as the plane states them; nan where it does not.
+        periods: of the tone in the record.
     """
 
     case: str
@@ -52,6 +60,12 @@ class TruthRow:
     in_situ: complex = NOWHERE
     low: complex = NOWHERE
     high: complex = NOWHERE
+    closure: float = math.nan
+    speed: float = math.nan
+    velocity_rms: float = math.nan
+    mach: float = math.nan
+    incident_level: float = math.nan
+    periods: float = math.nan
 
     @property
     def rule(self) -> tuple[str, str, str]:
@@ -82,6 +96,8 @@ def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
 def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
     """All drives x phase rules x averaging orders of one plane with a known impedance.
 
+    Short records are taken too: the rows say how many periods they rest on.
+
     Raises:
         ValueError: the plane states no true impedance or no tone.
     """
@@ -90,19 +106,41 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
     case = str(plane.provenance.get("case", plane.title))
     for drive, mean in DRIVES:
         replayed = replay(
-            prepare([plane], liner, None, Choices(drive=drive, mean=mean))[0], every_rule=True
+            prepare([plane], liner, None, Choices(drive=drive, mean=mean, allow_short=True))[0],
+            every_rule=True,
         )
         averaged = replayed.map("averaged")
+        about = facts_of(plane, averaged)
         for phase in PHASES:
             known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
             found = replayed.map(phase, known)
-            known_in_situ = complex(plane.reference.get("in situ", NOWHERE))
-            for order in ORDERS:
+            for order in found.orders:
+                low, high = found.bounds_of_liner(order) or (NOWHERE, NOWHERE)
                 yield TruthRow(
                     case, plane.height or 0.0, drive, mean, phase, order,
                     complex(found.of_liner(order)[0]), complex(plane.reference["true"]),
-                    known_in_situ, *(found.bounds_of_liner(order) or (NOWHERE, NOWHERE)),
+                    complex(plane.reference.get("in situ", NOWHERE)), low, high,
+                    closure_of(found, order), **about,
                 )  # fmt: skip
+
+
+def closure_of(found: ImpedanceMap, order: str) -> float:
+    """dB, of the whole plane; nan where it was not checked."""
+    closure = getattr(found, "closure", None)
+    if closure is None or order not in closure.orders:
+        return math.nan
+    return float(closure.liner.level[closure.orders.index(order), 0])
+
+
+def facts_of(plane: VelocityPlane, seen: ImpedanceMap) -> dict[str, float]:
+    """What the rows of a plane share besides the truth."""
+    stated = {"mach": plane.mach, "incident_level": plane.incident_level}
+    return {
+        "speed": tone_speed(seen),
+        "velocity_rms": float(seen.velocity_rms.square().nanmean().sqrt()),
+        **{name: math.nan if value is None else value for name, value in stated.items()},
+        "periods": float(plane.duration * (plane.frequency or math.nan)),
+    }
 
 
 def truth_table(

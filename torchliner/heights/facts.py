@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +54,10 @@ class HeightFacts:
         imprint, mean_imprint, streamwise_imprint: of v'_rms, v_0 and u'_rms along x; None without
             a whole cell (or without u).
         jet_velocity, jet_height: m/s and m, eqs (A3) and (A2); None where something is unknown.
+        impedance: Z of the whole plane by order of averaging.
+        closure: level of the incident wave that Z and velocity imply over the one that is known,
+            dB, by order; empty where it was not checked.
+        closure_limit: dB.
     """
 
     height: float
@@ -62,6 +68,9 @@ class HeightFacts:
     streamwise_imprint: Imprint | None
     jet_velocity: float | None
     jet_height: float | None
+    impedance: Mapping[str, complex]
+    closure: Mapping[str, float]
+    closure_limit: float
 
 
 def facts_of_plane(
@@ -83,8 +92,18 @@ def facts_of_plane(
     facts = HeightFacts(
         plane.height, float(seen.coherence[..., 0].nanmedian()),
         float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
+        {order: complex(seen.of_liner(order)[0]) for order in seen.orders}, *_closure(seen),
     )  # fmt: skip
     return facts, notes if reason is None else [*notes, f"no jet height: {reason}"]
+
+
+def _closure(seen: ImpedanceMap) -> tuple[dict[str, float], float]:
+    """dB by order, and the limit."""
+    closure = getattr(seen, "closure", None)
+    if closure is None:
+        return {}, math.nan
+    levels = dict(zip(closure.orders, closure.liner.level[:, 0].tolist(), strict=True))
+    return {order: level for order, level in levels.items() if math.isfinite(level)}, closure.limit
 
 
 def _imprints(

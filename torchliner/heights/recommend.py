@@ -1,4 +1,4 @@
-"""Which height? The lowest plane that passes three tests, with reasons. No truth is used."""
+"""Which height? For each order of averaging the lowest plane where it stands. No truth is used."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from dataclasses import dataclass
 
 from torchliner.checks import require_positive
 from torchliner.heights.facts import HeightFacts
-from torchliner.heights.study import HeightStudy, LengthRow
+from torchliner.heights.study import HeightStudy
+from torchliner.names import ORDERS
 
-ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1)
+ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1), for sound at grazing incidence
+GRAZING = ("upstream", "downstream")
+PROBES_FIRST, VELOCITY_FIRST = ORDERS[:2]
 CRITERIA = {
-    "imprint": "imprint of the cells on v'",
-    "orders": "the two orders of averaging differ by",
+    "closure": "closure off by",
     "change": "to the next height Z changes by",
+    "turbulence": "out of step with the tone",
+    "orders": "probes first and velocity first differ by",
+    "imprint": "imprint of the cells on v'",
 }
 
 
@@ -24,27 +29,33 @@ class Limits:
 
     Args:
         imprint: rms of the cell-periodic part of v'_rms over its mean.
-        orders: |Z, probes first - Z, velocity first| over the latter's |Z|, averaged over a cell.
-        change: largest change of Z to the next height, either order, over |Z|.
+        orders: |Z, probes first - Z, velocity first| over the latter's |Z|.
+        change: of Z to the next height, over |Z|.
+        turbulence: share of v'^2 at the tone's frequency that keeps no step with it, 1 - coherence.
     """
 
     imprint: float = 0.1
     orders: float = 0.1
     change: float = 0.1
+    turbulence: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in CRITERIA:
-            require_positive(f"limit on {name}", getattr(self, name))
+        for name, value in vars(self).items():
+            require_positive(f"limit on {name}", value)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One height against one limit; ``value`` None where it could not be judged."""
+    """One height and order against one limit; ``value`` None where it could not be judged.
+
+    Shares of 1, for ``closure`` dB.
+    """
 
     height: float
     name: str
     value: float | None
     limit: float
+    order: str
 
     @property
     def passed(self) -> bool:
@@ -57,23 +68,34 @@ class Recommendation:
     """The answer.
 
     Args:
-        height: m; None if no height of these qualifies.
-        judgements: every height against every limit, lowest first.
+        height: m, for the order that the answer follows; None if no height of these qualifies.
+        judgements: every height and order against what that order needs, lowest first.
         reasons: in words, with numbers.
         unknown: what could not be judged, and why.
+        heights: by order.
     """
 
     height: float | None
     judgements: tuple[Judgement, ...]
     reasons: tuple[str, ...]
     unknown: tuple[str, ...]
+    heights: dict[str, float | None]
 
 
 def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recommendation:
-    """The lowest height where the imprint is small, the orders agree and Z has settled.
+    """For each order of averaging, the lowest height where what it rests on holds.
 
-    The highest plane has no next one, so it never qualifies. The criteria say that a
-    homogenised impedance can be read there; they do not say that it is right.
+    Where closure was checked it decides alone. Else Z of that order must have settled, so that the
+    highest plane, which has no next one, never qualifies, and besides:
+
+    - velocity first needs a velocity in step with the tone: turbulence averages out of it, and the
+      resistance that it makes with it. The cells' imprint does not matter to it: what passes the
+      cell passes the holes.
+    - coherent first needs no more;
+    - probes first needs the first two orders to agree where the velocity is in step (else a probe
+      sees a jet and not the cell), and little imprint where it is not.
+
+    None of this says that Z is right.
 
     Args:
         study: of ``study_heights``.
@@ -81,38 +103,43 @@ def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recomm
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
     """
     limits = limits or Limits()
-    rows = study.at_length(study.cell_length)
-    judgements, chosen = [], None
-    for i, (row, facts) in enumerate(zip(rows, study.facts, strict=True)):
-        following = rows[i + 1] if i + 1 < len(rows) else None
-        mine = _judge(row, following, facts, limits)
-        judgements += mine
-        if chosen is None and all(one.passed for one in mine):
-            chosen = i
-    reasons = [_answer(study, rows, chosen)]
-    for i, facts in enumerate(study.facts):
-        mine = judgements[3 * i : 3 * i + 3]
-        reasons.append(f"{_mm(facts.height)}: " + "; ".join(_words(one) for one in mine))
-    reasons += _context(rows, study.facts, chosen) + _extrapolated(study, limits)
+    judgements: list[Judgement] = []
+    reasons: list[str] = []
+    heights: dict[str, float | None] = {}
+    for order in study.facts[0].impedance:
+        mine = [_judge(study.facts, i, order, limits) for i in range(len(study.facts))]
+        stands = [facts.height for facts, one in zip(study.facts, mine, strict=True)
+                  if all(each.passed for each in one)]  # fmt: skip
+        heights[order] = stands[0] if stands else None
+        reasons.append(_answer(study.facts, order, heights[order]))
+        for facts, one in zip(study.facts, mine, strict=True):
+            judgements += one
+            reasons.append(f"  {_mm(facts.height)}: " + "; ".join(map(_words, one)))
+    default = study.order if study.order in heights else next(iter(heights))
+    reasons += _context(study, heights[default], default) + _extrapolated(study, limits)
     return Recommendation(
-        None if chosen is None else rows[chosen].height,
-        tuple(judgements), tuple(reasons), tuple(_unknown(study, judgements)),
+        heights[default], tuple(judgements), tuple(reasons),
+        tuple(_unknown(study, judgements)), heights,
     )  # fmt: skip
 
 
-def _judge(
-    row: LengthRow, following: LengthRow | None, facts: HeightFacts, limits: Limits
-) -> list[Judgement]:
-    values: dict[str, float | None] = dict.fromkeys(CRITERIA)
-    if facts.imprint is not None:
-        values["imprint"] = facts.imprint.relative
-    values["orders"] = _relative(row.probes_first, row.velocity_first)
-    if following is not None:
-        values["change"] = max(
-            _relative(following.probes_first, row.probes_first),
-            _relative(following.velocity_first, row.velocity_first),
-        )
-    return [Judgement(row.height, n, value, getattr(limits, n)) for n, value in values.items()]
+def _judge(facts: Sequence[HeightFacts], i: int, order: str, limits: Limits) -> list[Judgement]:
+    """What one order needs at one height."""
+    here, gap = facts[i], facts[i].closure.get(order, math.nan)
+    if math.isfinite(gap):
+        return [Judgement(here.height, "closure", abs(gap), here.closure_limit, order)]
+    values: dict[str, float | None] = {"change": None}
+    if i + 1 < len(facts):
+        values["change"] = _relative(facts[i + 1].impedance[order], here.impedance[order])
+    in_step = here.coherence >= 1 - limits.turbulence
+    if order == VELOCITY_FIRST:
+        values["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
+    elif order == PROBES_FIRST and in_step:
+        values["orders"] = _relative(here.impedance[order], here.impedance[VELOCITY_FIRST])
+    elif order == PROBES_FIRST:
+        values["imprint"] = None if here.imprint is None else here.imprint.relative
+    return [Judgement(here.height, name, value, getattr(limits, name), order)
+            for name, value in values.items()]  # fmt: skip
 
 
 def _relative(found: complex, wanted: complex) -> float:
@@ -122,41 +149,50 @@ def _relative(found: complex, wanted: complex) -> float:
     return abs(found - wanted) / abs(wanted)
 
 
-def _answer(study: HeightStudy, rows: Sequence[LengthRow], chosen: int | None) -> str:
-    where = f"averaged over {1e3 * study.cell_length:.4g} mm"
-    if study.pitch is not None and abs(study.cell_length / study.pitch - 1) < 0.05:
-        where = f"averaged over a cell of {1e3 * study.pitch:.4g} mm"
-    if chosen is None:
-        return f"no height of these qualifies ({where})"
-    return f"{_mm(rows[chosen].height)} is the lowest height that passes all three ({where})"
+def _answer(facts: Sequence[HeightFacts], order: str, height: float | None) -> str:
+    """Where one order stands, and how far it moves over all heights."""
+    values = [one.impedance[order] for one in facts]
+    moves = max(_relative(value, values[0]) for value in values)
+    where = ("no height of these qualifies" if height is None
+             else f"{_mm(height)} is the lowest height where it stands")  # fmt: skip
+    known = "by closure" if facts[0].closure else "closure not checked"
+    spread = f"; from {_mm(facts[0].height)} Z moves by up to {100 * moves:.3g} %"
+    return f"{order}: {where} ({known}{spread if len(facts) > 1 else ''})"
 
 
 def _words(one: Judgement) -> str:
     label = CRITERIA[one.name]
     if one.value is None:
         return f"{label}: not known"
+    unit, scale = ("dB", 1) if one.name == "closure" else ("%", 100)
     sign = "within" if one.passed else "ABOVE"
-    return f"{label} {100 * one.value:.3g} % ({sign} {100 * one.limit:g} %)"
+    return f"{label} {scale * one.value:.3g} {unit} ({sign} {scale * one.limit:g} {unit})"
 
 
-def _context(
-    rows: Sequence[LengthRow], facts: Sequence[HeightFacts], chosen: int | None
-) -> list[str]:
-    """Drift of A.1 and jets of A.2 at the chosen height, else at all."""
+def _context(study: HeightStudy, chosen: float | None, order: str) -> list[str]:
+    """Drift of A.1, for sound that grazes, and jets of A.2, at the chosen height, else at all."""
     lines = []
-    for i in range(len(rows)) if chosen is None else [chosen]:
-        millimetres = 1e3 * rows[i].height
-        drift = ACOUSTIC_DRIFT * millimetres
-        share = 100 * abs(drift) / abs(rows[i].velocity_first)
-        text = (
-            f"{_mm(rows[i].height)}: acoustic drift of (A1), of the order of {drift.real:.3f} + "
-            f"{drift.imag:.3f}j, {share:.3g} % of |Z|"
-        )
-        reach, speed = facts[i].jet_height, facts[i].jet_velocity
-        if reach is not None:
-            side = "above" if rows[i].height > reach else "BELOW"
-            text += f"; {side} the jets' height, {1e3 * reach:.3g} mm (A.2, U_j {speed:.3g} m/s)"
-        lines.append(text)
+    if study.source_side == "normal":
+        lines.append("(A1) is the drift of grazing sound; this sound comes at normal incidence")
+    elif study.source_side not in GRAZING:
+        lines.append("(A1) is not applied: no side that grazing sound comes from is stated")
+    for facts in study.facts:
+        if chosen not in (None, facts.height):
+            continue
+        parts = []
+        if study.source_side in GRAZING:
+            drift = ACOUSTIC_DRIFT * 1e3 * facts.height
+            share = 100 * abs(drift) / abs(facts.impedance[order])
+            parts.append(
+                f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, "
+                f"{share:.3g} % of |Z|"
+            )
+        if facts.jet_height is not None:
+            side = "above" if facts.height > facts.jet_height else "BELOW"
+            parts.append(f"{side} the jets' height, {1e3 * facts.jet_height:.3g} mm (A.2, U_j "
+                         f"{facts.jet_velocity:.3g} m/s)")  # fmt: skip
+        if parts:
+            lines.append(f"{_mm(facts.height)}: {'; '.join(parts)}")
     return lines
 
 
@@ -183,7 +219,9 @@ def _extrapolated(study: HeightStudy, limits: Limits) -> list[str]:
 def _unknown(study: HeightStudy, judgements: Sequence[Judgement]) -> list[str]:
     lines = []
     top = study.facts[-1].height
-    if len(study.facts) == 1:
+    if all(one.name == "closure" for one in judgements):
+        pass
+    elif len(study.facts) == 1:
         lines.append("with one height, whether Z has settled cannot be judged; give several planes")
     else:
         lines.append(f"{_mm(top)} has no plane above it: whether Z has settled there is not known")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -19,6 +19,7 @@ from torchliner.conversions import (
 from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.heights.imprint import Decay, fit_decay
 from torchliner.liners.model import Liner, as_liner
+from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
@@ -70,6 +71,7 @@ class HeightStudy:
         reference: independent impedances, for comparison alone.
         choices: of the eduction.
         notes: warnings, and what is not known.
+        source_side: where the sound comes from, one of ``names.SOURCE_SIDES``.
     """
 
     title: str
@@ -83,6 +85,12 @@ class HeightStudy:
     reference: dict[str, complex]
     choices: dict[str, Any]
     notes: tuple[str, ...]
+    source_side: str = "unknown"
+
+    @property
+    def order(self) -> str:
+        """Of averaging, which the answer follows."""
+        return str(self.choices.get("order", ""))
 
     def at_length(self, length: float) -> list[LengthRow]:
         """The rows of one averaging length, lowest first."""
@@ -145,13 +153,13 @@ def study_heights(
     if chosen.incident is not None:
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
-    def educe(some: Sequence[VelocityPlane]) -> list[ImpedanceMap]:
+    def educe(some: Sequence[VelocityPlane], order: str = ORDERS[0]) -> list[ImpedanceMap]:
         return [
             replay(ready).map(chosen.phase, reference_phase)
-            for ready in prepare(some, model, wanted, chosen)
+            for ready in prepare(some, model, wanted, replace(chosen, order=order))
         ]
 
-    maps = educe(ordered)
+    maps = educe(ordered, chosen.order)
     rows = []
     for length in long:
         rows += _rows_at(length, ordered, grids, maps, educe)
@@ -168,7 +176,7 @@ def study_heights(
         ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
         tuple(sorted(rows, key=lambda row: (row.height, row.length))), tuple(facts),
         *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
-        tuple(notes),
+        tuple(notes), ordered[0].source_side,
     )  # fmt: skip
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from torchliner.fluid import Fluid
 from torchliner.io.axes import read_times
 from torchliner.io.hdf5 import (
     get_dataset,
@@ -21,20 +19,19 @@ from torchliner.io.hdf5 import (
     read_si,
     text_attribute,
 )
+from torchliner.io.resolved_liner import (
+    complex_attribute,
+    preset_of,
+    require_case,
+    resolved_cases,
+    resolved_fluid,
+    truth_of,
+)
 from torchliner.io.stored_values import read_values
-from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
 
-
-def resolved_cases(path: str | Path) -> dict[str, list[float]]:
-    """Cases of a resolved-liner file and the heights (m) of their lines or planes."""
-    with open_file(path) as file:
-        return {
-            name: [round(float(y), 9) for y in read_si(group, "y_lines", "m", path)]
-            for name, group in file.items()
-            if isinstance(group, h5py.Group) and is_there(group, "y_lines", path)
-        }
+TRUTHS = {"wave": "waves", "insitu": "in situ", "top": "top row"}
 
 
 def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1) -> VelocityPlane:
@@ -46,8 +43,13 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
         case: group.
         line: index of the height.
         stride: keep every n-th point along x.
+    Returns:
+        The plane. Its liner is the preset of this geometry and lattice, or "" with a warning: the
+        linear part of another lattice is another one (see ``resolved_liner``).
     Raises:
-        ValueError: no such case or line.
+        ValueError: no such case or line, times that are not uniform, no geometry.
+    Warns:
+        DataWarning: no preset has this geometry on this lattice.
     """
     cases = resolved_cases(path)
     if case is None:
@@ -65,8 +67,8 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
         stream = None
         if "u_x" in group and stride == 2:  # stored at every second point
             stream = time_last(group, "u_x", (whole, line), path)
-        truth = "insitu" if three else "wave"
-        other = ("top row", "top") if three else ("in situ", "insitu")
+        truth = truth_of(group, path)
+        other = "insitu" if truth != "insitu" else "top"
         return VelocityPlane(
             velocity,
             sampling_rate=rate,
@@ -79,33 +81,16 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
             incident_level=read_attribute(group, "incident_SPL_dB_nominal", path),
             mach=read_attribute(group, "mach", path),
             source_side="normal",
-            liner="lbm_orifice" if three else "lbm_slit",
+            liner=preset_of(group, path),
             reference={
                 "true": complex_attribute(group, truth, path),
-                other[0]: complex_attribute(group, other[1], path),
+                TRUTHS[other]: complex_attribute(group, other, path),
             },
             title=f"resolved {'orifice (3-D)' if three else 'slit (2-D)'}, case {case}, "
             f"y = {1e3 * cases[case][line]:g} mm",
             provenance=resolved_provenance(file, case, stride, path),
             name=f"{path}:/{case}/v_n[{line}]",
         )
-
-
-def require_case(path: str | Path, case: str, cases: Iterable[str]) -> None:
-    """Refuse a case that the file does not hold; the nearest is named."""
-    known = list(cases)
-    if case not in known:
-        raise ValueError(
-            f"{path} has no case {case!r}{did_you_mean(case, known)}; it holds "
-            f"{', '.join(known) or 'none'}"
-        )
-
-
-def resolved_fluid(group: h5py.Group, path: str | Path) -> Fluid:
-    """The gas of a case: isothermal on a lattice, so gamma = 1 and no thermal losses."""
-    density = read_attribute(group, "density_kg_m3", path)
-    viscosity = read_attribute(group, "kinematic_viscosity_m2_s", path) * density
-    return Fluid(read_attribute(group, "sound_speed_m_s", path), density, viscosity, 1.0, 1.0)
 
 
 def resolved_provenance(
@@ -119,11 +104,6 @@ def resolved_provenance(
         "stride_x": stride,
         "periods_behind_truth": int(read_attribute(file[case], "n_periods_analysed", path)),
     }
-
-
-def complex_attribute(group: h5py.Group, key: str, path: str | Path) -> complex:
-    """An impedance Z_key of a case, stored as two attributes."""
-    return complex(*(read_attribute(group, f"Z_{key}_{part}", path) for part in ("re", "im")))
 
 
 def time_last(

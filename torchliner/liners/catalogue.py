@@ -78,7 +78,7 @@ def preset_names() -> list[str]:
     """Names of the liners shipped with the package.
 
     >>> tl.preset_names()
-    ['lbm_orifice', 'lbm_slit', 'onera', 'polito']
+    ['lbm_orifice', 'lbm_orifice_coarse', 'lbm_slit', 'lbm_slit_coarse', 'onera', 'polito']
     """
     return toml_files.preset_names(PACKAGE)
 

@@ -44,7 +44,8 @@ class MicrophoneLine(Written):
             (..., N) for a single frequency. Leading axes are cases of one line, as draws.
         frequency: Hz, (F,).
         duct_height: H, m, from the liner to the opposite wall.
-        mach: bulk Mach number of the flow along +x, 0 to 1.
+        mach: bulk Mach number of the flow along +x, 0 to 1; None where it is not stated, which no
+            method takes for 0.
         source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
             ``unknown`` until it is needed.
         duct_width: m, across; only for the cut-on of spanwise modes.
@@ -64,7 +65,7 @@ class MicrophoneLine(Written):
     pressure: Any
     frequency: Any
     duct_height: float = field(kw_only=True)
-    mach: float = field(default=0.0, kw_only=True)
+    mach: float | None = field(default=None, kw_only=True)
     source_side: str = field(default="unknown", kw_only=True)
     duct_width: float | None = field(default=None, kw_only=True)
     liner_start: float | None = field(default=None, kw_only=True)
@@ -87,7 +88,7 @@ class MicrophoneLine(Written):
         require_positive(f"{self.name}: duct_height (m)", self.duct_height)
         if self.duct_width is not None:
             require_positive(f"{self.name}: duct_width (m)", self.duct_width)
-        if not 0 <= plain_number(self.mach) < 1:
+        if self.mach is not None and not 0 <= plain_number(self.mach) < 1:
             raise ValueError(
                 f"{self.name}: mach is {plain_number(self.mach):g}; it must be at least 0 (count x "
                 "along the flow) and below 1 (a Mach number, not m/s)"
@@ -205,6 +206,20 @@ class MicrophoneLine(Written):
     def microphones(self) -> int:
         """N."""
         return len(self.x)
+
+    @property
+    def stated_mach(self) -> float:
+        """``mach`` as a plain number.
+
+        Raises:
+            ValueError: none is stated.
+        """
+        if self.mach is None:
+            raise ValueError(
+                f"{self.name} states no Mach number; give it (mach = ... in the file, mach=, "
+                "--mach): 0 says that there is no flow"
+            )
+        return plain_number(self.mach)
 
     @property
     def level(self) -> Tensor:

@@ -42,6 +42,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
         "closure_words": found.closure_words,
         "choices": found.choices,
         "notes": list(found.notes),
+        "nearest_truth": found.nearest_truth or None,
     }
 
 
@@ -73,6 +74,7 @@ def format_audit(found: Audit) -> str:
         f"closure {found.closure:+.2f} dB {found.closure_words}\n",
         Table(found.rows, SHOWN if found.closure is None else (*SHOWN, CLOSURE)).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
+        *([f"\n{found.nearest_truth}"] if found.nearest_truth else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
     ])  # fmt: skip
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from torchliner.heights.facts import HeightFacts
 from torchliner.heights.recommend import Recommendation
 from torchliner.heights.study import HeightStudy
 from torchliner.report.height_figures import ORDERS, imprint_over_height, length_label
 from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
 
 FACTS = (
-    Column("", "height", "y mm", ".2f", 1e3),
     Column("", "coherence", "coherence", ".2f"),
     Column("", "velocity_rms", "v_rms m/s", ".3f"),
     Column("", lambda one: one.imprint and one.imprint.relative, "imprint v_rms", ".4f"),
@@ -21,6 +22,20 @@ FACTS = (
     Column("", "jet_velocity", "U_j m/s", ".1f"),
     Column("", "jet_height", "H_j mm", ".2f", 1e3),
 )  # fmt: skip
+
+
+def _of(name: str, order: str) -> Callable[[HeightFacts], Any]:
+    """One order's entry of a mapping."""
+    return lambda one: getattr(one, name).get(order)
+
+
+def facts_table(facts: Sequence[HeightFacts]) -> Table:
+    """Z of the whole plane and closure by order of averaging, and what else is known."""
+    orders = list(facts[0].impedance)
+    values = [Column("", _of("impedance", order), order, format_complex) for order in orders]
+    gaps = [Column("", _of("closure", order), f"closure dB, {order}", "+.2f")
+            for order in orders if facts[0].closure]  # fmt: skip
+    return Table(facts, [Column("", "height", "y mm", ".2f", 1e3), *values, *gaps, *FACTS])
 
 
 def height_table(study: HeightStudy) -> Table:
@@ -67,6 +82,11 @@ def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
         "first_harmonic_decay_length": None if first is None else first.length,
         "evanescent_length": None if decay is None else decay.evanescent,
         "recommended_height": found.height,
+        "recommended_heights": found.heights,
+        "heights": [
+            {"height": one.height, "impedance": dict(one.impedance), "closure": dict(one.closure)}
+            for one in study.facts
+        ],
         "judgements": [vars(one) | {"passed": one.passed} for one in found.judgements],
         "reasons": list(found.reasons),
         "unknown": list(found.unknown),
@@ -82,7 +102,7 @@ def format_study(study: HeightStudy, found: Recommendation) -> str:
         f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "
         "deviation of R and X over windows",
         height_table(study).as_text(),
-        f"\n{Table(study.facts, FACTS).as_text()}",
+        f"\nwhole plane\n{facts_table(study.facts).as_text()}",
     ]
     if study.first_decay is not None:
         first = study.first_decay

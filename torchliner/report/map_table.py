@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
 from torchliner.report.closure_table import closure_lines, plain_closure
@@ -29,7 +30,7 @@ AVERAGES = (
     Column("", "spread", "spread R, X", format_pair),
     Column("", "velocity_first", "Z, velocity first", format_complex),
     Column("", "coherence", "coherence", ".2f"),
-    Column("", "level", "incident dB", ".1f"),
+    Column("", "level", "inferred incident dB, median", ".1f"),
 )
 INTERVALS = (
     Column("", "interval_coherent_first", "coherent first", format_bounds),
@@ -47,7 +48,7 @@ def format_maps(results: Sequence[ImpedanceMap]) -> str:
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
                      f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
     lines += closure_lines(results, WHERE)
-    lines += [*_beside(results), *difference_lines(results)]
+    lines += [*_beside(results), *difference_lines(results), *_nearest(results)]
     return "\n".join([*lines, _choices(results[0])])
 
 
@@ -63,6 +64,11 @@ def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
         if result.choices.get("surface") == "hard wall":
             seen[f"{case}: {NULL_TEST}"] = None
     return list(seen)
+
+
+def _nearest(results: Sequence[ImpedanceMap]) -> list[str]:
+    """How good the default was in the shipped cases most like these."""
+    return [line for line in dict.fromkeys(map(nearest_truth, results)) if line]
 
 
 def _choices(result: ImpedanceMap) -> str:
@@ -90,6 +96,7 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
         ],
         "closure": plain_closure(result),
         "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
+        "nearest_truth": nearest_truth(result) or None,
         "choices": dict(result.choices),
         "notes": list(result.notes),
     }

@@ -17,8 +17,12 @@ from torchliner.report.table import (
 )
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
+RESISTANCE = 0.15  # of R_true, beside which closure is told: it hardly sees X where R is large
+ALIKE = 0.1  # of |Z_true|: where every rule is as near, a case tests little
+FEW_PERIODS = 6
 COLUMNS = plain_columns(
-    "case height drive mean phase order educed* true* in_situ* low* high* error"
+    "case height drive mean phase order educed* true* in_situ* low* high* error closure speed "
+    "velocity_rms mach incident_level periods"
 )
 
 
@@ -96,16 +100,76 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
         "|Z - Z_true| over all heights (rho c)",
         Table(summaries, columns).as_text(),
         f"(FAILS: off by more than {100 * TOLERABLE:g} % of |Z_true|. Default: phase averaged, "
-        "instantaneous |v|, mean kept; both orders at every height are counted)",
+        "instantaneous |v|, mean kept; every order at every height is counted)",
     ]
-    for best in (min(mine, key=lambda row: row.error) for mine in cases):
+    best = [min(mine, key=lambda row: row.error) for mine in cases]
+    for one in best:
         lines.append(
-            f"best for {best.case}: y = {1e3 * best.height:g} mm, "
-            f"{drive_label(best.drive, best.mean)}, {best.phase}, {best.order}, "
-            f"{format_complex(best.educed)} for {format_complex(best.true)}"
+            f"best for {one.case}, with hindsight: y = {1e3 * one.height:g} mm, "
+            f"{drive_label(one.drive, one.mean)}, {one.phase}, {one.order}, "
+            f"{format_complex(one.educed)} for {format_complex(one.true)}"
         )
-    lines.append(
-        "(The best is named with hindsight; 'given' uses the phase of the true wave. n115 and o115 "
-        "fix the models' linear part and test little. No one rule is best for all cases.)"
-    )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_closing(cases, best)])
+
+
+def _closing(cases: Sequence[Sequence[TruthRow]], best: Sequence[TruthRow]) -> list[str]:
+    """What these rows say together, and how much each case can say."""
+    lines = []
+    rules = {(*one.rule, one.order) for one in best}
+    if len(best) > 1:
+        lines.append(
+            "one rule is best in all cases" if len(rules) == 1 else
+            f"{len(best)} cases have {len(rules)} different best rules"
+        )  # fmt: skip
+    for order in ORDERS:
+        default = [[row for row in mine if row.rule == DEFAULT and row.order == order]
+                   for mine in cases]  # fmt: skip
+        right = [mine[0].case for mine in default if all(_holds(row) for row in mine)]
+        low = [min(mine, key=lambda row: row.height) for mine in default]
+        lowest = [row.case for row in low if _holds(row)]
+        near = [row.case for row in low if _resistance_holds(row)]
+        lines.append(
+            f"default, {order}: holds at every height in {_some(right, len(cases))}; at the "
+            f"lowest height in {_some(lowest, len(cases))}; there R is within "
+            f"{100 * RESISTANCE:g} % in {_some(near, len(cases))}"
+        )
+        lines += _closures([row for mine in default for row in mine], order)
+    if any(one.phase == "given" for one in best):
+        lines.append("'given' uses the phase of the true wave, which only a simulation knows")
+    alike = [mine[0].case for mine in cases if max(row.error for row in mine) < ALIKE * abs(
+        mine[0].true)]  # fmt: skip
+    if alike:
+        lines.append(f"every rule is within {100 * ALIKE:g} % in {', '.join(alike)}: these say "
+                     "little of a rule")  # fmt: skip
+    short = [f"{mine[0].case} ({mine[0].periods:.1f})" for mine in cases
+             if mine[0].periods < FEW_PERIODS]  # fmt: skip
+    if short:
+        lines.append(f"short records, in periods of the tone: {', '.join(short)}")
+    return lines
+
+
+def _holds(row: TruthRow) -> bool:
+    return row.error < TOLERABLE * abs(row.true)
+
+
+def _some(names: Sequence[str], of: int) -> str:
+    return f"{len(names)} of {of} cases" + (f" ({', '.join(names)})" if names else "")
+
+
+def _closures(rows: Sequence[TruthRow], order: str) -> list[str]:
+    """How well closure tells the right planes from the wrong ones."""
+    known = [row for row in rows if row.closure == row.closure]
+    if not known:
+        return []
+    right = [abs(row.closure) for row in known if _resistance_holds(row)]
+    wrong = [abs(row.closure) for row in known if not _resistance_holds(row)]
+    parts = [
+        f"{min(sizes):.2f} to {max(sizes):.2f} dB in {len(sizes)} planes where R is {word}"
+        for sizes, word in ((right, "within"), (wrong, "off by more than"))
+        if sizes
+    ]
+    return [f"closure, {order}: {', '.join(parts)} {100 * RESISTANCE:g} %"]
+
+
+def _resistance_holds(row: TruthRow) -> bool:
+    return abs(row.miss.real) <= RESISTANCE * abs(row.true.real)

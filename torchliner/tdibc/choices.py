@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Self
 
 import torch
 
@@ -23,6 +23,7 @@ from torchliner.names import (
     PHASE_RULES,
     RESAMPLED,
     RESPONSES,
+    did_you_mean,
 )
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
@@ -132,6 +133,18 @@ class Choices:
     order: str = "auto"
     closure_limit: float = 0.3
     level_doubt: float = 0.0
+
+    def __new__(cls, *_: Any, **choices: Any) -> Self:
+        """Names alone are looked at here, so that a slip of one is told with what was meant.
+
+        Raises:
+            TypeError: a name that is no choice.
+        """
+        known = [*cls.__dataclass_fields__, "frequency", "reflected", "progress"]
+        for name in choices:
+            if name not in cls.__dataclass_fields__:
+                raise TypeError(f"no option is called {name!r}{did_you_mean(name, known)}")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         make_plain(self)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
@@ -14,7 +15,6 @@ from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
-FEWEST_PERIODS = 4.0
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3

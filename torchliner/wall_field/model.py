@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning
 from torchliner.duct.case import other_side
+from torchliner.lee.energy import FED, GAIN, PASSIVE
 from torchliner.lee.field import DuctField
 from torchliner.lee.solver import DuctSolver
 from torchliner.wall_field.wall import impedance_at
@@ -34,6 +35,15 @@ class FieldModel:
     sources: Sequence[str]
     places: Tensor
     wall: str
+
+    def gains(self, place: Tensor) -> Tensor:
+        """Energy out and absorbed over that coming in from the source, (B, F); 0 where the wave of
+        no shear layer feeds it."""
+        with torch.no_grad():
+            balance = self.fields(place)[0].energy
+        total = balance.out + balance.absorbed
+        fed = (balance.out > GAIN) | (total > FED)
+        return torch.where(fed & (balance.absorbed > PASSIVE), total, 0.0)
 
     def fields(self, place: Tensor) -> list[DuctField]:
         """For each source, of walls at coordinates (B, F, P) of ``wall.py``; warnings of a

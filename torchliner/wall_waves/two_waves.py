@@ -21,7 +21,6 @@ from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
     over_liner,
-    resistance_notes,
     wall_eduction,
     with_notes_and_draws,
 )
@@ -58,9 +57,9 @@ def two_wave_fit(
     Returns:
         Wavenumbers of both waves in ``modes``, the one with the source first.
     Raises:
-        ValueError: fewer than four microphones (five if free), no known side of the source.
+        ValueError: fewer than four microphones (five if free), as for ``kumaresan_tufts``.
     Warns:
-        DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
+        DataWarning: higher modes are cut on, a fit did not settle; as for ``kumaresan_tufts``.
     """
     require_choice("weights", weights, WEIGHTS)
     seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
@@ -77,11 +76,11 @@ def two_wave_fit(
     def educe(pressure: Tensor) -> WallEduction:
         return _educe(pressure, seen, condition, tied, weights, start)
 
-    notes = (*duct_notes(line), *_unsettled_notes(first, line.name),
-             *resistance_notes(first, line.name))  # fmt: skip
+    unit = None if weights == WEIGHTS[0] else seen.pressure.abs()
+    notes = (*duct_notes(line), *_unsettled_notes(first, line.name))
     return with_notes_and_draws(
-        first, notes, educe, seen.pressure, draws, generator, level_error=level_error,
-        phase_error=phase_error,
+        first, notes, educe, seen.pressure, draws, generator, unknowns=4 - tied, unit=unit,
+        level_error=level_error, phase_error=phase_error,
     )  # fmt: skip
 
 

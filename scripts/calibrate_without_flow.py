@@ -1,0 +1,153 @@
+"""Calibrate without flow, predict with flow: the tables and the picture of the page of that name.
+
+    python scripts/calibrate_without_flow.py [--write]
+
+The vena contracta alone is fitted, to the resistance of cases without flow (their reactance counts
+with the error of the model, see docs/truth.md); the linear part is that of each preset, a run at
+115 dB on the same lattice. Then every case is predicted in every order of averaging at every
+height. ``--write`` puts the tables into docs/calibrate_without_flow.md and the picture, with its
+numbers, into docs/figures.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torchliner as tl
+from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
+from studies.without_flow import PredictedRow, draw_without_flow
+from torchliner.audits.truth_rows import closure_of
+from torchliner.io.csv_rows import write_rows
+from torchliner.io.whole_file import written_whole
+from torchliner.names import ORDERS
+from torchliner.report.table import format_complex
+from truth_page import table, with_tables
+
+PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
+STEM = "calibrate_without_flow"
+NOISE = 0.002 + 0.1j  # two ways of measuring one case differ by 0.002; X is the model's error
+FREE = {"vena_contracta": (0.2, 1.0)}
+RULE = ORDERS[2]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Cases without flow that one vena contracta is fitted to, and those it predicts."""
+
+    name: str
+    fitted: tuple[str, ...]
+    predicted: tuple[str, ...]
+
+
+FITS = (
+    Fit("orifice", ("o130",), ("o145",)),
+    Fit("orifice, coarser lattice", ("t00_130",), ("t03_130", "t015_145")),
+    Fit("slit", ("n130",), ("n145", "g01_145", "g03_145")),
+)
+
+
+def planes_of(case: str) -> list[tl.VelocityPlane]:
+    """Shipped planes of a case, the lowest first."""
+    return [tl.read_plane(path) for path in case_files(case)]
+
+
+def calibrated(fit: Fit) -> Any:
+    """The calibration at the lowest height, in the order whose predictions are asked for."""
+    planes = [planes_of(case)[0] for case in fit.fitted]
+    liner = tl.load_liner(planes[0].liner)
+    return tl.calibrate(planes, liner, "true", FREE, order=RULE, noise=NOISE, draws=0,
+                        allow_short=True)  # fmt: skip
+
+
+def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
+    """Every case of a fit, order and height, before and after."""
+    rows = []
+    for case in (*fit.fitted, *fit.predicted):
+        for plane in planes_of(case):
+            before, after = (
+                tl.educe(plane, liner, interval=None, allow_short=True)
+                for liner in (tl.load_liner(plane.liner), found.liner)
+            )
+            for order in after.orders:
+                rows.append(
+                    PredictedRow(
+                        fit.name, case, case in fit.fitted, plane.height or 0.0, order,
+                        complex(before.of_liner(order)[0]), complex(after.of_liner(order)[0]),
+                        complex(plane.reference["true"]), closure_of(after, order),
+                    )
+                )  # fmt: skip
+    return rows
+
+
+def read_rows(path: Path) -> list[PredictedRow]:
+    """Rows of an earlier run."""
+    with path.open(newline="") as file:
+        return [PredictedRow.of_plain(row) for row in csv.DictReader(file)]
+
+
+def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
+    """What was fitted to what."""
+    lines = [
+        [fit.name, ", ".join(fit.fitted), f"{float(found.values[0]):.3f}",
+         f"{float(found.standard[0]):.3f}",
+         ", ".join(f"{format_complex(complex(a))} for {format_complex(complex(b))}"
+                   for a, b in zip(found.found, found.wanted, strict=True))]
+        for fit, found in fits
+    ]  # fmt: skip
+    return table("model | fitted to | vena contracta | ± | Z there for the true one", lines)
+
+
+def prediction_table(rows: Sequence[PredictedRow]) -> str:
+    """Per case and height: before, then every order after."""
+    lines = []
+    for case, height in dict.fromkeys((row.case, row.height) for row in rows):
+        here = {row.order: row for row in rows if (row.case, row.height) == (case, height)}
+        rule = here[RULE]
+        share = 100 * (rule.after.real / rule.true.real - 1)
+        lines.append([
+            f"{case}{' (fitted)' if rule.fitted else ''}", f"{1e3 * height:.1f}",
+            format_complex(rule.true), format_complex(rule.before),
+            *(format_complex(here[order].after) for order in ORDERS),
+            f"{rule.closure:+.2f}", f"{round(share) + 0:+d} %",
+            f"{rule.after.imag - rule.true.imag:+.2f}",
+        ])  # fmt: skip
+    orders = " | ".join(ORDERS)
+    return table(
+        f"case | y (mm) | true Z | {RULE}, C_vc 0.8 | {orders} | its closure (dB) | its R "
+        "off by | its X off by",
+        lines,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fit, predict, print, draw."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--write", action="store_true", help="into docs/ as well")
+    options = options_of(parser, arguments)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    fits = [(fit, calibrated(fit)) for fit in FITS]
+    rows = [row for fit, found in fits for row in rows_of(fit, found)]
+    write_rows([row.plain() for row in rows], FOLDER / f"{STEM}.csv", ".5g")
+    rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
+    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows)}
+    for name, text in tables.items():
+        print(f"\n{name}\n{text}")
+    folders: list[Path] = [FOLDER, *([FIGURES] if options.write else [])]
+    for folder in folders:
+        write_rows([row.plain() for row in rows], folder / f"{STEM}.csv", ".5g")
+        draw_without_flow(rows, folder / f"{STEM}.png")
+    if options.write:
+        with written_whole(PAGE) as temporary:
+            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
+            temporary.write_text(text, encoding="utf-8")
+    print(f"\nNumbers and picture are in {FOLDER}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
