@@ -129,6 +129,10 @@ def same(one: Any, two: Any) -> bool:
         return one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
         return len(one) == len(two) and all(map(same, one, two))
+    if isinstance(one, str) and isinstance(two, str):  # numbers in a text
+        parts = [re.split(r"(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)", text) for text in (one, two)]
+        values = [[float(number) for number in each[1::2]] for each in parts]
+        return parts[0][::2] == parts[1][::2] and same(*values)
     numbers = isinstance(one, (int, float)) and isinstance(two, (int, float))
     if numbers and not (math.isnan(one) and math.isnan(two)):
         return one == two or math.isclose(one, two, rel_tol=CLOSE, abs_tol=1e-7)
@@ -139,7 +143,8 @@ def _dropped(answer: Any) -> float:
     """Bursts that a table of stations says are left out."""
     if isinstance(answer, dict):
         own = answer.get("dropped")
-        return sum(own.values()) if isinstance(own, dict) else 0
+        inside = [value for key, value in answer.items() if key != "dropped"]
+        return (sum(own.values()) if isinstance(own, dict) else 0) + _dropped(inside)
     return sum(map(_dropped, answer)) if isinstance(answer, list) else 0
 
 
