@@ -477,7 +477,7 @@ def test_signals_and_limits_that_cannot_be(capsys, options, message):
     assert re.search(message, err)
 
 
-def test_spectra_are_drawn(capsys, tmp_path, small):
+def test_spectra_are_drawn(capsys, tmp_path, small, unrendered):
     """Several frequencies: a spectrum beside the maps."""
     plane = str(small / "y0.5mm.h5")
     code, _, _ = run(capsys, "educe", plane, "--frequency", "1000:1400:400", "--figures",
@@ -492,7 +492,7 @@ def test_spectra_are_drawn(capsys, tmp_path, small):
     } <= made
 
 
-def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path, small):
+def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path, small, unrendered):
     """Default lines follow each plane's rate and length; pictures are never mislabelled."""
     planes = [str(small / f"y{y}mm.h5") for y in ("0.5", "2.5")]
     code, _, _ = run(capsys, "educe", *planes, "--incident", "noise:1390:1410", "--figures",

@@ -43,16 +43,23 @@ def solver_of(setup):
     return DuctSolver(setup.case, setup.frequency, mesh, keep="walls")
 
 
-def heard_in(setup, wall, solver=None):
+def heard_in(setup, wall, solver):
     """Pressures of a wall in a duct, and the duct's solver."""
-    solver = solver or solver_of(setup)
     return solved_line(setup, solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
 
 
 @functools.cache
+def small_duct(side, frequency, **changes):
+    """It and its solver."""
+    setup = solved_setup(*frequency, side=side, **changes)
+    return setup, solver_of(setup)
+
+
+@functools.cache
 def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
-    """A small duct, its solver and the pressures of one impedance."""
-    return heard_in(solved_setup(*frequency, side=side, **changes), impedance)
+    """Pressures of one impedance in a small duct, and its solver."""
+    setup, solver = small_duct(side, frequency, **changes)
+    return heard_in(setup, impedance, solver)
 
 
 @functools.cache

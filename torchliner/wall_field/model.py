@@ -12,6 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning
 from torchliner.duct.case import other_side
+from torchliner.forward_mode import dual_level
 from torchliner.lee.energy import FED, GAIN, PASSIVE
 from torchliner.lee.field import DuctField
 from torchliner.lee.solver import DuctSolver
@@ -74,7 +75,7 @@ class FieldModel:
         for part in place.split(TOGETHER):
             by_coordinate = []
             for unit in units:
-                with forward_ad.dual_level():
+                with dual_level():
                     both = self.response(forward_ad.make_dual(part, unit.expand_as(part).clone()))
                     value, slope = forward_ad.unpack_dual(both)
                 by_coordinate.append(slope.detach())

@@ -6,7 +6,7 @@ the three best, so that no guess is needed; draws start from the result.
 
 from __future__ import annotations
 
-from functools import partial
+import functools
 
 import torch
 from torch import Tensor
@@ -84,7 +84,7 @@ def two_wave_fit(
     )  # fmt: skip
 
 
-free_wave_fit = partial(two_wave_fit, tied=False)
+free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
 def _educe(
@@ -108,7 +108,11 @@ def _educe(
     distance = seen.distance.to(values.device)
     lines = WavePairs(flat, distance, weight, duct, tied)
     if start is None:
-        grid = _grid(seen, condition).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
+        line, gas = seen.line, seen.line.fluid
+        grid = _grid(
+            tuple(line.frequency.tolist()), line.duct_height, seen.mach, gas.sound_speed, condition
+        ).to(line.pressure.device)
+        grid = grid.expand(*lead, -1, 2).reshape(len(flat), -1, 2)
         found = _best_of_grid(lines, grid)
     else:
         begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
@@ -126,19 +130,21 @@ def _educe(
     )  # fmt: skip
 
 
-def _grid(seen: FromSource, condition: str) -> Tensor:
+@functools.lru_cache(maxsize=8)  # the draws of a line, and other lines of a duct, share it
+def _grid(
+    frequency: tuple[float, ...], height: float, mach: float, sound_speed: float, condition: str
+) -> Tensor:
     """Both wavenumbers of a grid of impedances along s, (F, G, 2)."""
-    line = seen.line
+    wanted = torch.tensor(frequency, dtype=torch.float64)[:, None]
     walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES])
     both = [
         wavenumber_from_impedance(
-            walls.to(torch.complex128), line.frequency[:, None], height=line.duct_height,
-            mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
-            direction=direction,
+            walls.to(torch.complex128), wanted, height=height, mach=mach,
+            sound_speed=sound_speed, condition=condition, direction=direction,
         )
         for direction in DIRECTIONS
     ]  # fmt: skip
-    return torch.stack(both, -1).to(line.pressure.device)
+    return torch.stack(both, -1)
 
 
 def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
