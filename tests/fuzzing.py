@@ -251,7 +251,7 @@ class Case:
             may_change: the data may be others now: a strict reading decides.
         """
         # What is wrong in the structure itself may end the process, or never come to an end.
-        child = self.path.suffix == ".h5" and mutation.startswith(STEPS)
+        child = self.path.suffix in (".h5", ".mat") and mutation.startswith(STEPS)
         found = in_child(self.run) if child else self.run()
         fault = found.fault()
         if not fault and found.code > 1 and self.path.name not in found.said:
