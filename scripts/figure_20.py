@@ -142,13 +142,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for window, span in WINDOWS.items():
             z = homogenised(field, span, HEIGHTS)
             rows += rows_of(label, window, z)
+            slope = np.polyfit(1e3 * HEIGHTS[3:], z[3:], 1)[0]
+            print(f"{label:27s} {window:18s} at 1 mm {z[3]:.3f}, at 2.5 mm {z[6]:.3f}, a mm above "
+                  f"{slope:.4f}, from the wall to 5 mm {(z[-1] - TRUE) / 5:.4f}")  # fmt: skip
             if window == "middle 100 mm":
                 curves[label] = z
             if label == "patches of 1 mm" and window != "middle 100 mm":
                 curves[f"{label}, {window}"] = z
-    for label, z in curves.items():
-        slope = np.polyfit(1e3 * HEIGHTS[3:], z[3:], 1)[0]
-        print(f"{label:40s} at 1 mm {z[3]:.3f}, at 2.5 mm {z[6]:.3f}, a mm above {slope:.4f}")
     write_rows(rows, options.output / "figure_20_21.csv")
     draw_velocity(fields["patches of 1 mm"], options.output / "figure_20.png")
     draw_heights(curves, options.output / "figure_21.png")

@@ -16,6 +16,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.duct.case import DuctCase
 from torchliner.duct.growing_wave import NEPER, growing_wave, growth_over_liner
+from torchliner.duct.modes import duct_modes
 from torchliner.duct.pridmore_brown import equations_of
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.flow_profiles import (
@@ -28,6 +29,7 @@ from torchliner.lee import settled as lee_settled
 from torchliner.lee.mesh import build_mesh
 from torchliner.lee.settled import solve_settled
 from torchliner.lee.solver import solve_duct
+from torchliner.report.table import format_pair
 
 MYERS, VELOCITY = "ingard-myers", "continuous-velocity"
 STILL = UniformProfile(0.0, HEIGHT, SPEED)
@@ -144,6 +146,18 @@ def test_growth_adds_over_the_patches():
         case_of(TANH), torch.tensor([1500.0]), lambda x, f: torch.full((1, len(x)), 0.3 + 0j)
     )
     assert float(same) == pytest.approx(3 * float(growth))
+
+
+def test_two_ways_from_the_rigid_wall_number_the_same_modes():
+    """Along R and along 1/Z two modes change their numbers; as a set they are the same."""
+    wall, about = torch.tensor(0.4083 - 0.4108j), {"height": 0.15, "mach": 0.3}
+    by_r = duct_modes(UniformProfile(0.3, 0.15), 2000.0, wall.to(torch.complex128), count=3,
+                      slip_condition=MYERS).wavenumber[0]  # fmt: skip
+    by_y = tl.wavenumber_from_impedance(
+        wall.to(torch.complex128), 2000.0, **about, mode=torch.arange(3)
+    )
+    assert torch.allclose(by_r, by_y[[1, 0, 2]], rtol=1e-6, atol=0)
+    assert tl.duct_modes is duct_modes
 
 
 # --- the second mesh ----------------------------------------------------------------------------
@@ -294,3 +308,8 @@ def test_values_of_the_right_unit_are_not(change):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tl.load_duct("b2a", **change)
+
+
+def test_small_deviations_are_not_printed_as_none():
+    assert format_pair(2.1e-5 + 0.012j) == "2.1e-05, 0.012"
+    assert format_pair(0j) == "0.000, 0.000"

@@ -105,6 +105,8 @@ def wavenumber_from_impedance(
         frequency, height, mach, sound_speed, condition: as for ``impedance_from_wavenumber``.
         direction: ``downstream``, towards +x, or ``upstream``: that of the rigid mode.
         mode: m of the rigid mode :math:`\gamma H = m\pi`, 0 the plane wave; an integer or tensor.
+            Followed along 1/Z; ``duct_modes`` follows R, and where modes come close its mode m may
+            be another.
     Returns:
         alpha, 1/m, of the shape of all arguments together; rigid: k/(1+M) and -k/(1-M) for m = 0.
         Differentiable in Z and in every real argument, to any order up to the third.

@@ -83,7 +83,9 @@ def duct_modes(
     The rigid duct's wavenumbers come from the eigenvalues of the linearised Euler equations at
     Chebyshev points; each is then followed as the wall's reflection runs from 1 to R, Newton's
     method on the Pridmore-Brown equation at every step, so that mode n is the one that grew out of
-    rigid mode n and the continuous spectrum Re alpha > k/M_max is never touched.
+    rigid mode n and the continuous spectrum Re alpha > k/M_max is never touched. The way decides
+    the number where modes come close: ``wavenumber_from_impedance`` follows 1/Z, and its mode n may
+    be another. A wave that grows out of no rigid mode is not among them: see ``growing_wave``.
 
     Args:
         profile: mean flow M(y); or several of one duct height and sound speed, which are an axis P

@@ -26,12 +26,11 @@ from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
-from torchliner.records.unit_checks import unit_warnings
+from torchliner.records.unit_checks import LOUDEST, unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST = 1.0  # dB
-LOUDEST = 194.0  # dB: a peak of one atmosphere
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.survey import Survey, moments, survey
 
@@ -49,6 +50,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     facts.update(_stated(plane))
     failures: list[str] = []
     _velocity_facts(plane, seen, facts, failures)
+    failures += plane_unit_warnings(plane, plane.frequency)
     if plane.frequency is not None:
         periods = facts["periods of the tone"] = plane.frequency * plane.duration
         if periods < FEWEST_PERIODS * (1 - 1e-6):

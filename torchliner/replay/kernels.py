@@ -10,7 +10,9 @@ already costs gains of tens to hundreds outside the band, so it would amplify an
 
 from __future__ import annotations
 
+import contextlib
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,6 +99,19 @@ def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
         ) from error
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra of tables in one thread: several add in another order, and the least squares,
+    whose normal matrix is near singular, makes 1e-9 of that."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@one_thread()
 def build_kernels(
     liner: Liner,
     grid: VelocityGrid,

@@ -133,10 +133,15 @@ def format_complex(value: complex | None) -> str:
 
 
 def format_pair(value: complex | None, digits: int = 3) -> str:
-    """'0.012, 0.034' of R and X; '-' if unknown."""
+    """'0.012, 0.034' of R and X; '-' if unknown; what would print as 0 but is not, as '2.1e-05'."""
     if value is None or value != value:
         return "-"
-    return f"{value.real:.{digits}f}, {value.imag:.{digits}f}"
+    parts = (value.real, value.imag)
+    small = [0 < abs(part) < 0.5 * 10**-digits for part in parts]
+    return ", ".join(
+        f"{part:.1e}" if tiny else f"{part:.{digits}f}"
+        for part, tiny in zip(parts, small, strict=True)
+    )
 
 
 def format_range(low: float, high: float, digits: int = 3) -> str:

@@ -9,12 +9,14 @@ from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
+FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
@@ -39,6 +41,13 @@ def review_record(
         notes.append(
             f"null test: there is a hard wall below {plane.name} and no liner; the values only "
             "show what this model makes of such a velocity"
+        )
+    weighing = int(record.window.weights.count_nonzero())
+    if weighing < FEWEST_WEIGHTS:
+        raise ValueError(
+            f"{plane.name}: of {record.samples - record.start} samples {weighing} weigh anything "
+            f"under window {record.window.name!r}; a mean needs {FEWEST_WEIGHTS} or more, take a "
+            "longer record"
         )
     seconds = (record.samples - record.start) / record.sampling_rate
     wave = chosen.incident
@@ -65,6 +74,7 @@ def review_record(
                 f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
             )
+    notes += plane_unit_warnings(plane, float(frequency.min()))
     per_period = record.sampling_rate / float(frequency.max())
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         notes.append(
@@ -163,7 +173,12 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
 
 
 def review_coherent(
-    plane: VelocityPlane, cells: Cells, periodic: PeriodicPart, asked: Tensor, pitch: float | None
+    plane: VelocityPlane,
+    cells: Cells,
+    periodic: PeriodicPart,
+    asked: Tensor,
+    liner: LinerModel,
+    chosen: Choices,
 ) -> list[str]:
     """Where the coherent velocity of a cell is not what its name says."""
     notes = []
@@ -178,7 +193,7 @@ def review_coherent(
             "is that of its probe, and 'coherent first' is 'probes first'; more probes a cell are "
             "needed"
         )
-    if pitch is None and plane.x is not None:
+    if liner.cell_pitch is None and plane.x is not None:
         length = float(plane.x.max() - plane.x.min())
         wave = float(plane.fluid.sound_speed) / float(asked.max())
         if length > LONG_CELL * wave:
@@ -187,10 +202,11 @@ def review_coherent(
                 f"mm counts as one cell, {length / wave:.2g} wavelengths, over which the phase of "
                 "the tone turns; state cell_pitch, or choose order='probes first'"
             )
-    if not periodic.has_shares:
+    if not (periodic.has_shares or chosen.allow_short):
         notes.append(
             f"{plane.name} is too short to tell what of v is periodic and what is turbulence: "
-            "all that a fit of the tone finds counts as periodic; "
-            f"{FEWEST_BLOCKS} periods are the least"
+            "all that a fit of the tones finds counts as periodic; "
+            f"{FEWEST_BLOCKS} times {periodic.harmonics.period / plane.sampling_rate:.3g} s, in "
+            "which the tones can be told apart, are the least"
         )
     return notes
