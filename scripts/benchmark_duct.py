@@ -1,6 +1,6 @@
 """Time, memory and difference of the duct solver against one sparse LU of the same equations.
 
-    python scripts/benchmark_duct.py [--only sizes,batch,microphones] [--largest 45000]
+    python scripts/benchmark_duct.py [--only sizes,batch,microphones,settled] [--largest 45000]
 
 The case is the B2A duct: 50 mm high, 150 mm of liner with Z = 2.33-0.30j, sheared flow of bulk Mach
 0.3 (tanh profile, shear 0.1), 1500 Hz, source upstream. ``sizes`` solves it on meshes of about
@@ -36,9 +36,11 @@ import torchliner as tl
 from common import options_of, parser_of
 from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
+from torchliner.duct.growing_wave import growing_wave
 from torchliner.flow_profiles import TanhProfile
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.orders import node_places
+from torchliner.lee.settled import solve_settled
 from torchliner.lee.solver import DuctSolver, solve_duct
 from torchliner.signals.microphone_errors import draw_pressures
 
@@ -213,9 +215,25 @@ def _draws(
     )
 
 
+def settled() -> None:
+    """What the checks of an answer cost, in seconds of a core: other work counts less."""
+    works: dict[str, Callable[[], Any]] = {
+        "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE, keep="walls"),
+        "search for a growing wave": lambda: growing_wave(CASE.profile, FREQUENCY, IMPEDANCE),
+        "both, and a finer mesh": lambda: solve_settled(
+            CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES
+        ),
+    }
+    for name, work in works.items():
+        work()
+        start = time.process_time()
+        work()
+        print(f"{name:28s} {time.process_time() - start:6.2f} s of a core", flush=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = parser_of(__doc__)
-    parser.add_argument("--only", default="sizes,batch,microphones")
+    parser.add_argument("--only", default="sizes,batch,microphones,settled")
     parser.add_argument("--largest", type=int, default=45000, help="unknowns of the sparse LU")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--run", nargs=3, help=argparse.SUPPRESS)
@@ -237,6 +255,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         batch()
     if "microphones" in options.only:
         microphones()
+    if "settled" in options.only:
+        settled()
 
 
 if __name__ == "__main__":

@@ -29,6 +29,14 @@ def onera() -> tl.SDoFLiner:
     return tl.load_liner("onera")
 
 
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Pictures are put together and stay empty files: for tests of which are made, and where."""
+    pytest.importorskip("matplotlib")
+    save = "matplotlib.figure.Figure.savefig"
+    monkeypatch.setattr(save, lambda figure, path, **_: Path(path).touch())
+
+
 @dataclass(frozen=True)
 class Resistive(LinerModel):
     """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""

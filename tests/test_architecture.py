@@ -12,8 +12,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
 FLOORS = {
-    "version": 0, "names": 0, "checks": 0.5, "units": 0.5, "file_checks": 0.5, "fluid": 1,
-    "conversions": 1, "least_squares": 2,
+    "version": 0, "names": 0, "forward_mode": 0, "checks": 0.5, "units": 0.5, "file_checks": 0.5,
+    "fluid": 1, "conversions": 1, "least_squares": 2,
     "text_columns": 2, "flow_profiles": 2, "toml_files": 2, "records": 3, "liners": 4,
     "signals": 4, "duct": 4, "lee": 5, "replay": 5, "in_situ_method": 5, "wall_waves": 5,
     "wall_field": 6, "io": 6, "tdibc": 7, "audits": 8, "heights": 8, "calibration": 8, "ldv": 8,
@@ -94,7 +94,14 @@ def test_every_phase_rule_is_a_class():
     ("code", "absent"),
     [
         ("import torchliner", ["matplotlib", "dask", "torch", "xarray", "scipy"]),
-        ("import torchliner; torchliner.educe", ["matplotlib", "dask", "xarray"]),
+        (
+            "import torchliner; torchliner.educe\n"
+            "import torch\n"
+            "from torchliner.forward_mode import dual_level\n"
+            "with dual_level():\n"
+            "    1 - 2 / (torch.autograd.forward_ad.make_dual(torch.ones(2), torch.ones(2)) + 1)",
+            ["matplotlib", "dask", "xarray", "sympy", "torch._dynamo"],
+        ),
         (
             "from torchliner.cli.main import build_parser; build_parser()",
             ["torch", "numpy", "h5py"],

@@ -68,8 +68,10 @@ def test_bad_options(liner, options, message):
 
 def test_unknown_option_name(liner):
     """A misspelt keyword is a TypeError, as everywhere in Python."""
-    with pytest.raises(TypeError, match="windw"):
+    with pytest.raises(TypeError, match=r"no option is called 'windw' \(did you mean 'window'\?\)"):
         tl.educe(good(), liner, windw="hann")
+    with pytest.raises(TypeError, match="did you mean 'frequency'"):
+        tl.educe(good(), liner, frequncy=3)
 
 
 def test_no_frequency_anywhere(liner):

@@ -93,6 +93,7 @@ def test_default_frequencies_are_the_lines(liner):
     assert float(steps.max() - steps.min()) < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:.*replies last 12 ms")
 def test_recorded_signals(liner, tmp_path):
     """A .wav and a .npy of a signal give what the array gives; integers are only scaled."""
     plane = plane_of(turbulence((2, SAMPLES)))
@@ -266,6 +267,7 @@ def test_energy_outside_the_band_is_warned_of(liner):
 
 
 @pytest.mark.parametrize("segment", [0.005, 0.0131])
+@pytest.mark.filterwarnings("ignore:.*replies last 12 ms")
 def test_segments_need_not_divide_the_record(liner, segment):
     """Default lines are those of the segments, whatever the record's are."""
     plane = plane_of(turbulence((1, 4200)))

@@ -86,7 +86,7 @@ def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
     assert main(words) == 2
     assert (
-        "thicken it (or pass allow_thin=True to study it; --allow-thin; allow_thin = true in"
+        "thicken it (or pass --allow-thin to study it; allow_thin = true in"
         in capsys.readouterr().err
     )
     assert main([*words, "--allow-thin"]) == 0
@@ -375,7 +375,7 @@ def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
     ("words", "message"),
     [
         ([], "--copy writes a preset, b2a or ufsc; none is named"),
-        (["mine.toml"], "--copy writes a preset, b2a or ufsc; 'mine.toml' is none"),
+        (["mine"], "--copy writes a preset, b2a or ufsc; 'mine' is none"),
         (["b2a", "--impedance", "1"], "--copy writes the preset as it stands, without --impedance"),
         (["b2a", "--bulk-mach", "0"], "--copy writes the preset as it stands, without --bulk-mach"),
         (["b2a", "-o", "m.csv"], "--copy writes the preset as it stands, without --output"),

@@ -10,10 +10,13 @@ import pytest
 import torch
 
 import torchliner as tl
+from torchliner.duct.case import DuctCase
 from torchliner.duct.presets import duct_text, load_duct
+from torchliner.flow_profiles import TanhProfile, UniformProfile
 from torchliner.lee.mesh import build_mesh
 from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
+from torchliner.records import MicrophoneLine
 from torchliner.wall_field import impedance_search as field_search
 from torchliner.wall_field.fit_field import duct_of_line, fit_field
 from torchliner.wall_field.model import FieldModel
@@ -40,16 +43,23 @@ def solver_of(setup):
     return DuctSolver(setup.case, setup.frequency, mesh, keep="walls")
 
 
-def heard_in(setup, wall, solver=None):
+def heard_in(setup, wall, solver):
     """Pressures of a wall in a duct, and the duct's solver."""
-    solver = solver or solver_of(setup)
     return solved_line(setup, solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
 
 
 @functools.cache
+def small_duct(side, frequency, **changes):
+    """It and its solver."""
+    setup = solved_setup(*frequency, side=side, **changes)
+    return setup, solver_of(setup)
+
+
+@functools.cache
 def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
-    """A small duct, its solver and the pressures of one impedance."""
-    return heard_in(solved_setup(*frequency, side=side, **changes), impedance)
+    """Pressures of one impedance in a small duct, and its solver."""
+    setup, solver = small_duct(side, frequency, **changes)
+    return heard_in(setup, impedance, solver)
 
 
 @functools.cache
@@ -318,3 +328,26 @@ def test_the_duct_of_a_line(tmp_path):
     assert found.frequency.tolist() == line.frequency.tolist()
     fitted = fit_field(line, found, start=1.0)
     assert complex(fitted.impedance[0]) == pytest.approx(TRUE, abs=1e-6)
+
+
+def test_a_fit_that_leans_on_a_growing_wave_says_so():
+    """Uniform flow and 0.8+0.4j fitted with a sheared profile, in which that liner amplifies: the
+    fit flees to another impedance, and says that its field is fed; in uniform flow it is not."""
+    x, frequency = torch.linspace(0.02, 0.78, 12).double(), torch.tensor([500.0]).double()
+    cases = [
+        DuctCase(profile, 0.0, 0.8, [(0.2, 0.6)], slip_condition=slip)
+        for profile, slip in ((UniformProfile(0.3, 0.0635), "ingard-myers"),
+                              (TanhProfile(0.3, 0.0635, 0.1), None))
+    ]  # fmt: skip
+    flat, sheared = (DuctSolver(case, frequency, keep="walls") for case in cases)
+    heard = flat.solve(0.8 + 0.4j).wall_pressure(x.numpy(), "opposite").detach().movedim(-1, -2)
+    line = MicrophoneLine(
+        x, heard, frequency, duct_height=0.0635, source_side="upstream", mach=0.3,
+        fluid=tl.Fluid(sound_speed=cases[0].profile.sound_speed),
+    )  # fmt: skip
+    right, wrong = (fit_field(line, duct, start=2.0) for duct in (flat, sheared))
+    assert abs(complex(right.impedance[0]) - (0.8 + 0.4j)) < 1e-6
+    assert not any("grows along the liner" in note for note in right.notes)
+    assert abs(complex(wrong.impedance[0]) - (0.8 + 0.4j)) > 0.5
+    for said in ("grows along the liner", "times the stated errors"):
+        assert any(said in note for note in wrong.notes)

@@ -8,6 +8,7 @@ from conftest import DATA, FREQUENCY, load_script, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
+from torchliner.forward_mode import dual_level
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
@@ -45,7 +46,7 @@ def test_every_parameter_against_differences(name, edge):
     """Forward differentiation gives dR of all probes in one pass; central differences agree."""
     value = torch.tensor(PARAMETERS[name])
     value = value.to(torch.complex128 if value.is_complex() else torch.float64)
-    with forward_ad.dual_level():
+    with dual_level():
         dual = forward_ad.make_dual(value, torch.ones_like(value))
         slope = forward_ad.unpack_dual(reflection(make(name, dual), edge)).tangent
     step = STEP * float(value.abs())
@@ -68,7 +69,7 @@ def test_backward_is_forward(edge, phase):
         [torch.autograd.grad(part.flatten()[i], value, retain_graph=True)[0]
          for part in (found.real, found.imag) for i in range(8)]
     )  # fmt: skip
-    with forward_ad.dual_level():
+    with dual_level():
         dual = forward_ad.make_dual(value.detach(), torch.ones_like(value))
         again = reflection(
             make("vena_contracta", dual), edge, phase=phase, frequencies=(1400, 2100)
@@ -76,6 +77,34 @@ def test_backward_is_forward(edge, phase):
         slope = forward_ad.unpack_dual(again).tangent
     wanted = torch.cat([slope.real.flatten(), slope.imag.flatten()])
     assert float((backward - wanted).abs().max()) < 1e-9 * float(wanted.abs().max())
+
+
+SQUARE = torch.tensor([[2 + 1j, 1], [0.5, 3 - 1j]], dtype=torch.complex128)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda d: 0.1 * d + 2 - d / 3,
+        lambda d: 1 - 2 / (d + 1),
+        lambda d: (0.1 + 0.2j) * d.real,
+        lambda d: (d.real.float() + 0.1) * (0.1 + 0.2j),
+        lambda d: d * (SQUARE.real > 1) + torch.arange(2),
+        lambda d: SQUARE / d - d @ SQUARE,
+        lambda d: SQUARE.mul(d).conj(),
+        lambda d: torch.linalg.solve(d, SQUARE) + torch.linalg.solve(SQUARE, d),
+    ],
+)
+def test_constants_have_the_tangent_zero(work):
+    """Values, derivatives and dtypes of torch's own dual level, which is slower by far."""
+    found = []
+    for level in (forward_ad.dual_level, dual_level):
+        with level():
+            dual = forward_ad.make_dual(SQUARE + 1, SQUARE.mT.contiguous())
+            found.append(forward_ad.unpack_dual(work(dual)))
+    for wanted, mine in zip(*found, strict=True):
+        assert mine.dtype == wanted.dtype
+        assert float((mine - wanted).abs().max()) < (1e-15 if mine.dtype.itemsize == 16 else 1e-7)
 
 
 def test_engines_share_the_derivative():

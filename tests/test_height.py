@@ -417,7 +417,7 @@ def test_command_json(capsys):
     [
         ([G03[0], str(DATA / "slit_g01_145_y1.0mm.h5")], "not one case"),
         ([G03[0], str(DATA / "orifice_o145_y1.0mm.h5")], "different liners, lbm_orifice, lbm_slit"),
-        ([G03[0], "-o", G03[0]], "is an input or another output; name another file"),
+        ([G03[0], "-o", G03[0]], "is an input; name another file"),
         ([G03[0], "--lengths", "0.01"], "below the spacing of the probes"),
         ([G03[0], "--limits", "0", "1", "1"], "limit on imprint is 0"),
         ([G03[0], "--shear", "0.01"], "shear is 0.01, below 0.03"),

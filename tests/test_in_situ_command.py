@@ -40,8 +40,8 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
         ([str(DATA / "slit_n130_y2.5mm.h5")], "is no pressure record"),
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
         ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")],
-         "is an input or another output"),
-        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "must be one of .csv, .h5, .nc"),
+         "is an input"),
+        ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "one of .csv, .h5, .hdf5, .nc"),
         ([str(DATA / "pressure_n130.h5"), "--figure", "no/a.png"], "the folder no does not exist"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
     ],
@@ -70,7 +70,7 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
         del file["alongside_0"]
     assert tl.read_map(target).alongside == ()
     assert main(["educe", str(plane), "--in-situ", str(pressure), "-o", str(pressure)]) == 2
-    assert "is an input or another output" in capsys.readouterr().err
+    assert "is an input" in capsys.readouterr().err
 
 
 def test_other_times_are_warned_of(capsys, tmp_path):

@@ -32,6 +32,8 @@ from torchliner.lee import sweep as lee_sweep
 from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.solver import DuctSolver, solve_duct
 
+# Soft walls under this flow: a wave grows, which does not matter to the claim.
+GROWS = pytest.mark.filterwarnings("ignore:at .* times the energy that comes in goes out")
 # Fine enough for sound, where the claim is not about the layer of the flow.
 COARSE = {"frequency": FREQUENCY, "column": 0.025, "row": 0.0125, "wall_cell": 2e-3}
 
@@ -50,6 +52,7 @@ def test_wall_traces_meet_the_walls_law():
         assert float(field.wall_velocity([-0.1, 0.07, 0.3]).abs().max()) == 0
 
 
+@GROWS
 def test_walls_at_the_ends_of_the_range():
     """Infinite Z, in any spelling, is no liner; 0 has p* = 0; large and small ones tend to them."""
     x = np.linspace(-0.2, 0.35, 23)
@@ -155,6 +158,7 @@ def test_incident_amplitude_and_place():
 # --- batches, gradients, types ------------------------------------------------------------------
 
 
+@GROWS
 def test_batch_is_the_loop(monkeypatch):
     """Over frequencies, walls and patches, in one part and in many."""
     case = case_of(TANH, [(0.0, 0.05), (0.05, 0.15)])

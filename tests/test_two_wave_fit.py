@@ -18,10 +18,10 @@ from torchliner.duct.dispersion import (
     wavenumber_from_impedance,
 )
 from torchliner.records import MicrophoneLine
-from torchliner.wall_waves.from_source import resistance_notes
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 from torchliner.wall_waves.sort_waves import sort_waves
 from torchliner.wall_waves.two_waves import two_wave_fit
+from torchliner.wall_waves.wave_warnings import resistance_notes
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)
 
@@ -48,6 +48,7 @@ def test_known_walls_come_back(side, tied, condition):
     assert found.singular_values is None
 
 
+@pytest.mark.filterwarnings("ignore:.*of the energy of the strongest wave")
 @pytest.mark.parametrize("share", [0.0, 0.9j, 3.0])
 def test_any_reflection(share):
     """None, nearly total, or a second source behind the liner."""
@@ -58,9 +59,9 @@ def test_any_reflection(share):
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("side", OTHER)
 def test_no_guess_is_needed(side, condition):
-    """200 walls with resistances of 0.1 to 6 and reactances of -4 to 4, without a start."""
+    """60 walls with resistances of 0.1 to 6 and reactances of -4 to 4, without a start."""
     random = torch.Generator().manual_seed(4)
-    draws = torch.rand(2, 200, generator=random, dtype=torch.float64)
+    draws = torch.rand(2, 60, generator=random, dtype=torch.float64)
     walls = torch.complex(0.1 * 60 ** draws[0], 8 * draws[1] - 4)
     alphas = [
         wavenumber_from_impedance(
@@ -137,7 +138,8 @@ def test_relative_weights_suit_relative_errors():
 def test_a_nearly_rigid_wall():
     """Large impedances are no singularity of the fit: the admittance comes out."""
     pressure = both_ways(walls=torch.full((3,), 3e3 + 1e3j, dtype=torch.complex128))[0]
-    found = two_wave_fit(line_of(pressure))
+    with pytest.warns(tl.DataWarning, match="the wall looks rigid, and the impedance, .Z. 3.16e"):
+        found = two_wave_fit(line_of(pressure))
     assert float((1 / found.impedance - 1 / (3e3 + 1e3j)).abs().max()) < 1e-9
 
 

@@ -70,7 +70,10 @@ def test_known_waves_come_back(mach, reflection, options):
     assert abs(complex(found.impedance[0]) - (1 + reflection) / (1 - reflection)) < 1e-8
     level = 20 * math.log10(2 / math.sqrt(2) / 20e-6)
     assert float(found.incident_level[0]) == pytest.approx(level, abs=1e-8)
-    assert float(found.residual[0]) < 1e-9
+    if options == {"microphones": "pair"}:  # two waves fit any two pressures: no residual
+        assert math.isnan(float(found.residual[0]))
+    else:
+        assert float(found.residual[0]) < 1e-9
 
 
 def test_forgotten_flow_is_an_error():

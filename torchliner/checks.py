@@ -15,6 +15,7 @@ from torch import Tensor
 from torchliner.names import did_you_mean
 
 SAME_FREQUENCY = 1e-6  # relative
+FEWEST_PERIODS = 4.0  # of a tone in a record, unless shorter ones are asked for
 FEEDS = -1e-9  # resistance below which a wall feeds sound; nearer to 0 it is rounding
 
 

@@ -8,6 +8,7 @@ import math
 import os
 import stat
 import struct
+import tokenize
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,7 +18,8 @@ LONGEST_LINE = 1 << 20  # bytes
 CELLS = 16  # bytes of memory that a byte of text takes as cells and numbers
 # What libraries raise on damaged files, beside ValueError, TypeError and OSError.
 DAMAGE = (LookupError, AttributeError, ArithmeticError, NameError, EOFError, RuntimeError,
-          AssertionError, SystemError, struct.error, zlib.error, csv.Error)  # fmt: skip
+          AssertionError, SystemError, SyntaxError, struct.error, zlib.error, csv.Error,
+          tokenize.TokenError)  # fmt: skip
 
 
 @contextmanager

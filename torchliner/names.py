@@ -103,11 +103,11 @@ BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises
 }
 
 
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """' (did you mean ...?)' or nothing."""
+def did_you_mean(word: str, known: Sequence[str], likeness: float = 0.5) -> str:
+    """' (did you mean ...?)' or nothing; ``likeness``, 0 to 1, that a known word needs."""
     if word in known:
         return ""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(word, known, n=1, cutoff=likeness)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 

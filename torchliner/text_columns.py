@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -270,15 +271,20 @@ def _filled(texts: list[str]) -> list[str]:
 
 def _numbers(texts: Sequence[str]) -> Array:
     """Numbers; nan where there is none."""
-    try:
-        return np.array(texts, dtype=np.str_).astype(np.float64)
-    except ValueError:
-        return np.array([number_of(text) for text in texts])
+    if _is_plain("".join(texts)):
+        with suppress(ValueError):
+            return np.array(texts, dtype=np.str_).astype(np.float64)
+    return np.array([number_of(text) for text in texts])
+
+
+def _is_plain(text: str) -> bool:
+    """Whether it has no signs of numbers that Python reads alone: 1_000, and other scripts."""
+    return text.isascii() and "_" not in text
 
 
 def number_of(text: str) -> float:
     """The number that a cell holds; nan where there is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
+    with suppress(ValueError):
+        if _is_plain(text):
+            return float(text)
+    return np.nan

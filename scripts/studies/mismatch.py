@@ -68,7 +68,7 @@ class MeasuredWave:
     ) -> MeasuredWave:
         """The wave whose impedance was educed, or one of the modes by number."""
         head = (direction, found.source_side, found.method, mode == 1, float(line.duct_height),
-                float(line.mach), float(line.fluid.sound_speed), found.frequency)  # fmt: skip
+                line.stated_mach, float(line.fluid.sound_speed), found.frequency)  # fmt: skip
         if mode is None:
             low, high = found.interval(LEVEL) if found.draws is not None else (None, None)
             deviation = None if found.draws is None else found.wavenumber_deviation

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.readings import porosity_readings, velocity_readings
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.replay.edges import Record
@@ -20,7 +21,7 @@ from torchliner.replay.lines import AnyLine, BackwardLine, Line, PartLine, plan_
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.level_range import kernel_band
 from torchliner.tdibc.prepared import Prepared
-from torchliner.tdibc.review import FEWEST_PERIODS, FEWEST_SAMPLES_PER_PERIOD
+from torchliner.tdibc.review import FEWEST_SAMPLES_PER_PERIOD
 
 WINDOWS = ("hann", "boxcar", "blackman")
 EDGES = ("finite", "silent", "wrap")

@@ -61,7 +61,7 @@ class LevelWeights:
 
     def impedance(self, response: Tensor) -> Tensor:
         """Z of the liner, (..., F), from the model's R at lines and levels, (..., L, V)."""
-        weights = None if self.order == ORDERS[0] else self.ready.cells.weight
+        weights = self.ready.cells.weight if self.order == ORDERS[1] else None
         return mean_impedance(admittance_from_reflection(self.reflection(response)), -2, weights)
 
     def anchored(self, liner: LinerModel) -> LevelWeights:

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from torchliner.calibration.level_weights import LevelWeights, responses_of
+from torchliner.forward_mode import dual_level
 from torchliner.liners.model import LinerModel
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
@@ -113,7 +114,7 @@ class Misfit(FreeLiners):
         """Residuals (m,) and their derivatives in the place in the box, (m, n)."""
         rows, columns = torch.zeros(0), []
         for along in torch.eye(len(share), dtype=share.dtype):
-            with forward_ad.dual_level():
+            with dual_level():
                 values = self.values(forward_ad.make_dual(share, along))
                 found = forward_ad.unpack_dual(self.residuals(values, self.impedance(values)))
                 rows, slope = found.primal, found.tangent

@@ -21,6 +21,7 @@ from torch.autograd import forward_ad
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import require_choice, tell
 from torchliner.conversions import reflection_from_impedance
+from torchliner.forward_mode import dual_level
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
@@ -209,7 +210,7 @@ def _tangent_lines(
     record, grid, liner = ready.record, ready.grid, ready.liner
     middle = ((grid.speeds[1:] + grid.speeds[:-1]) / 2)[:, None]
     lines, errors = [], []
-    with forward_ad.dual_level():
+    with dual_level():
         value = torch.tensor(at_value, dtype=torch.float64)
         moved = liner.with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
         kernels = with_liner(ready, moved).kernels
@@ -252,7 +253,7 @@ def _assemble(
     backward = None if sums.backward is None else sums.backward.split(count, dim=1)
     rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
     for i in range(1, len(numbers) + 1):
-        with forward_ad.dual_level():
+        with dual_level():
             moved = LineSums(
                 forward_ad.make_dual(forward[0], forward[i]),
                 None if backward is None else forward_ad.make_dual(backward[0], backward[i]),

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes, show_results, write_text
+from torchliner.cli.files import only_liner, read_planes, show_results, write_text
 from torchliner.cli.options import order_option, shared
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
@@ -46,7 +46,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report import calibration_report as report
 
     paths = [*options.planes, *options.predict]
-    check_files(options, [*paths, options.liner], ".toml")
     if options.draws and options.draws < FEWEST_DRAWS:
         raise ValueError(
             f"--draws is {options.draws}; the posterior needs at least "

@@ -8,8 +8,8 @@ from dataclasses import replace
 from inspect import signature
 from typing import TYPE_CHECKING
 
-from torchliner.cli.files import check_files, require_ending, write_text
-from torchliner.cli.options import CASE, dest, stated
+from torchliner.cli.files import show_results, write_text
+from torchliner.cli.options import CASE, count, dest, shared, stated
 from torchliner.names import PLANE_LAYOUTS, resolve
 
 if TYPE_CHECKING:
@@ -19,17 +19,20 @@ MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text) in PLANE_LAYOUTS.item
 OPTIONS = {
     "": {
         "source SOURCE": ".npy, .mat, .h5, or a simulation file",
-        "--output FILE": {"required": True, "help": "plane file to write"},
+        "--output FILE": {"required": True, "help": "write the plane as .h5/.nc"},
         "--layout": {
             "choices": list(PLANE_LAYOUTS), "default": "array",
             "help": f"{MEANINGS}; default array"},
         "--compress": "gzip: smaller, slower to read",
-    },
+    }
+    | shared("--json", "--quiet"),
     "resolved, channel": {
         "--case NAME": "resolved: group; required there",
         "--line I": {"default": 0, "help": "index of the height; default 0"},
-        "--stride N": {"default": 1, "help": "resolved: keep every N-th x; default 1"},
-        "--liner-file FILE": "resolved: write the case's own liner there, .toml; default: none",
+        "--stride N": {
+            "default": 1, "type": count, "help": "resolved: keep every N-th x; default 1"},
+        "--liner-file FILE": "write the case's own liner, of --layout resolved, .toml; default: "
+                             "none",
         "--linear CASE": "resolved: case of low level, or Z as 0.243-0.203j, of the same lattice, "
                          "that fixes the linear part of --liner-file; default: the model's",
     },
@@ -39,9 +42,9 @@ OPTIONS = {
         "--velocity-units UNIT": "m/s, mm/s, ...; required",
         "--sampling-rate HZ": "Hz; required",
         "--towards-liner": "data are positive INTO it",
-        "--x NAME": "coordinates along the duct: FILE or FILE:VARIABLE; default: none",
-        "--z NAME": "likewise across the duct",
-        "--y NAME": "likewise above the liner, of particle images; that of --row is the height",
+        "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: none",
+        "--z ARRAY": "likewise across the duct",
+        "--y ARRAY": "likewise above the liner, of particle images; that of --row is the height",
         "--row I": "of an axis y, from 0; default: none",
         "--length-units UNIT": {"default": "m", "help": "of --x, --z and --y; default m"},
     },
@@ -61,8 +64,6 @@ def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
     from torchliner.io.plane_file import write_plane
 
-    check_files(options, [options.source], outputs=[options.output, options.liner_file])
-    require_ending(options.liner_file, [".toml"], "--liner-file")
     if options.liner_file is not None and options.layout != "resolved":
         raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
     read = resolve(PLANE_LAYOUTS[options.layout][0])
@@ -73,12 +74,16 @@ def run(options: argparse.Namespace) -> int:
         plane = plane.scaled(options.scale_length, options.scale_velocity)
     facts = stated(options, ABOUT)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
-    write_plane(plane, options.output, compress=options.compress)
     if options.liner_file is not None:
         _write_liner(options)
-    shape = "x".join(str(n) for n in plane.probe_shape) or "1"
-    print(f"{options.output}: {shape} probes, {plane.samples} samples at "
-          f"{plane.sampling_rate:g} Hz")  # fmt: skip
+    found = {"output": str(options.output), "probes": list(plane.probe_shape),
+             "samples": plane.samples, "sampling_rate": float(plane.sampling_rate)}  # fmt: skip
+    shape = "x".join(map(str, plane.probe_shape)) or "1"
+    show_results(
+        options, lambda: f"{options.output}: {shape} probes, {plane.samples} samples at "
+                         f"{plane.sampling_rate:g} Hz",
+        lambda: found, output=lambda path: write_plane(plane, path, compress=options.compress),
+    )  # fmt: skip
     return 0
 
 

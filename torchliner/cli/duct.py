@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files, require_ending, show_results, write_copy
+from torchliner.cli.files import show_results, write_copy
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ DUCT = {
     "duct [DUCT]": "preset or .toml file; without: list the presets",
     **frequency_option("the duct's"),
     "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
-    "--liner NAME": "preset, .toml or .csv file of a liner in place of --impedance, for Z(f)",
+    "--liner LINER": "preset, .toml or .csv file of a liner in place of --impedance, for Z(f)",
     "--speed M/S": "|v| at the liner, rms, with --liner; default 0",
     "--bulk-mach M": "Mach number of the flow; default: the duct's",
     "--profile": (names.FLOW_PROFILES, "of the flow; default: the duct's"),
@@ -133,9 +133,6 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.lee.solved_line import microphones_of, solved_line
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
-    require_ending(options.field, [".png", ".pdf", ".svg"], "--field")
-    outputs = [options.output, options.field]
-    check_files(options, [options.duct], ".csv", ".h5", ".nc", outputs=outputs)
     settled = solve_settled(
         setup.case, setup.frequency, setup.impedance, places=microphones_of(setup),
         wall=setup.wall, mesh=_mesh(options.mesh, setup),
@@ -185,7 +182,6 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.setup_modes import growing_of, modes_of
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
-    check_files(options, [options.duct], ".csv")
     modes = modes_of(setup, options.count)
     table = mode_table(setup, modes, growing_of(setup))
     show_results(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.files import liner_names, read_planes, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared, stated
 from torchliner.names import SOURCE_SIDES
 
@@ -43,15 +43,17 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.io.whole_file import writable
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
 
     outputs = _outputs(options.output, options.planes)
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
-    beside = [options.in_situ, options.wall_pressure]
-    inputs = [*options.planes, options.liner, options.incident, *beside]
-    check_files(options, inputs, outputs=[*outputs, options.reflected])
+    for path in outputs:
+        writable(path)
+    if options.reflected in outputs:
+        raise ValueError(f"--reflected {options.reflected} is another output; name another file")
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
@@ -81,7 +83,9 @@ def _educed(
     for name in dict.fromkeys(names):
         members = [i for i, each in enumerate(names) if each == name]
         total = sum(2 * planes[i].samples for i in members)
-        with progress_bar(total, options.planes[members[0]].name, options) as step:
+        with progress_bar(
+            total, options.planes[members[0]].name, options, reading=total // 2
+        ) as step:
             several = educe(
                 [planes[i] for i in members], load_liner(name), options.frequency,
                 pressure=pressure, progress=step, reflected=options.reflected, **choices,

@@ -1,9 +1,9 @@
-"""Files of the commands: outputs are checked before anything is computed, inputs are read."""
+"""Files of the commands: planes and their liners are read, results written and printed."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,53 +11,6 @@ from torchliner.cli.options import print_json
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
-
-PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
-
-
-def require_ending(path: Path | None, endings: Sequence[str], option: str) -> None:
-    """Refuse a file name whose ending says something else than what is written.
-
-    Raises:
-        ValueError: it does.
-    """
-    if path is not None and path.suffix.lower() not in endings:
-        raise ValueError(
-            f"{option} {path} ends in {path.suffix or 'nothing'!r}; it must be one of "
-            f"{', '.join(endings)}"
-        )
-
-
-def check_files(
-    options: argparse.Namespace,
-    inputs: Iterable[Path | str | None],
-    *endings: str,
-    outputs: Sequence[Path | None] | None = None,
-) -> None:
-    """Refuse names of outputs before anything is computed.
-
-    Args:
-        options: with ``output``, ``figure`` or both.
-        inputs: files that are read; none may be an output.
-        endings: of --output; any if none is named.
-        outputs: what is written besides the figure, where that is not --output alone.
-    Raises:
-        ValueError: an output is an input or another output, or ends in something else.
-        OSError: its folder is missing.
-    """
-    output, figure = getattr(options, "output", None), getattr(options, "figure", None)
-    taken = {Path(path).resolve() for path in inputs if path is not None}
-    for path in (*([output] if outputs is None else outputs), figure):
-        if path is None:
-            continue
-        if path.resolve() in taken:
-            raise ValueError(f"the output {path} is an input or another output; name another file")
-        if not path.parent.is_dir():
-            raise OSError(f"{path}: the folder {path.parent} does not exist")
-        taken.add(path.resolve())
-    require_ending(figure, PICTURES, "--figure")
-    if endings:
-        require_ending(output, endings, "--output")
 
 
 def show_results(
@@ -86,10 +39,10 @@ def show_results(
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a whole text file, or leave the old one."""
+    """Write a whole TOML file, or leave the old one."""
     from torchliner.io.whole_file import written_whole
 
-    with written_whole(path) as temporary:
+    with written_whole(path, ".toml") as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -97,9 +50,8 @@ def write_copy(text: str, path: Path) -> None:
     """Write a preset's text to a new file.
 
     Raises:
-        ValueError: the file exists: it may hold edits; it does not end in .toml.
+        ValueError: the file exists: it may hold edits.
     """
-    require_ending(path, [".toml"], "--copy")
     if path.exists():
         raise ValueError(f"{path} exists; it is not overwritten")
     write_text(text, path)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import check_files, only_liner, read_planes, show_results
+from torchliner.cli.files import only_liner, read_planes, show_results
 from torchliner.cli.options import progress_bar, shared
 
 if TYPE_CHECKING:
@@ -37,14 +37,13 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.heights.study import study_heights
     from torchliner.report.height_table import format_study, height_table, plain_study
 
-    check_files(options, [*options.planes, options.liner], ".csv")
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = read_planes(options.planes)
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
-    with progress_bar(len(lengths or []) or 8, "averaging lengths", options) as step:
+    with progress_bar(len(lengths or []) or 8, "averaging lengths", options, "length") as step:
         study = study_heights(
             planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, flow=flow,
             progress=step, **chosen_from(options, CHOICES),

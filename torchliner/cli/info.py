@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from torchliner.cli.files import check_files, read_planes, show_results
+from torchliner.cli.files import read_planes, show_results
 from torchliner.cli.options import shared
 
 OPTIONS = {
@@ -18,7 +18,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.replay.inspection import inspect_plane
     from torchliner.report.figures import draw_velocity
 
-    check_files(options, [options.plane])
     (plane,) = read_planes([options.plane])
     found = inspect_plane(plane)
     show_results(

@@ -6,10 +6,10 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import shared, stated
 
-CHOICES = ("window", "segment", "allow_short")
+CHOICES = ("window", "segment", "allow_short", "interval", "no_intervals")
 OWN = {
     "--window NAME": "window of scipy, e.g. hann, boxcar; default hann",
     "--segment S": "of the H1 estimate, s; default the whole record",
@@ -33,7 +33,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.pressure_file import read_pressure
     from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 
-    check_files(options, [options.record], ".csv", ".h5", ".nc")
     chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start"))
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)
@@ -49,7 +48,12 @@ def run(options: argparse.Namespace) -> int:
     show_results(
         options,
         lambda: format_in_situ(record, report),
-        lambda: {"title": record.title, "rows": table.as_rows(), "notes": report.notes},
+        lambda: {
+            "title": record.title,
+            "interval_level": report.level,
+            "rows": table.as_rows(),
+            "notes": report.notes,
+        },
         output=table.write_csv if as_rows or points is None else points.write,
         figure=None if points is None else lambda path: draw_in_situ(record, points, path),
     )

@@ -8,14 +8,14 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
     from torchliner.report.wall_table import Educed
 
-SHARED = ("source_side", "draws", "level_error", "phase_error")
+SHARED = ("source_side", "mach", "draws", "level_error", "phase_error")
 METHODS = {name: own for name, (_, _, own) in names.WALL_METHODS.items()}
 MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())
 OPTIONS = {
@@ -26,6 +26,7 @@ OPTIONS = {
         **frequency_option("those of the file"),
         "--segment S": "of time signals, s; default: the whole record",
         "--source-side": (names.SOURCES, "side that the sound comes from; default: the file's"),
+        "--mach M": "bulk Mach number, 0 for no flow; default: the file's, which must state one",
         "--figure PICTURE": "draw impedance and levels there",
     }
     | shared("--output", "--json", "--quiet"),
@@ -59,7 +60,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.wall_pressure import draw_wall
     from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
-    check_files(options, options.lines, ".csv")
     chosen = _chosen(options)
     lines, found = [], []
     for path in options.lines:
@@ -102,17 +102,24 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def educe_line(
-    line: MicrophoneLine, method: str, *, source_side: str | None = None, **options: Any
+    line: MicrophoneLine,
+    method: str,
+    *,
+    source_side: str | None = None,
+    mach: float | None = None,
+    **options: Any,
 ) -> Educed:
     """By one of ``WALL_METHODS``.
 
     Args:
         line: microphones.
         method: its name.
-        source_side: instead of the line's.
+        source_side, mach: instead of the line's.
         options: of the method.
     """
     if source_side is not None:
         line = replace(line, source_side=source_side)
+    if mach is not None:
+        line = replace(line, mach=mach)
     found: Educed = names.resolve(names.WALL_METHODS[method][0])(line, **options)
     return found

@@ -6,12 +6,12 @@ import argparse
 
 from torchliner.cli import ldv_educe
 from torchliner.cli import ldv_options as ldv
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import shared
 
 INFO = {
-    "--output FILE": "write the table as CSV, SI units",
-    "--intervals FILE": "write histograms of the intervals as CSV",
+    "--output FILE": "write the table as .csv, SI units",
+    "--intervals FILE": "write histograms of the intervals as .csv",
     "--figure PICTURE": "draw moments, rates and intervals there",
 } | shared("--json", "--quiet")
 CONVERT = {
@@ -52,7 +52,6 @@ def _info(options: argparse.Namespace) -> int:
     )
     from torchliner.signals.inspected_station import inspect_stations
 
-    check_files(options, ldv.files_in(options.source), outputs=[options.output, options.intervals])
     records = [source.read() for source in ldv.stations_from(options)]
     stations = inspect_stations(records, ldv.filters_from(options))
     if options.intervals is not None:
@@ -68,7 +67,6 @@ def _info(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from torchliner.io.burst_file import write_bursts
 
-    check_files(options, ldv.files_in(options.source))
     records = [source.read() for source in ldv.stations_from(options)]
     found = {"output": str(options.output), "stations": len(records),
              "bursts": sum(record.bursts for record in records)}  # fmt: skip

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from torchliner import names
 from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import check_files, preset_named, show_results
+from torchliner.cli.files import preset_named, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared, stated
 
 if TYPE_CHECKING:
@@ -60,15 +60,17 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.io.line_parts import LineParts
+    from torchliner.io.whole_file import writable_folder
     from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line_table import format_line, plain_line
 
-    inputs = [*ldv.files_in(options.source), options.liner, options.reference]
-    check_files(options, inputs, ".csv", ".h5", ".nc")
     chosen = chosen_from(options, CHOICES) | stated(options, STATION)
     sources = ldv.stations_from(options, "liner", "title")
     liner = _liner(options, sources)
-    parts = None if options.output is None else LineParts(f"{options.output}.parts")
+    parts = None
+    if options.output is not None:
+        parts = LineParts(f"{options.output}.parts")
+        writable_folder(parts.folder)
     if parts is not None and parts.there and not options.quiet:
         print(f"{parts.folder} holds {parts.there} finished stations; those of the same data and "
               "choices are taken up", file=sys.stderr)  # fmt: skip

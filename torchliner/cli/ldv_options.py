@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
@@ -61,8 +60,3 @@ def filters_from(options: argparse.Namespace) -> BurstFilters:
             raise ValueError(f"--{name} is given and switched off by --without; take one away")
         chosen[key] = False if key == "times" else None
     return BurstFilters(**chosen)
-
-
-def files_in(source: Path) -> list[Path]:
-    """The inputs, none of which may be an output."""
-    return [source, *source.iterdir()] if source.is_dir() else [source]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.files import check_files, show_results, write_copy
+from torchliner.cli.files import show_results, write_copy
 from torchliner.cli.options import frequency_option, shared
 
 FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
@@ -31,7 +31,6 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if options.copy is not None and len(options.liners) != 1:
         raise ValueError("--copy writes one preset; name one")
-    check_files(options, options.liners)
     liners = {name: catalogue.load_liner(name) for name in options.liners}
     if options.copy is not None:
         write_copy(catalogue.preset_text(options.liners[0]), options.copy)

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import sys
-from collections.abc import Sequence
 
-from torchliner.cli.options import add_options, warnings_on_stderr
-from torchliner.cli.parser import BAD_INPUT, Parser
-from torchliner.version import __version__
+try:
+    import argparse
+    import importlib
+    import traceback
+    from collections.abc import Sequence
+
+    from torchliner.cli.gate import passed
+    from torchliner.cli.messages import (
+        error_text,
+        in_command_words,
+        printable_output,
+        warnings_on_stderr,
+    )
+    from torchliner.cli.options import add_options
+    from torchliner.cli.parser import BAD_INPUT, Parser
+    from torchliner.io.whole_file import printable
+    from torchliner.version import __version__
+except KeyboardInterrupt:  # in the first tenths of a second
+    sys.exit(130)
 
 GROUPS = {
     "educe an impedance from velocity above the liner": {
@@ -83,26 +96,47 @@ def _overview() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0 done, 1 a check failed, 2 bad input."""
-    top, parsers = build_parser()
-    options, extras = top.parse_known_args(arguments)
-    if options.command is None:
-        top.print_help()
-        return DONE
-    if extras:
-        parsers[options.command].refuse(extras, options)
-    command = importlib.import_module(f"torchliner.cli.{options.command}")
     try:
-        with warnings_on_stderr(getattr(options, "quiet", False)):
-            return int(command.run(options))
+        top, parsers = build_parser()
+        options, extras = top.parse_known_args(arguments)
+        if options.command is None:
+            if extras:
+                top.refuse(extras)
+            top.print_help()
+            return DONE
+        parser = parsers[options.command].chosen(options)
+        if extras:
+            parser.refuse(extras)
+        return _run(parser, options)
+    except KeyboardInterrupt:
+        print("torchliner: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(parser: Parser, options: argparse.Namespace) -> int:
+    """The command, between the gate and what is said of its errors."""
+    inputs: list[str] = []
+    try:
+        command = importlib.import_module(f"torchliner.cli.{options.command}")
+        with (
+            warnings_on_stderr(options, parser, inputs),
+            printable_output(),
+            passed(parser, options) as named,
+        ):
+            inputs += named
+            code = int(command.run(options))
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, where a broken pipe is no error
+            return code
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.stdout = None  # type: ignore[assignment]  # nothing to flush into
         return DONE
-    except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
-        print(f"torchliner {options.command}: {error}", file=sys.stderr)
+    except Exception as error:
+        if getattr(options, "debug", False):
+            traceback.print_exc()
+        words = in_command_words(error_text(error, inputs), parser)
+        print(printable(f"torchliner {options.command}: {words}"), file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"torchliner {options.command}: interrupted", file=sys.stderr)
-        return INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import cmath
 import json
+import math
 import sys
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -16,6 +16,7 @@ from typing import Any
 from torchliner import names
 from torchliner.cli.parser import Parser
 
+LARGEST = 1 << 53  # of whole numbers that a float64 holds
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
 
 
@@ -30,6 +31,29 @@ def frequencies(text: str) -> list[float]:
     return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
 
 
+def number(text: str) -> float:
+    """A finite number; argparse reports a ValueError itself."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not finite; a number is needed")
+    return value
+
+
+def whole_number(text: str, low: int = 0) -> int:
+    """An index or a count; argparse reports a ValueError itself."""
+    value = int(text)
+    if not low <= value <= LARGEST:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is outside {low} to 2^53; a whole number in there is needed"
+        )
+    return value
+
+
+def count(text: str) -> int:
+    """A whole number above 0."""
+    return whole_number(text, 1)
+
+
 class Joined(argparse.Action):
     """Lists of an option as one list."""
 
@@ -39,8 +63,8 @@ class Joined(argparse.Action):
 
 
 KINDS = {
-    float: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT ORDERS CHANGE".split(),
-    int: "N I".split(),
+    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT ORDERS CHANGE".split(),
+    whole_number: "N I".split(),
     Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
 }
 KIND_OF = {metavar: kind for kind, metavars in KINDS.items() for metavar in metavars}
@@ -59,11 +83,11 @@ def frequency_option(
 SHARED: dict[str, Any] = {
     "planes PLANE ...": "plane files",
     "plane PLANE": "plane file",
-    "--liner NAME": "liner model: preset, .toml or .csv file; default: the one the file names",
+    "--liner LINER": "liner model: preset, .toml or .csv file; default: the one the file names",
     **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
     "--figures FOLDER": "draw pictures there",
-    "--copy FILE": "write the preset's TOML, to edit",
+    "--copy FILE": "write the preset as .toml, to edit",
     "--json": "print JSON instead of a table",
     "--quiet": "no progress bar, no warnings",
 }
@@ -195,28 +219,34 @@ def _plain(value: Any) -> Any:
 
 
 @contextmanager
-def warnings_on_stderr(quiet: bool) -> Iterator[None]:
-    """Show warnings as one line each, or not at all."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore" if quiet else "always")
-        # Of torch itself, when it first differentiates forward.
-        warnings.filterwarnings("ignore", message=".torch.jit.script. is deprecated")
-        warnings.showwarning = lambda message, *_, **__: print(
-            f"warning: {message}", file=sys.stderr
-        )
-        yield
-
-
-@contextmanager
 def progress_bar(
-    total: int, label: str, options: argparse.Namespace, unit: str = "sample"
+    total: int, label: str, options: argparse.Namespace, unit: str = "sample", reading: int = 0
 ) -> Iterator[Any]:
-    """A callable that takes steps done; None with --quiet or if standard error is no terminal."""
+    """A callable that takes steps done; None with --quiet or if standard error is no terminal.
+
+    Args:
+        total: steps in all.
+        label: what is worked on.
+        options: of the command.
+        unit: of a step.
+        reading: of ``total``, steps of the first pass, which take less time than the others: it has
+            a bar of its own, so that neither says more than it knows.
+    """
     if options.quiet or not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
 
-    scaled = unit == "sample"
-    with tqdm(total=total, desc=label, unit=unit, unit_scale=scaled, leave=False) as bar:
-        yield bar.update
+    about: dict[str, Any] = {"unit": unit, "unit_scale": unit == "sample", "leave": False}
+    first = f"{label}, reading" if reading else label
+    with tqdm(total=reading or total, desc=first, **about) as bar:
+
+        def step(done: int) -> None:
+            bar.update(done)
+            if reading and bar.desc.startswith(first) and bar.n >= reading:
+                beyond = bar.n - reading
+                bar.set_description(f"{label}, replaying", refresh=False)
+                bar.reset(total - reading)
+                bar.update(beyond)
+
+        yield step

@@ -55,9 +55,25 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self.further: dict[argparse.Action, str | None] = {}
         self.add_argument("-h", "--help", action="help", help="print this help and exit")
+        self.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS,
+            help="print the traceback of an error",
+        )  # fmt: skip
         self._help_all = self.add_argument(
             "--help-all", action=ShowAll, nargs=0, help=argparse.SUPPRESS
         )
+
+    def text_of(self, action: argparse.Action) -> str:
+        """The help of an option, whether or not --help shows it."""
+        return self.further.get(action) or action.help or ""
+
+    def chosen(self, options: argparse.Namespace) -> Parser:
+        """The parser of the task that was chosen, or this one."""
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                found: Parser = action.choices[getattr(options, action.dest)].chosen(options)
+                return found
+        return self
 
     def leave_out(self, action: argparse.Action) -> None:
         """Show an option with --help-all alone."""
@@ -75,11 +91,8 @@ class Parser(argparse.ArgumentParser):
         print(f"{self.prog}: {message}\nSee {self.prog} --help", file=sys.stderr)
         sys.exit(BAD_INPUT)
 
-    def refuse(self, extras: Sequence[str], options: argparse.Namespace) -> NoReturn:
+    def refuse(self, extras: Sequence[str]) -> NoReturn:
         """Complain of unknown options, each with its nearest known one."""
-        for action in self._actions:  # a task of a command knows more than the command
-            if isinstance(action, argparse._SubParsersAction):
-                action.choices[getattr(options, action.dest)].refuse(extras, options)
         known = [option for action in self._actions for option in action.option_strings]
         unknown = [
             word + did_you_mean(word.split("=")[0], known) for word in extras if word[0] == "-"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.files import check_files, liner_names, read_planes, show_results
+from torchliner.cli.files import liner_names, read_planes, show_results
 from torchliner.cli.options import progress_bar, shared
 
 OPTIONS = {
@@ -24,11 +24,10 @@ def run(options: argparse.Namespace) -> int:
         plain_truth,
     )
 
-    check_files(options, [*options.planes, options.liner])
     planes = read_planes(options.planes, lazy=False)
     names = liner_names(options.liner, planes, options.planes)
     liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
-    with progress_bar(len(planes), "truth table", options) as step:
+    with progress_bar(len(planes), "truth table", options, "plane") as step:
         rows = truth_table(planes, lambda plane: liners[id(plane)], step)
     tables = (format_truth, format_rules, format_summary)
     plain = plain_truth(rows)

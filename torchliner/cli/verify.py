@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.files import check_files, show_results
+from torchliner.cli.files import show_results
 from torchliner.cli.options import shared
 
 DEGREES = {"default": [1, 2, 3, 4], "help": "polynomial degrees of the elements; default 1 to 4"}
@@ -16,7 +16,6 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.lee.verification import checks, order_rows
     from torchliner.report.verification_table import format_verification, order_table
 
-    check_files(options, [], ".csv")
     rows = order_rows(options.degrees)
     found = checks(rows)
     table = order_table(rows)

@@ -23,11 +23,11 @@ from torchliner.flow_profiles import MeanFlow
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
-STAGES = ((4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
+STAGES = ((4, math.inf, math.inf), (4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
 ALIKE = 1e-2  # of |alpha|: roots of a stage that are one
 NEAREST, FARTHEST, ALONG = 0.8, 80.0, 14  # Re alpha of the starts, in k/M_max
 ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
-STEPS, LONGEST = 12, 0.25  # of Newton's method, of |alpha|
+STEPS, LONGEST = 6, 0.25  # of Newton's method, of |alpha|
 SETTLED = 1e-10  # a step, of |alpha|
 LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
 NEPER = 20 * math.log10(math.e)  # dB
@@ -45,16 +45,17 @@ def growing_wave(
         slip_condition: where the flow slips along the wall, as for ``duct_modes``.
     Returns:
         alpha, 1/m, (F,), complex128, of exp(-j alpha x): Im alpha > 0 and Re alpha > k. nan where
-        none is found among Re alpha up to some 80 k/M: none then grows by as much as 0.001/H.
+        none is found, from Re alpha of 0.8 to 80 k/M. That is no proof that there is none: a root
+        whose critical layer the finest panels do not resolve (Im below some Re/50) is not taken.
     Raises:
         ValueError: as ``duct_modes``.
-    Source: Briggs (1964) for what runs downstream though it grows there; Brambley, Davis and Peake
-        (2012), J. Fluid Mech. 690, 399, for such waves above liners.
+    Source: Briggs (1964), Electron-stream interaction with plasmas, for what runs downstream though
+        it grows there; Rienstra and Darau (2011), J. Fluid Mech. 671, 559, for such waves above
+        liners.
     """
     wanted = frequency_tensor(frequency).cpu()
     reflection = wall_reflection(impedance).detach().cpu().expand(wanted.shape)
-    none = complex(math.nan, math.nan)
-    found = torch.full(wanted.shape, none, dtype=torch.complex128)
+    found = torch.full(wanted.shape, complex(math.nan, math.nan), dtype=torch.complex128)
     heights = torch.linspace(0, profile.duct_height, 201, dtype=torch.float64)
     fastest = float(torch.as_tensor(profile.mach(heights.numpy())).max())
     lined = reflection != 1
@@ -63,9 +64,9 @@ def growing_wave(
     myers = require_slip_condition(profile, slip_condition)
     kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
     for i in lined.nonzero()[:, 0].tolist():
-        a = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
-        if a is not None:
-            found[i] = torch.as_tensor(a / profile.duct_height)
+        fastest_root = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
+        if fastest_root is not None:
+            found[i] = fastest_root / profile.duct_height
     return found
 
 
@@ -98,12 +99,14 @@ def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tupl
 
 def _fastest(
     profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool
-) -> complex | None:
+) -> Tensor | None:
     """alpha H of the fastest growing root, or None."""
     low, high = (math.log(share * kappa / fastest) for share in (NEAREST, FARTHEST))
     along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()
     a = (along[:, None] * (1 + 1j * torch.tensor(ASIDE, dtype=torch.float64))).flatten()
-    for split, close, change in STAGES:
+    sheared = float(profile.mach(0.0)) < fastest
+    for parts, close, change in STAGES:
+        split = parts if sheared else 1  # no critical layer
         of_waves = torch.full(a.shape, kappa, dtype=torch.float64), torch.zeros(len(a)).long()
         equation = equations_of([profile], POINTS, myers, *of_waves, split)
         start = a
@@ -115,7 +118,7 @@ def _fastest(
         a = a[~torch.triu(apart, diagonal=1).any(0)]
         if not len(a):
             return None
-    return complex(a[a.imag.argmax()])
+    return a[a.imag.argmax()]
 
 
 def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> tuple[Tensor, Tensor]:

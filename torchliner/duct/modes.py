@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -117,8 +118,8 @@ def duct_modes(
     height = profiles[0].duct_height
     kappa = (2 * math.pi * height / profiles[0].sound_speed * wanted).expand(*lead, -1)
     try:
-        wall = torch.broadcast_to(wall, torch.broadcast_shapes(wall.shape, kappa.shape))
-    except RuntimeError:
+        wall = torch.broadcast_to(wall, np.broadcast_shapes(wall.shape, kappa.shape))
+    except ValueError:
         axes = "(P, F)" if lead else "(F,)"
         raise ValueError(
             f"impedance has shape {tuple(wall.shape)}, which does not broadcast against {axes} = "

@@ -50,7 +50,7 @@ class TanhProfile(SymmetricProfile):
             raise ValueError(
                 f"profile shear is {self.shear:g}, below {THINNEST_SHEAR:g}: so thin a layer makes "
                 "any answer that depends on its inside a matter of the grid; thicken it (or pass "
-                "allow_thin=True to study it; --allow-thin; allow_thin = true in a .toml's [flow])"
+                "allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
             )
         self._check_centreline(f" and shear {self.shear:g}")
         if self.shear < THIN_SHEAR:

@@ -16,7 +16,8 @@ SAME_DURATION = 0.01  # relative; warned of beyond
 def with_in_situ(
     maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
 ) -> list[ImpedanceMap]:
-    """Maps with the in situ impedances at their frequencies beside them.
+    """Maps with the in situ impedances at their frequencies beside them, with intervals of the
+    maps' own level.
 
     Args:
         maps: one a plane.
@@ -27,16 +28,18 @@ def with_in_situ(
     Warns:
         DataWarning: record and plane differ in duration by more than ``SAME_DURATION``.
     """
-    made: dict[tuple[float, ...], Any] = {}
+    made: dict[tuple[float | None, ...], Any] = {}
     found = []
     for result, plane in zip(maps, planes, strict=True):
         require_same_case(
             plane, record, ("frequency", "incident_level", "mach"),
             "name the pressure record of the same run", where_stated=True,
         )  # fmt: skip
-        key = tuple(result.frequency.tolist())
+        known = result.uncertainty
+        level = None if known is None else float(known.settings["level"])
+        key = (*result.frequency.tolist(), level)
         if key not in made:
-            made[key] = in_situ(record, result.frequency)
+            made[key] = in_situ(record, result.frequency, interval=level)
         if abs(record.duration / plane.duration - 1) > SAME_DURATION:
             tell(
                 f"{record.name} lasts {1e3 * record.duration:.4g} ms, {plane.name} "

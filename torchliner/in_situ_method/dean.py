@@ -24,9 +24,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice, stated_frequency, tell
+from torchliner.checks import FEWEST_PERIODS, require_choice, stated_frequency, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
 from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
+from torchliner.in_situ_method.error_bars import (
+    LEVEL,
+    dean_uncertainty,
+    few_blocks_note,
+    require_level,
+)
 from torchliner.names import LOSSES
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
@@ -34,7 +40,6 @@ from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 NO_TONE = 1e-9  # of a signal's largest value: no tone
-FEWEST_PERIODS = 4.0
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
@@ -49,6 +54,7 @@ def in_situ(
     segment: float | None = None,
     start: float = 0.0,
     allow_short: bool = False,
+    interval: float | None = LEVEL,
 ) -> PointImpedances:
     r"""Impedance at every facesheet point, per cell and over the whole surface, after Dean.
 
@@ -62,9 +68,11 @@ def in_situ(
             whole record: tones are then exact.
         start: s at the beginning that are left out.
         allow_short: accept fewer than four periods.
+        interval: level of the statistical intervals, 0 to 1; None for no intervals.
     Returns:
         Impedances in both orders of averaging (see the module), with the coherence of the two
         pressures. It comes from the segments, or from segments of two periods if there is only one.
+        The intervals come from blocks of whole periods, or from the segments.
     Raises:
         ValueError: a pressure is missing or has no tone; the record is too short; a frequency is at
             or above Nyquist, or sin(kH) is zero there, by which Dean's formula divides.
@@ -79,6 +87,7 @@ def in_situ(
     if record.facesheet is None or record.cavity_depth is None:
         missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
         raise ValueError(f"{record.name}: {missing} is missing; the in situ method needs it")
+    require_level(interval)
     wanted = frequencies_of(record, frequency, start, allow_short)
     drive, notes = mouth_velocity_ratio(record, wanted, losses)
     cells, rows = _cells_of(record)
@@ -87,7 +96,11 @@ def in_situ(
     face, back = _amplitudes(record, wanted, options)
     found = _impedances(face, back * drive, cells, rows)
     coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
+    known = dean_uncertainty(record, wanted, drive, found, cells, rows, options, interval)
     notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
+    notes += few_blocks_note(
+        f"{record.name}: in situ", None if known is None else known.liner, interval
+    )
     tell(notes)
     x, z = record.probe_coordinates()
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
@@ -106,6 +119,7 @@ def in_situ(
             "coherence_segments": behind,
         },
         notes=tuple(notes),
+        uncertainty=known,
     )  # fmt: skip
 
 

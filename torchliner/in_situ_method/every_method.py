@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from torchliner.in_situ_method.dean import in_situ
+from torchliner.in_situ_method.error_bars import LEVEL
 from torchliner.in_situ_method.plane_wave_fit import WaveDecomposition, decompose_waves
 from torchliner.records import PointImpedances, PressureRecord
 
@@ -25,8 +26,10 @@ class InSituRow:
         own: what the file states for this method, if anything.
         true: the file's truth, if it states one.
         coherence: of the two pressures; nan for microphones.
-        residual: share of the microphones' signals that two waves leave; nan for the others.
+        residual: share of the microphones' signals that two waves leave; nan for the others, and
+            for two pressures alone, which two waves always fit.
         incident_level: dB, from the microphones; nan for the others.
+        interval: statistical, real parts bound R, imaginary parts X; None without any.
     """
 
     method: str
@@ -38,6 +41,7 @@ class InSituRow:
     coherence: float = NOWHERE
     residual: float = NOWHERE
     incident_level: float = NOWHERE
+    interval: tuple[complex, complex] | None = None
 
     def distance(self, other: complex | None) -> float:
         """|Z - other|, nan without another."""
@@ -46,11 +50,13 @@ class InSituRow:
 
 @dataclass(frozen=True)
 class InSituReport:
-    """All that a pressure record tells: rows, and the in situ result behind them if any."""
+    """All that a pressure record tells: rows, the in situ result behind them if any, the level of
+    the statistical intervals."""
 
     rows: tuple[InSituRow, ...]
     points: PointImpedances | None
     notes: tuple[str, ...]
+    level: float | None = LEVEL
 
 
 def in_situ_report(
@@ -68,7 +74,7 @@ def in_situ_report(
         frequency: Hz; default the record's tone.
         losses: in the cavity; see ``in_situ``.
         pair: the two microphones of the two-microphone row.
-        options: ``window``, ``segment``, ``start``, ``allow_short``.
+        options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval``.
     """
     rows: list[InSituRow] = []
     notes: tuple[str, ...] = ()
@@ -90,7 +96,7 @@ def in_situ_report(
             found = decompose_waves(record, frequency, **chosen, **options)
             rows += _wave_rows(record, found, own)
             notes += found.notes
-    return InSituReport(tuple(rows), points, notes)
+    return InSituReport(tuple(rows), points, notes, options.get("interval", LEVEL))
 
 
 def stated_impedance(record: PressureRecord, name: str, frequency: float) -> complex | None:
@@ -110,11 +116,13 @@ def _dean_rows(record: PressureRecord, points: PointImpedances) -> list[InSituRo
             for end, order in ORDERS:
                 value = complex(getattr(points, f"cell_impedance{end}")[c, f])
                 rows.append(InSituRow(f"in situ, {order}", place, frequency, value, None, true,
-                                      float(coherence[c])))  # fmt: skip
+                                      float(coherence[c]),
+                                      interval=points.bounds_of_cell(c, end, f)))  # fmt: skip
         for end, order in ORDERS:
             value = complex(getattr(points, f"liner_impedance{end}")[f])
             rows.append(InSituRow(f"in situ, {order}", "surface", frequency, value, own, true,
-                                  float(coherence.mean())))  # fmt: skip
+                                  float(coherence.mean()),
+                                  interval=points.bounds_of_liner(end, f)))  # fmt: skip
     return rows
 
 
@@ -127,6 +135,7 @@ def _wave_rows(record: PressureRecord, found: WaveDecomposition, own: str) -> li
             else f"y = {first:.1f} to {last:.1f} mm", frequency, complex(found.impedance[f]),
             stated_impedance(record, own, frequency), stated_impedance(record, "true", frequency),
             residual=float(found.residual[f]), incident_level=float(found.incident_level[f]),
+            interval=None if found.interval is None else found.interval.bounds(f),
         )
         for f, frequency in enumerate(found.frequency.tolist())
     ]  # fmt: skip

@@ -20,12 +20,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.in_situ_method.dean import frequencies_of
-from torchliner.records import PressureRecord
+from torchliner.in_situ_method.error_bars import (
+    LEVEL,
+    few_blocks_note,
+    require_level,
+    wave_interval,
+)
+from torchliner.records import Interval, PressureRecord
 from torchliner.records.pressure_record import require_record
 from torchliner.signals.plane_waves import LARGE_CONDITION, best_pair, split_waves
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
@@ -42,11 +49,12 @@ class WaveDecomposition:
         frequency: Hz, (F,).
         reflection: R at y = 0, complex128, (F,).
         incident: rms over the segments of the incident wave's peak amplitude at y = 0, Pa, (F,).
-        residual: rms of what the two waves leave over that of the pressures, (F,); 0 for two
-            microphones without velocities, which two waves always fit.
+        residual: rms of what the two waves leave over that of the pressures, (F,); nan for two
+            pressures, or one with its velocity, which two waves always fit.
         condition: condition number of the equations, (F,): errors of the microphones grow by it.
         microphones: indices of those that were used.
         notes: warnings, with numbers.
+        interval: statistical, of Z, (F,), because the record is finite; None without any.
     """
 
     name: str
@@ -57,6 +65,7 @@ class WaveDecomposition:
     condition: Tensor
     microphones: tuple[int, ...]
     notes: tuple[str, ...] = ()
+    interval: Interval | None = None
 
     @property
     def impedance(self) -> Tensor:
@@ -79,6 +88,7 @@ def decompose_waves(
     segment: float | None = None,
     start: float = 0.0,
     allow_short: bool = False,
+    interval: float | None = LEVEL,
 ) -> WaveDecomposition:
     """Reflection and impedance at y = 0 from microphones in front of the surface.
 
@@ -89,7 +99,7 @@ def decompose_waves(
         frequency: Hz, one or several; default the record's own tone.
         microphones: indices, ``all``, or ``pair``: the two best conditioned.
         velocities: use the velocities at the microphones as well.
-        window, segment, start, allow_short: as for ``in_situ``.
+        window, segment, start, allow_short, interval: as for ``in_situ``.
     Raises:
         ValueError: microphones are missing, too few, coincide or are half a wavelength apart; one
             has no pressure; the record is too short; a frequency is at or above Nyquist.
@@ -101,39 +111,45 @@ def decompose_waves(
         raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
     if velocities and record.microphone_velocity is None:
         raise ValueError(f"{record.name} has no microphone_velocity; leave velocities out")
+    require_level(interval)
     wanted = frequencies_of(record, frequency, start, allow_short)
     chosen = _chosen(record, microphones, wanted)
     options: dict[str, Any] = {"window": window, "segment": segment, "start": start}
 
-    def lines(signal: Tensor) -> Tensor:
-        return segment_amplitudes(signal[chosen], wanted, record.sampling_rate, **options)
-
-    pressure = lines(record.microphones)
+    fluid = record.fluid
+    signals = [record.microphones[chosen]]
+    if velocities:
+        # Stored along +y, away from the surface; the waves' velocity is that into it.
+        velocity = record.microphone_velocity[chosen].to(torch.float64)
+        signals.append(-fluid.characteristic_impedance * velocity)
+    pressure, *inward = (
+        segment_amplitudes(signal, wanted, record.sampling_rate, **options) for signal in signals
+    )
     if not bool((pressure.abs().amax(0) > 0).all()):
         first = chosen[int((pressure.abs().amax(0) == 0).any(-1).nonzero()[0])]
         raise ValueError(f"{record.name}: the pressure of microphone {first} is zero; leave it out")
-    fluid = record.fluid
-    # Stored along +y, away from the surface; the waves' velocity is that into it.
-    inward = None
-    if velocities:
-        inward = -fluid.characteristic_impedance * lines(record.microphone_velocity)
     places = record.microphone_y[chosen]
     waves, residual, condition = split_waves(
-        pressure, places, wanted, fluid.sound_speed, record.microphone_mach, inward
+        pressure, places, wanted, fluid.sound_speed, record.microphone_mach, *inward
     )
     spread = residual.square().mean(0).sqrt()
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
+    reflection = transfer_from_amplitudes(waves[:, 0], waves[:, 1]).response
+    bounds = wave_interval(record, signals, wanted, reflection, places, options, interval)
     notes = _notes(record, name, wanted, places, spread, condition)
+    if record.facesheet is None:  # else the in situ method says it
+        notes += few_blocks_note(f"{record.name}: {name}", bounds, interval)
     tell(notes)
     return WaveDecomposition(
         name=name,
         frequency=wanted,
-        reflection=transfer_from_amplitudes(waves[:, 0], waves[:, 1]).response,
+        reflection=reflection,
         incident=2 * waves[:, 0].abs().square().mean(0).sqrt(),
         residual=spread,
         condition=condition,
         microphones=tuple(chosen),
         notes=tuple(notes),
+        interval=bounds,
     )
 
 

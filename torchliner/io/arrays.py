@@ -70,6 +70,9 @@ def read_hdf5(path: Path, variable: str | None) -> np.ndarray:
     """An array of an HDF5 file."""
     with open_file(path) as file:
         names = [k for k in file if isinstance(file.get(k), h5py.Dataset)]
+        inside: list[str] = []  # of groups
+        file.visititems(lambda k, v: inside.append(k) if isinstance(v, h5py.Dataset) else None)
+        names += [k for k in inside if k not in names]
         name = _pick(names, variable, path)
         return read_values(file[name], f"{path}:/{name}", path)
 

@@ -25,7 +25,7 @@ STATED = {
 
 def write_burst_csv(record: BurstRecord, path: str | Path) -> None:
     """Write one station. Fluid, references, provenance and notes need the HDF5 file."""
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with written_whole(path, ".csv") as temporary, temporary.open("w", newline="") as file:
         write_stated(file, record, STATED, path)
         columns = {n: v.tolist() for n in UNITS if (v := getattr(record, n)) is not None}
         writer = csv.writer(file, lineterminator="\n")

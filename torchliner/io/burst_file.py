@@ -37,6 +37,7 @@ from torchliner.records import BurstRecord
 KIND = FileKind(
     "torchliner bursts 1", "file of bursts", {"source_side": "unknown", "liner": ""},
     (("Conventions", "CF-1.8"), ("featureType", "timeSeries")),
+    others=(".csv",),
 )  # fmt: skip
 ARRAYS = (
     real("arrival_time", "s", ("burst",), optional=True),

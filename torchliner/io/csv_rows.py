@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.io.whole_file import written_whole
+from torchliner.io.whole_file import printable, written_whole
 
 Rows = list[dict[str, Any]]
 
@@ -44,13 +44,29 @@ def write_rows(
         number: format of numbers, as ".9g"; default: as many digits as they have.
         end: of lines.
     """
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with written_whole(path, ".csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator=end)
-        writer.writerow(rows[0])
+        writer.writerow(map(text_cell, rows[0]))
         for row in rows:
-            values = map(row.get, rows[0])
-            writer.writerow([v if isinstance(v, str) or v is None or not number
-                             else format(float(v), number) for v in values])  # fmt: skip
+            writer.writerow(_cell(row.get(key), number) for key in rows[0])
+
+
+def _cell(value: Any, number: str) -> Any:
+    if isinstance(value, str):
+        return text_cell(value)
+    return value if value is None or not number else format(float(value), number)
+
+
+def text_cell(text: str) -> str:
+    """A text that a spreadsheet takes as text: a formula gets a quote before it."""
+    text = printable(text)
+    if not text.startswith(("=", "+", "-", "@", "\t")):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
 
 
 def parts_of(values: Tensor, real: str, imaginary: str) -> dict[str, Tensor]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -108,6 +109,8 @@ def place(group: h5py.Group, key: str, path: str | Path) -> str:
 def text_attribute(dataset: Any, key: str) -> str | None:
     """A string attribute or None."""
     value = dataset.attrs.get(key)
+    if value is None:
+        list(dataset.attrs)  # fails where damage hides an attribute, which is not left out then
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(-1)[0]
     if value is None or isinstance(value, h5py.Empty):
@@ -277,4 +280,9 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
             parts = (read_number(file, stem + part, "1", path)
                      for part in ("resistance", "reactance"))  # fmt: skip
             found[label] = complex(*parts)
+            if not cmath.isfinite(found[label]):
+                raise ValueError(
+                    f"{place(file, key, path)} and its reactance are {found[label]}; an impedance "
+                    "is finite: repair or remove them"
+                )
     return found

@@ -19,6 +19,7 @@ from torchliner.io.whole_file import written_whole
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import Array, header_line, read_lines, read_table
 
+TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
 UNITS = {"duct_height": "m", "duct_width": "m", "mach": "1", "liner_start": "m", "liner_end": "m"}
 TEXTS = dict.fromkeys(("title", "source_side", "liner"), "text")
 COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}
@@ -37,7 +38,7 @@ def write_microphone_csv(line: MicrophoneLine, path: str | Path) -> None:
         raise ValueError(
             f"{path}: a .csv holds one line, not {tuple(line.pressure.shape[:-2])}; write .h5"
         )
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with written_whole(path, *TEXT_ENDINGS) as temporary, temporary.open("w", newline="") as file:
         write_stated(file, line, UNITS, path)
         write_stated(file, line.fluid, FLUID_UNITS, path)
         write_stated(file, line, TEXTS, path)

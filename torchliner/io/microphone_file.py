@@ -16,7 +16,12 @@ import torch
 
 from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, write_index
-from torchliner.io.microphone_csv import UNITS, read_microphone_csv, write_microphone_csv
+from torchliner.io.microphone_csv import (
+    TEXT_ENDINGS,
+    UNITS,
+    read_microphone_csv,
+    write_microphone_csv,
+)
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
@@ -26,6 +31,7 @@ from torchliner.signals.reference_coherence import reject_flow_noise
 KIND = FileKind(
     "torchliner microphones 1", "line of microphones",
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
+    others=TEXT_ENDINGS,
 )  # fmt: skip
 DUCT = (real("x", "m", ("microphone",)), *numbers(UNITS))
 FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
@@ -35,7 +41,6 @@ AMPLITUDES = (
              attributes={"amplitude": "peak, exp(+j omega t)"}),
     real("coherence", "1", ("microphone", "frequency"), optional=True),
 )  # fmt: skip
-TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
 
 
 def write_microphones(line: MicrophoneLine, path: str | Path) -> None:

@@ -9,12 +9,13 @@ import torch
 
 from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
 from torchliner.io.hdf5 import get_group, is_there, open_file, write_index
+from torchliner.io.result_file import Sizes, interval_table, read_uncertainty, write_uncertainty
 from torchliner.io.tables import FileKind, impedance, read_variables, real, write_variables
-from torchliner.records import PointImpedances
+from torchliner.records import PointImpedances, PointUncertainty
 
 KIND = FileKind(
     "torchliner points 1", "set of point impedances",
-    {"name": "points", "choices": {}, "notes": ()},
+    {"name": "points", "choices": {}, "notes": ()}, others=(".csv",),
 )  # fmt: skip
 GROUP = "alongside_"  # of a map file
 FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
@@ -28,6 +29,13 @@ TABLE = (
     impedance("point_impedance", "point_", POINT),
     real("coherence", "1", CELL),
 )
+UNCERTAINTY = {
+    name: interval_table(name.replace("cells", "cell") + "_", dims)
+    for name, dims in (
+        ("cells", CELL), ("cells_pressure_first", CELL),
+        ("liner", ("frequency",)), ("liner_pressure_first", ("frequency",)),
+    )
+}  # fmt: skip
 
 
 def write_points(result: PointImpedances, path: str | Path) -> None:
@@ -47,6 +55,8 @@ def _write_variables(group: h5py.Group, result: PointImpedances) -> None:
     for name in ("cell", "point"):
         write_index(group, name, len(getattr(result, f"{name}_x")))
     write_variables(group, result, TABLE)
+    if result.uncertainty is not None:
+        write_uncertainty(group, result.uncertainty, tables=UNCERTAINTY)
 
 
 def read_points(path: str | Path) -> PointImpedances:
@@ -62,8 +72,10 @@ def read_points(path: str | Path) -> PointImpedances:
 
 def _read_group(group: h5py.Group, path: str | Path) -> PointImpedances:
     KIND.require(group, path)
-    fields = read_variables(group, FREQUENCY + TABLE, path)
-    return PointImpedances(**KIND.read_head(group, path), **fields)
+    sizes: Sizes = {}
+    fields = read_variables(group, FREQUENCY + TABLE, path, sizes=sizes)
+    known = read_uncertainty(group, path, sizes, PointUncertainty, UNCERTAINTY)
+    return PointImpedances(**KIND.read_head(group, path), **fields, uncertainty=known)
 
 
 def write_alongside(file: h5py.File, results: tuple[PointImpedances, ...]) -> None:
@@ -102,5 +114,13 @@ def _rows(result: PointImpedances) -> Rows:
             **parts_of(first, "resistance, pressure first", "reactance, pressure first"),
             "coherence": coherence,
         }  # fmt: skip
+        for order in ("", "_pressure_first") if result.uncertainty is not None else ():
+            name = {"cell": "cells"}.get(place, "liner") + order
+            found = getattr(result.uncertainty, name)
+            for end in ("low", "high"):
+                words = f"{order.replace('_', ', ', 1).replace('_', ' ')}, statistical {end}"
+                # Points have none.
+                bound = getattr(found, end) if place != "point" else torch.complex(unknown, unknown)
+                columns |= parts_of(bound, f"resistance{words}", f"reactance{words}")
         rows += rows_of(columns, (len(x), len(result.frequency)))
     return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ BOUNDS = {
 
 def result_kind(schema: str, noun: str, **attributes: Any) -> FileKind:
     """A kind of file with title, side of the source, choices, notes and gas among attributes."""
-    return FileKind(schema, noun, {**HEADING, **attributes})
+    return FileKind(schema, noun, {**HEADING, **attributes}, others=(".csv",))
 
 
 def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
@@ -41,7 +42,7 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
 
 
 def read_interval(
-    file: h5py.File, table: Table, path: str | Path, sizes: Sizes | None = None
+    file: h5py.Group, table: Table, path: str | Path, sizes: Sizes | None = None
 ) -> Interval | None:
     """What is there of an ``interval_table``; None if nothing is."""
     if not is_there(file, table[0].names[0], path):
@@ -62,26 +63,33 @@ UNCERTAINTY = {
 }
 
 
-def write_uncertainty(file: h5py.File, found: Uncertainty, dims: tuple[str, ...]) -> None:
-    """Into an open map file whose probes have the dimensions ``dims``."""
+def write_uncertainty(
+    file: h5py.Group,
+    found: Any,
+    dims: tuple[str, ...] = (),
+    tables: Mapping[str, Table] = UNCERTAINTY,
+) -> None:
+    """Into an open map file whose probes have the dimensions ``dims``; or the intervals of
+    ``tables`` into another file or a group of one."""
     file.attrs["uncertainty"] = to_json(dict(found.settings))
     level = 100 * float(found.settings["level"])
     words = f"{level:g} %, statistical (moving blocks over time), not the spread over positions"
     axes = {"probes": dims, "along": dims[-1:]}
-    for name, table in UNCERTAINTY.items():
+    for name, table in tables.items():
         if getattr(found, name) is not None:
             write_variables(file, getattr(found, name), table, axes, words)
 
 
 def read_uncertainty(
-    file: h5py.File, path: str | Path, sizes: Sizes | None = None
-) -> Uncertainty | None:
-    """What ``write_uncertainty`` wrote; None if there is none."""
+    file: h5py.Group, path: str | Path, sizes: Sizes | None = None, kind: Any = Uncertainty,
+    tables: Mapping[str, Table] = UNCERTAINTY,
+) -> Any:  # fmt: skip
+    """What ``write_uncertainty`` wrote, as a record of ``kind``; None if there is none."""
     if "uncertainty" not in file.attrs:
         return None
-    found = {name: read_interval(file, table, path, sizes) for name, table in UNCERTAINTY.items()}
+    found = {name: read_interval(file, table, path, sizes) for name, table in tables.items()}
     settings = read_json(file, "uncertainty", path, {})
-    return Uncertainty(**{n: v for n, v in found.items() if v is not None}, settings=settings)
+    return kind(**{n: v for n, v in found.items() if v is not None}, settings=settings)
 
 
 def gap_table(stem: str, dims: tuple[str, ...]) -> Table:

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
+from torchliner.io.whole_file import printable
 from torchliner.names import did_you_mean
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
@@ -87,6 +88,8 @@ def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str 
             raise ValueError(
                 f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks around it"
             )
-        text = value if kind == "text" else json.dumps(dict(value)) if kind == "json" else (
-            f"{float(value)!r} {kind}")  # fmt: skip
+        if kind == "text":
+            text = printable(value)
+        else:
+            text = json.dumps(dict(value)) if kind == "json" else f"{float(value)!r} {kind}"
         file.write(f"# {key} = {text}\n")

@@ -86,7 +86,7 @@ def packing_of(dataset: h5py.Dataset, label: str) -> Packing:
     found = {key: _numbers(dataset, key, label)
              for key in ("scale_factor", "add_offset", "_FillValue", "missing_value",
                          "valid_min", "valid_max", "valid_range")
-             if key in dataset.attrs}  # fmt: skip
+             if key in list(dataset.attrs)}  # fmt: skip  # a list fails where damage hides one
     for key in ("scale_factor", "add_offset"):
         if key in found and not (len(found[key]) == 1 and np.isfinite(found[key][0])):
             raise ValueError(f"{label}: {key} is {found[key]}; one finite number is needed")

@@ -27,7 +27,7 @@ from torchliner.io.hdf5 import (
     to_json,
     write_variable,
 )
-from torchliner.io.whole_file import written_whole
+from torchliner.io.whole_file import HDF5, written_whole
 
 SEVERAL = ("probes", "along", "draws")  # dimensions that may stand for several axes or none
 IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
@@ -211,17 +211,20 @@ class FileKind:
         attributes: fields of the record that are attributes of the file, in order, and their
             values where the file has none: texts as they are, all else as JSON.
         constants: attributes that every such file has.
+        others: endings that another writer of the record takes, for messages.
     """
 
     schema: str
     noun: str
     attributes: Mapping[str, Any]
     constants: tuple[tuple[str, str], ...] = (("Conventions", "CF-1.8"),)
+    others: tuple[str, ...] = ()
 
     @contextmanager
     def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
         """A new file with its attributes; an old one is replaced when the new one is whole."""
-        with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        endings = (*HDF5, *self.others)
+        with written_whole(path, *endings) as temporary, h5py.File(temporary, "w") as file:
             for key, text in self.constants:
                 file.attrs[key] = text
             self.write_head(file, record)

@@ -1,41 +1,181 @@
-"""Files that are whole or not there: written beside and renamed."""
+"""Files that are whole or not there, and the one place where anything is refused as an output."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import re
+import socket
+import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
+
+HDF5 = (".h5", ".hdf5", ".nc")
+PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
+LONGEST_NAME = 255  # bytes, on all file systems in use
+PART = f".torchliner-{re.sub(r'[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"  # and who writes it
+STEERING = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+_inputs: ContextVar[frozenset[Any]] = ContextVar("inputs", default=frozenset())
+
+
+def printable(text: str) -> str:
+    """Text from a file for a terminal or a table: what would steer either is written out.
+
+    Control characters, marks that turn the direction of writing, and halves of characters become
+    ``\\x1b`` and the like; ends of lines and tabs stay.
+    """
+    return re.sub(STEERING, lambda found: ascii(found[0])[1:-1], text)
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside ``path``, renamed onto it when the block ends well.
+def inputs_kept(paths: Iterable[str | Path]) -> Iterator[None]:
+    """Within the block nothing is written over one of these files, whatever its name there."""
+    token = _inputs.set(frozenset(map(identity, paths)))
+    try:
+        yield
+    finally:
+        _inputs.reset(token)
 
-    A crash or an interrupt leaves the old file as it was.
+
+def identity(path: str | Path) -> Any:
+    """What a name leads to: the file, by any of its names, or the place where one would be."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return os.path.realpath(path)
+    return found.st_dev, found.st_ino
+
+
+def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -> None:
+    """Refuse a file name whose ending says something else than what is written.
 
     Raises:
-        OSError: the folder is missing or cannot be written to.
+        ValueError: it does.
     """
+    suffix = Path(path).suffix
+    if suffix.lower() not in endings:
+        raise ValueError(
+            f"{option}{' ' if option else ''}{path} ends in {suffix or 'nothing'!r}; it must be "
+            f"one of {', '.join(endings)}"
+        )
+
+
+def writable(path: str | Path, *endings: str) -> Path:
+    """The file that an output would replace or make, with links followed.
+
+    Args:
+        path: as the user named it.
+        endings: that it may have; any if none is named.
+    Raises:
+        ValueError: another ending; an input of the command.
+        OSError: no folder, a folder, a device, a link that leads to itself, write-protected, a name
+            longer than 255 bytes.
+    """
+    if endings:
+        require_ending(path, endings)
     path = Path(path)
-    if not path.parent.is_dir():
-        raise OSError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
+    target = Path(os.path.realpath(path))
+    if len(os.fsencode(target.name)) > LONGEST_NAME:
+        raise OSError(f"{path}: the name has more than {LONGEST_NAME} bytes; shorten it")
+    if target.is_symlink():
+        raise OSError(f"{path} is a link that leads to itself; name a file")
+    folder = target.parent if path.is_symlink() else path.parent  # as the user knows it
+    if not folder.is_dir():
+        raise OSError(f"{path}: the folder {folder} does not exist")
+    if target.is_dir():
         raise OSError(f"{path} is a folder; name a file")
+    if target.exists() and not target.is_file():
+        raise OSError(f"{path} is a device or a pipe, which is not written to; name a file")
+    if identity(target) in _inputs.get():
+        raise ValueError(f"the output {path} is an input; name another file")
+    # The mode as well: root may write to what is marked read-only.
+    if target.exists() and not (target.stat().st_mode & 0o222 and os.access(target, os.W_OK)):
+        raise OSError(f"{path} is write-protected; name another file, or allow writing to it")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OSError(f"{path} cannot be written: the folder {folder} is write-protected")
+    return target
+
+
+def writable_folder(path: str | Path) -> None:
+    """Refuse a folder that could neither be made nor written to.
+
+    Raises:
+        OSError: it, or what it would be made in, is no folder or is write-protected.
+    """
+    there = Path(path).absolute()
+    while not there.exists() and not there.is_symlink() and there != there.parent:
+        there = there.parent
+    if not there.is_dir():
+        raise OSError(f"{path}: {there} is there and no folder; name a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OSError(f"{path} cannot be made or filled: the folder {there} is write-protected")
+
+
+@contextmanager
+def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
+    """A temporary path beside the file, renamed onto it when the block ends well.
+
+    A crash or an interrupt leaves the old file as it was; what killed runs have left beside it is
+    deleted. A link is followed, and a file that is replaced keeps its mode.
+
+    Args:
+        path, endings: as for ``writable``.
+    Raises:
+        ValueError, OSError: as ``writable``; the disk is full.
+    """
+    target = writable(path, *endings)
+    _clean(target.parent)
     try:
         handle, temporary = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.name}.", suffix=".part"
+            dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part"
         )
     except OSError as error:
         raise OSError(f"{path} cannot be written: {error.strerror}") from error
     os.close(handle)
     try:
         yield Path(temporary)
+        _dress(temporary, target)
+        os.replace(temporary, target)
+    except BaseException as error:
+        Path(temporary).unlink(missing_ok=True)
+        full = isinstance(error, OSError) and error.errno in FULL
+        at_end = isinstance(error, RuntimeError) and "errno" in str(error)  # HDF5, when it closes
+        if full or at_end or (isinstance(error, OSError) and temporary in str(error)):
+            text = str(error).replace(temporary, str(path))
+            raise OSError(f"{path} cannot be written: {text}") from error
+        raise
+
+
+def _dress(temporary: str, target: Path) -> None:
+    """Mode and owner of the file that is replaced; a new one has the usual mode."""
+    if not target.exists():
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        return
+    old = target.stat()
+    if hasattr(os, "chown"):
+        with contextlib.suppress(OSError):  # another's file, in a folder of ours
+            os.chown(temporary, old.st_uid, old.st_gid)
+    os.chmod(temporary, stat.S_IMODE(old.st_mode))
+
+
+def _clean(folder: Path) -> None:
+    """Delete parts of runs on this machine that are no more."""
+    if os.name == "nt":  # where asking after a process would end it
+        return
+    for part in folder.glob(f"{PART}*.part"):
+        number = part.name.removeprefix(PART).partition("-")[0]
+        try:
+            os.kill(int(number), 0)
+        except ProcessLookupError:
+            part.unlink(missing_ok=True)
+        except (OSError, ValueError, OverflowError):  # alive and another's; no part of ours
+            continue

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -93,7 +94,7 @@ def _system(
     parts = parts - torch.cat([zeros, rest], -2)
     if wall is None or sent is None:
         return parts
-    shape = torch.broadcast_shapes(sent.shape[:-2], parts.shape[:-2])
+    shape = np.broadcast_shapes(sent.shape[:-2], parts.shape[:-2])
     arrive = (
         torch.eye(count, dtype=sent.dtype, device=sent.device)
         if wall.arrive is None else wall.arrive

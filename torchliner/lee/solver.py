@@ -112,7 +112,7 @@ class DuctSolver:
             # A plain complex number would become complex64.
             exact = value if isinstance(value, Tensor) else np.asarray(value, np.complex128)
             tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
-            both.append(tensor.expand(torch.broadcast_shapes(tensor.shape, shape)))
+            both.append(tensor.expand(np.broadcast_shapes(tensor.shape, shape)))
         returns = torch.stack(torch.broadcast_tensors(*both), -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
@@ -124,7 +124,7 @@ class DuctSolver:
         if wall is not None:
             inner = 2 if wall.arrive is not None else 3
             batches.append(wall.send.shape[:-inner])
-        shape = torch.broadcast_shapes(*batches)
+        shape = torch.Size(np.broadcast_shapes(*batches))
         lead = shape[:-1]
         count = math.prod(lead)
         per_item = 16 * size**2 * shape[-1]

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -102,8 +103,8 @@ def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) 
     reflection = wall_reflection(impedance, frequency.device).to(frequency.device)
     wanted = (len(frequency), patches)
     try:
-        shape = torch.broadcast_shapes(reflection.shape, wanted)
-    except RuntimeError:
+        shape = np.broadcast_shapes(reflection.shape, wanted)
+    except ValueError:
         shape = ()
     if shape[-2:] != wanted:
         raise ValueError(
@@ -129,7 +130,7 @@ def _varying(
         )
     reflection = reflection.reshape(*reflection.shape[:-1], *x.shape)
     values, weights = (t.to(reflection) for t in (values, weights))
-    blocks = torch.einsum("qi,...q,qj->...ij", values, reflection * weights, values)
+    blocks = values.mT @ ((reflection * weights)[..., None] * values)
     return blocks / basis.weights[:, None]
 
 

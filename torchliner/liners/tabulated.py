@@ -133,7 +133,7 @@ class TabulatedLiner(LinerModel):
         row, across = _bracket(self.frequency, f)
         if self.speed is None:
             flat = self.values[row] * (1 - across) + self.values[row + 1] * across
-            return flat.broadcast_to(torch.broadcast_shapes(f.shape, v.shape))
+            return flat.broadcast_to(np.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
         column, along = _bracket(self.speed, v)
         lower, upper = (

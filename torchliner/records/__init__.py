@@ -9,7 +9,7 @@ from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.reference_channel import ReferenceChannel
-from torchliner.records.uncertainty import Interval, Uncertainty
+from torchliner.records.uncertainty import Interval, PointUncertainty, Uncertainty
 from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
 from torchliner.records.wall_eduction import WallEduction
 
@@ -24,6 +24,7 @@ __all__ = [
     "LineAverage",
     "MicrophoneLine",
     "PointImpedances",
+    "PointUncertainty",
     "PressureRecord",
     "ReferenceChannel",
     "StoredVelocity",

@@ -21,7 +21,7 @@ class Cells:
     Args:
         labels: cell of each probe, int64, (P,); -1 for probes in a cell that is not whole.
         x, z: centres, m, (C,); nan where the plane has no such coordinate.
-        weight: share of its probes that a cell has, above 0 to 1, (C,); None: all have all.
+        weight: share of its probes that a cell has, above 0 to 1, (C,); None: all the same.
     """
 
     labels: Tensor
@@ -45,9 +45,9 @@ class Cells:
         there = left > 0
         number = torch.where(there, there.to(torch.int64).cumsum(0) - 1, -1)
         labels = torch.where(inside & used, number[self.labels.clamp(min=0)], -1)
-        weight = (left[there] / of[there]).to(torch.float64)
-        plain = bool((weight == 1).all())
-        return Cells(labels, self.x[there], self.z[there], None if plain else weight)
+        weight = left[there].to(torch.float64) / of[there]
+        alike = bool((weight == weight[:1]).all())
+        return Cells(labels, self.x[there], self.z[there], None if alike else weight)
 
     def membership(self, used: Tensor) -> Tensor:
         """Averaging matrix (P, C), float64: columns sum to 1 over the probes ``used``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
 FINE = 201  # places of a level along the microphones
@@ -15,11 +16,15 @@ class DrawnImpedance:
         method: for tables and legends.
         impedance: Z, normalised, (..., F).
         draws: the same eduction over draws of the error, (D, ..., F); None without.
+        covariance: of (resistance, reactance), (..., F, 2, 2); None if unknown.
+        freedom: real degrees of freedom that it was estimated from; None if it was stated.
     """
 
     method: str
     impedance: Tensor
     draws: DrawnImpedance | None
+    covariance: Tensor | None
+    freedom: int | None = None
 
     @property
     def mean(self) -> Tensor:
@@ -36,10 +41,31 @@ class DrawnImpedance:
         """How many draws have no impedance, (..., F)."""
         return (~torch.isfinite(self._drawn())).sum(0)
 
+    @property
+    def standard_error(self) -> Tensor:
+        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws.
+
+        Raises:
+            ValueError: no covariance is known.
+        """
+        if self.covariance is None:
+            raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
+        spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
+        return torch.complex(spread[..., 0], spread[..., 1])
+
     def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
-        """Bounds of the middle ``level`` of the draws: real parts bound R, imaginary parts X."""
+        """Bounds of a statistical interval: real parts bound R, imaginary parts X.
+
+        The middle ``level`` of the draws; without draws Student's interval, or the normal one of
+        stated errors, to first order.
+        """
         if not 0 < level < 1:
             raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        if self.draws is None:
+            normal = ndtri((1 + level) / 2)
+            reach = normal if self.freedom is None else stdtrit(self.freedom, (1 + level) / 2)
+            away = float(reach) * self.standard_error
+            return self.impedance - away, self.impedance + away
         drawn = self._drawn()
         return tuple(
             torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))

@@ -77,12 +77,6 @@ class FieldFit(DrawnImpedance):
         return self.impedance * share
 
     @property
-    def standard_error(self) -> Tensor:
-        """Of resistance (real part) and reactance (imaginary part), (..., F)."""
-        spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
-        return torch.complex(spread[..., 0], spread[..., 1])
-
-    @property
     def level(self) -> Tensor:
         """SPL of the model at the microphones, dB re 20 uPa rms, (..., N, F)."""
         return spl_from_pressure_amplitude(self.pressure)

@@ -57,7 +57,7 @@ class ImpedanceMap(Drawn):
         uncertainty: statistical intervals, because the record is finite; None without any.
         alongside: what other methods found for the same case, such as ``in_situ``.
         cell_weight: share of its probes that each cell has, in averages over cells, (C,); None: all
-            have all. Cells without any probe left are no cells of the map.
+            the same. Cells without any probe left are no cells of the map.
         closure: whether Z and the coherent velocity give the pressure that is known; None where
             that is not checked, see ``closure_words``.
     """

@@ -26,12 +26,11 @@ from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
-from torchliner.records.unit_checks import unit_warnings
+from torchliner.records.unit_checks import LOUDEST, unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST = 1.0  # dB
-LOUDEST = 194.0  # dB: a peak of one atmosphere
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,8 @@ class MicrophoneLine(Written):
             (..., N) for a single frequency. Leading axes are cases of one line, as draws.
         frequency: Hz, (F,).
         duct_height: H, m, from the liner to the opposite wall.
-        mach: bulk Mach number of the flow along +x, 0 to 1.
+        mach: bulk Mach number of the flow along +x, 0 to 1; None where it is not stated, which no
+            method takes for 0.
         source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
             ``unknown`` until it is needed.
         duct_width: m, across; only for the cut-on of spanwise modes.
@@ -64,7 +64,7 @@ class MicrophoneLine(Written):
     pressure: Any
     frequency: Any
     duct_height: float = field(kw_only=True)
-    mach: float = field(default=0.0, kw_only=True)
+    mach: float | None = field(default=None, kw_only=True)
     source_side: str = field(default="unknown", kw_only=True)
     duct_width: float | None = field(default=None, kw_only=True)
     liner_start: float | None = field(default=None, kw_only=True)
@@ -87,7 +87,7 @@ class MicrophoneLine(Written):
         require_positive(f"{self.name}: duct_height (m)", self.duct_height)
         if self.duct_width is not None:
             require_positive(f"{self.name}: duct_width (m)", self.duct_width)
-        if not 0 <= plain_number(self.mach) < 1:
+        if self.mach is not None and not 0 <= plain_number(self.mach) < 1:
             raise ValueError(
                 f"{self.name}: mach is {plain_number(self.mach):g}; it must be at least 0 (count x "
                 "along the flow) and below 1 (a Mach number, not m/s)"
@@ -205,6 +205,20 @@ class MicrophoneLine(Written):
     def microphones(self) -> int:
         """N."""
         return len(self.x)
+
+    @property
+    def stated_mach(self) -> float:
+        """``mach`` as a plain number.
+
+        Raises:
+            ValueError: none is stated.
+        """
+        if self.mach is None:
+            raise ValueError(
+                f"{self.name} states no Mach number; give it (mach = ... in the file, mach=, "
+                "--mach): 0 says that there is no flow"
+            )
+        return plain_number(self.mach)
 
     @property
     def level(self) -> Tensor:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_complex
 from torchliner.records.outlets import Written
+from torchliner.records.uncertainty import PointUncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class PointImpedances(Written):
         point_impedance: (P, F); nan where a point belongs to no cell.
         choices: every option.
         notes: warnings, with numbers.
+        uncertainty: statistical intervals, because the record is finite; None without any.
     Raises:
         TypeError: an impedance is not complex.
         ValueError: shapes disagree.
@@ -49,6 +51,7 @@ class PointImpedances(Written):
     point_impedance: Tensor
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    uncertainty: PointUncertainty | None = None
 
     def __post_init__(self) -> None:
         cells, points, count = len(self.cell_x), len(self.point_x), len(self.frequency)
@@ -71,6 +74,23 @@ class PointImpedances(Written):
                     f"{self.name}: {label} has shape {tuple(value.shape)}; {cells} cells, {points} "
                     f"points and {count} frequencies need {shape}"
                 )
+
+    def bounds_of_liner(self, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
+        """Of the whole surface's statistical interval at one frequency; None without any.
+
+        Args:
+            order: "" for the admittance over points, "_pressure_first".
+            index: of the frequency.
+        """
+        known = self.uncertainty
+        return None if known is None else getattr(known, f"liner{order}").bounds(index)
+
+    def bounds_of_cell(
+        self, cell: int, order: str = "", index: int = 0
+    ) -> tuple[complex, complex] | None:
+        """Of one cell's statistical interval; as ``bounds_of_liner``."""
+        known = self.uncertainty
+        return None if known is None else getattr(known, f"cells{order}").bounds(cell, index)
 
     def at(self, frequency: float) -> int | None:
         """Index of a frequency (Hz), None if it is not among these."""

@@ -64,10 +64,15 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     """
     if isinstance(value, Tensor):
         tensor = value
+        if tensor.layout != torch.strided or tensor.is_meta:
+            kind = "meta" if tensor.is_meta else str(tensor.layout).removeprefix("torch.")
+            raise TypeError(f"{name}: {label} is a {kind} tensor; give a dense one, in memory")
     else:
         array = _time_last(value, f"{name}: {label}", unit)
         if array.dtype.kind not in "fiuc":
             raise TypeError(f"{name}: {label} is {array.dtype}; floating-point {unit} are needed")
+        if array.dtype.itemsize > 8 and array.dtype.kind == "f":  # torch has no such type
+            raise TypeError(f"{name}: {label} is {array.dtype}; convert it to float64 first")
         native = array.astype(array.dtype.newbyteorder("="), copy=False)
         # torch knows no negative strides; only such an array is copied.
         backwards = any(stride < 0 for stride in native.strides)

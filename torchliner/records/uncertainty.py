@@ -34,11 +34,15 @@ class Interval:
         """The same with every field put through a function."""
         return Interval(*(function(value) for value in vars(self).values()))
 
+    def bounds(self, *place: int) -> tuple[complex, complex]:
+        """Both ends at one place, as plain numbers."""
+        return complex(self.low[place]), complex(self.high[place])
+
     @classmethod
-    def joined(cls, parts: Sequence[Interval]) -> Interval:
-        """Several, one after another along the first axis."""
+    def joined(cls, parts: Sequence[Interval], axis: int = 0) -> Interval:
+        """Several, one after another along an axis."""
         names = vars(parts[0])
-        return cls(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+        return cls(*(torch.cat([getattr(part, name) for part in parts], axis) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,3 +67,20 @@ class Uncertainty:
     settings: Mapping[str, Any] = field(default_factory=dict)
     cells_coherent_first: Interval | None = None
     liner_coherent_first: Interval | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PointUncertainty:
+    """Statistical intervals of ``PointImpedances``, in both orders of averaging.
+
+    Args:
+        cells, cells_pressure_first: (C, F).
+        liner, liner_pressure_first: (F,).
+        settings: level, draws, seed, what was resampled, blocks.
+    """
+
+    cells: Interval
+    cells_pressure_first: Interval
+    liner: Interval
+    liner_pressure_first: Interval
+    settings: Mapping[str, Any] = field(default_factory=dict)

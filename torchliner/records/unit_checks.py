@@ -1,17 +1,72 @@
-"""Levels that look like pascals and phases that look like radians."""
+"""Levels that look like pascals, phases like radians, metres like mm and Hz like kHz."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from torch import Tensor
 
+LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
+LOWEST_RATE = 500.0  # Hz
+# m: what a liner's data may span, and lie above it; a boundary layer's displacement.
+LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
+LOUDEST = 194.0  # dB: a peak of one atmosphere
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 # Over half a wavelength even a standing wave turns by pi, so that in degrees the steps from
 # microphone to microphone add up to some 57 times those in radians.
 WHOLE = math.pi
 NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
+
+
+def require_flow_and_level(name: str, mach: float | None, level: float | None) -> None:
+    """Refuse a bulk Mach number outside 0 to 1, and an incident level above one atmosphere.
+
+    Raises:
+        ValueError: also what is not finite.
+    """
+    if mach is not None and not 0 <= mach < 1:
+        raise ValueError(
+            f"{name}: mach is {mach:g}; it must be at least 0 (count x along the flow) and below 1 "
+            "(a Mach number, not m/s)"
+        )
+    if level is not None and not -math.inf < level <= LOUDEST:
+        raise ValueError(
+            f"{name}: incident_level is {level:g} dB; it must be finite and at most {LOUDEST:g} "
+            "dB, where the amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
+        )
+
+
+def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
+    """Why numbers of a plane may be in other units than Hz, m and dB.
+
+    Args:
+        plane: a ``VelocityPlane``.
+        frequency: the lowest that is asked for, Hz; None if none is.
+    """
+    spans = [(f"{key} spans", float(values.max() - values.min()), LONGEST, "m", "mm")
+             for key in ("x", "z") if (values := getattr(plane, key)) is not None]  # fmt: skip
+    found = [
+        f"{what} {value:.4g} {unit}, above {limit:g} {unit}; are these {other}?"
+        for what, value, limit, unit, other in (
+            *spans,
+            ("the height is", plane.height or 0.0, HIGHEST, "m", "mm"),
+            ("displacement_thickness is", plane.displacement_thickness or 0.0, THICKEST, "m", "mm"),
+        )
+        if value > limit
+    ]
+    found += [
+        f"{what} {value:.4g} {unit}, below {limit:g} {unit}; are these {other}?"
+        for what, value, limit, unit, other in (
+            ("the frequency is", frequency or LOWEST_TONE, LOWEST_TONE, "Hz", "kHz"),
+            ("the sampling rate is", plane.sampling_rate, LOWEST_RATE, "Hz", "kHz"),
+            ("the incident level is", plane.incident_level or LIKE_PASCALS, LIKE_PASCALS, "dB",
+             "pascals"),
+        )
+        if value < limit
+    ]  # fmt: skip
+    return [f"{plane.name}: {text} SI units and dB re 20 uPa rms are needed" for text in found]
 
 
 def unit_warnings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
@@ -14,6 +15,7 @@ from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
+from torchliner.records.unit_checks import require_flow_and_level
 
 
 @runtime_checkable
@@ -93,6 +95,13 @@ class VelocityPlane(Written, AtProbes):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
         require_positive_where_stated(self, "height", "frequency")
+        require_flow_and_level(self.name, self.mach, self.incident_level)
+        thickness = self.displacement_thickness
+        if thickness is not None and not 0 <= thickness < math.inf:
+            raise ValueError(
+                f"{self.name}: displacement_thickness is {thickness:g} m; it must be finite and at "
+                "least 0"
+            )
         if self.source_side not in SOURCE_SIDES:
             raise ValueError(
                 f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"

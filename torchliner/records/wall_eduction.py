@@ -34,6 +34,10 @@ class WallEduction(DrawnImpedance):
         rank, order: K and L; None for fits.
         draws: the same eduction over draws of the measurement error, (D, ..., F) and so on.
         choices: every option.  notes: warnings, with numbers.
+        covariance: of (resistance, reactance), (F, 2, 2), for errors of the microphones as large
+            as what the waves leave, to first order; None without a degree of freedom, or for lines
+            with leading axes.
+        freedom: real degrees of freedom behind it.
     Raises:
         TypeError: wavenumber or impedance is not complex.
         ValueError: shapes disagree.
@@ -55,6 +59,8 @@ class WallEduction(DrawnImpedance):
     draws: WallEduction | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    covariance: Tensor | None = None
+    freedom: int | None = None
 
     def __post_init__(self) -> None:
         shape = self.wavenumber.shape
@@ -88,6 +94,21 @@ class WallEduction(DrawnImpedance):
         dB, (..., X, F)."""
         places = fine_places(self.x)
         return places, self.level_at(places)
+
+    @property
+    def energies(self) -> Tensor:
+        """Energy of each wave over the microphones, over that of the strongest, (..., K, F)."""
+        along = (self.x - self.origin).to(self.modes.device)
+        power = self.amplitudes.abs().log()[..., None] + self.modes.imag[..., None] * along
+        total = (2 * power).logsumexp(-1)
+        return (total - total.amax(-2, keepdim=True)).exp()
+
+    @property
+    def energy_share(self) -> Tensor:
+        """``energies`` of the wave whose impedance is given, (..., F); nan where there is none."""
+        mine = (self.modes - self.wavenumber[..., None, :]).abs().argmin(-2, keepdim=True)
+        share = self.energies.gather(-2, mine)[..., 0, :]
+        return torch.where(torch.isnan(self.wavenumber), torch.nan, share)
 
     @property
     def wavenumber_deviation(self) -> Tensor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.replay.kernels import KernelTable
+from torchliner.replay.kernels import KernelTable, one_thread
 from torchliner.replay.levels import VelocityGrid, carries_gradient
 
 # In float64 the table's own rounding (1e-16 over the fit's Tikhonov parameter of 1e-7) keeps its
@@ -44,6 +44,7 @@ class Factors:
         return self.along.shape[1]
 
 
+@one_thread()
 def factor_taps(kernels: KernelTable, tolerance: float | None) -> Factors:
     """The smallest rank at which no response moves by more than ``tolerance``.
 

@@ -8,8 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.probe_velocity import ProbeVelocity
 from torchliner.replay.survey import Survey, moments, survey
 
@@ -48,13 +50,24 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     facts.update(_stated(plane))
     failures: list[str] = []
     _velocity_facts(plane, seen, facts, failures)
+    failures += plane_unit_warnings(plane, plane.frequency)
     if plane.frequency is not None:
-        facts["periods of the tone"] = plane.frequency * plane.duration
+        periods = facts["periods of the tone"] = plane.frequency * plane.duration
+        if periods < FEWEST_PERIODS * (1 - 1e-6):
+            failures.append(
+                f"{periods:.3g} periods of the tone, fewer than {FEWEST_PERIODS:g}: educe refuses "
+                "them unless --allow-short is given"
+            )
+        if plane.frequency >= plane.sampling_rate / 2:
+            failures.append(
+                f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate: educe "
+                "refuses it"
+            )
         facts["samples per period"] = plane.sampling_rate / plane.frequency
         facts["coherence with the tone (median)"] = float(seen.coherence.median())
     if not int(seen.bad.sum()):
         facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
-    missing = [name for name in OPTIONAL if not getattr(plane, name)]
+    missing = [name for name in OPTIONAL if getattr(plane, name) in (None, "")]
     missing += [name for name in ("x", "z") if getattr(plane, name) is None]
     return Inspection(facts, failures, missing)
 
@@ -90,8 +103,8 @@ def _velocity_facts(
         first = int(bad.nonzero()[0])
         failures.append(
             f"{int(seen.bad.sum())} nan or inf at {int(bad.sum())} of {plane.probes} probes, the "
-            f"first at probe {first}, sample {int(seen.first_bad[first])} (missing='exclude' "
-            "leaves such probes out)"
+            f"first at probe {first}, sample {int(seen.first_bad[first])} (educe --missing "
+            "exclude leaves such probes out)"
         )
     if not bool(good.any()):
         return

@@ -10,8 +10,12 @@ already costs gains of tens to hundreds outside the band, so it would amplify an
 
 from __future__ import annotations
 
+import contextlib
+import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -78,7 +82,7 @@ def reflection_at_levels(liner: Liner, frequency: Tensor, grid: VelocityGrid) ->
 
 def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
     """``liner.impedance`` of any user's object as a complex128 tensor of the broadcast shape."""
-    shape = torch.broadcast_shapes(frequency.shape, speed.shape)
+    shape = np.broadcast_shapes(frequency.shape, speed.shape)
     found = torch.as_tensor(liner.impedance(frequency, speed)).to(torch.complex128)
     if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
         raise ValueError(
@@ -95,6 +99,19 @@ def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
         ) from error
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra of tables in one thread: several add in another order, and the least squares,
+    whose normal matrix is near singular, makes 1e-9 of that."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@one_thread()
 def build_kernels(
     liner: Liner,
     grid: VelocityGrid,
@@ -133,8 +150,7 @@ def build_kernels(
         high = 0.49 * sampling_rate
     if kind == "two-sided":
         first, last = -round(before * sampling_rate), round(after * sampling_rate)
-        lags = torch.arange(first, last + 1, dtype=torch.float64)
-        taps = _fit(liner, grid, lags / sampling_rate, (low, high), regularisation)
+        taps = _fit(liner, grid, (first, last, sampling_rate), (low, high), regularisation)
     else:
         first = 0
         taps = _causal_part(liner, grid, sampling_rate, round(after * sampling_rate) + 1)
@@ -175,26 +191,36 @@ def _response(taps: Tensor, lags: Tensor, frequency: Tensor, sampling_rate: floa
 def _fit(
     liner: Liner,
     grid: VelocityGrid,
-    times: Tensor,
+    lags: tuple[int, int, float],
     band: tuple[float, float],
     regularisation: float,
 ) -> Tensor:
-    """Least-squares taps at ``times`` (s, (K,)) for R on the band, (V, K)."""
+    """Least-squares taps at K lags (first, last, sampling rate) for R on the band, (V, K)."""
+    frequency, rows, factors, pivots = _normal_equations(lags, band, regularisation)
+    wanted = reflection_at_levels(liner, frequency, grid)
+    target = torch.cat([wanted.real, wanted.imag], dim=1)
+    return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows
+
+
+@functools.lru_cache(maxsize=4)  # an audit or a fit builds hundreds of tables at one rate
+def _normal_equations(
+    lags: tuple[int, int, float], band: tuple[float, float], regularisation: float
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Frequencies (F,), rows (2F, K) and the factors of the damped normal equations: no liner."""
+    first, last, rate = lags
+    times = torch.arange(first, last + 1, dtype=torch.float64) / rate
     # The band holds about 2 (high - low) T real unknowns over a duration T; six frequencies to
     # each pair, clustered towards the band's ends like Chebyshev nodes, leave nothing unseen.
-    duration = float(times[-1] - times[0])
-    points = max(32, round(6 * (band[1] - band[0]) * duration))
+    points = max(32, round(6 * (band[1] - band[0]) * float(times[-1] - times[0])))
     theta = torch.linspace(0, torch.pi, points, dtype=torch.float64)
     frequency = (band[0] + band[1]) / 2 - (band[1] - band[0]) / 2 * theta.cos()
     waves = torch.outer(2 * torch.pi * frequency, times)
     rows = torch.cat([waves.cos(), -waves.sin()])
-    wanted = reflection_at_levels(liner, frequency, grid)
-    target = torch.cat([wanted.real, wanted.imag], dim=1)
     # Fewer equations than taps: the dual form solves 2F unknowns instead of K.
     normal = rows @ rows.T
     scale = torch.linalg.eigvalsh(normal)[-1]
     damped = normal + regularisation**2 * scale * torch.eye(2 * points, dtype=torch.float64)
-    return torch.linalg.solve(damped, target.T).T @ rows
+    return frequency, rows, *torch.linalg.lu_factor(damped)
 
 
 def _causal_part(liner: Liner, grid: VelocityGrid, sampling_rate: float, count: int) -> Tensor:

@@ -11,6 +11,7 @@ from torch.autograd import forward_ad
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import INTERPOLATIONS, SPACINGS
 
+MOST_LEVELS = 10_000  # a table of so many takes some 50 MB a tap length of 600
 # Nodes of the local Lagrange polynomial, in grid steps from the inner lower level.
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}
 
@@ -22,7 +23,7 @@ class VelocityGrid:
     Args:
         maximum: largest |v|, m/s. It is that of a whole data set, or stated; never of a batch, or
             a probe's result would depend on its neighbours in memory.
-        levels: number of levels, at least 4.
+        levels: number of levels, 4 to 10 000.
         spacing: ``sqrt`` (default) or ``uniform`` (the paper).
         interpolation: ``cubic`` (default, local Lagrange) or ``linear`` (the paper).
     Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. With the levels uniform
@@ -43,8 +44,8 @@ class VelocityGrid:
         require_positive("velocity_max (m/s)", self.maximum)
         require_choice("level spacing", self.spacing, SPACINGS)
         require_choice("interpolation", self.interpolation, INTERPOLATIONS)
-        if self.levels < 4:
-            raise ValueError(f"levels is {self.levels}; at least 4 are needed")
+        if not 4 <= self.levels <= MOST_LEVELS:
+            raise ValueError(f"levels is {self.levels}; it is 4 to {MOST_LEVELS}")
 
     @property
     def speeds(self) -> Tensor:

@@ -7,9 +7,10 @@ only taken block by block, within the cache.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -20,6 +21,10 @@ BLOCK_ELEMENTS = 1 << 18  # velocities of a block: within the cache, temporaries
 ROWS_SUMMED = 16
 GPU_ELEMENTS = 1 << 25
 BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def speed_of(velocity: Tensor, offset: Tensor | None) -> Tensor:
@@ -84,6 +89,19 @@ class HeldSpeed:
         """Views."""
         for begin, end in bounds:
             yield [Columns(self.speed[:, begin:end].T)]
+
+
+def in_full_precision(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a pass over data, its first argument, see nothing of a ``torch.autocast`` around it,
+    which would round float32 products to 3 digits."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **options: P.kwargs) -> T:
+        source: Any = args[0]
+        with torch.autocast(source.device.type, enabled=False):
+            return function(*args, **options)
+
+    return run
 
 
 def weighted_sums(weights: Tensor, values: Tensor) -> Tensor:

@@ -26,12 +26,13 @@ from torchliner.replay.column_sums import ColumnSums, Task
 from torchliner.replay.incident import LineSums
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import AnyLine
-from torchliner.replay.sources import SpeedSource, block_elements
+from torchliner.replay.sources import SpeedSource, block_elements, in_full_precision
 
 FREQUENCIES_AT_ONCE = 8  # whose tables over (time, level) are held together
 SMALLEST_SINGLE = 1e-15  # b d of a law between this and its inverse has squares in float32
 
 
+@in_full_precision
 def spectral_sums(
     source: SpeedSource,
     lines: Sequence[AnyLine],

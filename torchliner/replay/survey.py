@@ -15,13 +15,12 @@ from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 from torchliner.replay.periodic import PeriodicSums
 from torchliner.replay.probe_velocity import ProbeVelocity
-from torchliner.replay.sources import block_elements, blocks, weighted_sums
+from torchliner.replay.sources import block_elements, blocks, in_full_precision, weighted_sums
 from torchliner.replay.survey_blocks import VelocityBlocks, VelocityBlockSums
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import line_sums, waves
 
 PERIODS_PER_SEGMENT = 2.0
-TOGETHER = 1 << 17  # samples times columns of coherence segments that are added at once
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Survey:
         first_bad: time index of the first of them, -1 if none, (P,).
         line: sum of w (v - mean) e^{-j omega t}, (P, F).
         coherence: of v with a steady tone, 0 to 1, (P, F).
-        segments: number of segments behind ``coherence``.
+        segments: behind ``coherence`` at each frequency, F of them.
         blocks, cell_blocks: means over blocks of the record, of all columns where they were asked
             for, of the cells, the last group, wherever there are blocks.
     """
@@ -49,7 +48,7 @@ class Survey:
     first_bad: Tensor
     line: Tensor
     coherence: Tensor
-    segments: int
+    segments: tuple[int, ...]
     blocks: VelocityBlocks | None = None
     cell_blocks: VelocityBlocks | None = None
 
@@ -70,6 +69,7 @@ class Survey:
         return dataclasses.replace(parts[0], **joined, blocks=kept)
 
 
+@in_full_precision
 def survey(
     source: ProbeVelocity,
     frequency: Tensor,
@@ -93,8 +93,8 @@ def survey(
         periodic: to be given the probes of the first group as they come by.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence
-    is that between v and a tone of constant phase, from S segments of two periods with Hann
-    windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
+    is that between v and a tone of constant phase, from S segments of two of its own periods with
+    Hann windows: |sum V_s|^2 / (S sum |V_s|^2). Without a tone its mean is 1/S.
     """
     n = source.samples
     analysis = _Analysis(n, frequency, sampling_rate, weights)
@@ -107,10 +107,9 @@ def survey(
     ]
     bounds = source.bounds()
     for (begin, end), slabs in zip(bounds, source.slabs(bounds), strict=True):
-        for low, high in analysis.pieces(begin, end, sum(source.widths)):
-            rows = analysis.rows(low, high)
-            for group, slab in zip(groups, slabs, strict=True):
-                group.add(low, high, rows, slab[low - begin : high - begin])
+        rows = analysis.rows(begin, end)
+        for group, slab in zip(groups, slabs, strict=True):
+            group.add(begin, rows, slab)
         for each, slab in zip(means, slabs[first:], strict=bool(means)):
             each.add(begin, slab)
         if periodic is not None:
@@ -146,44 +145,23 @@ class _Sums:
         self.largest = torch.full_like(self.square, -torch.inf)
         self.bad = torch.zeros(width, dtype=torch.int64, device=device)
         self.first_bad = torch.full_like(self.bad, -1)
-        self.coherence = _Coherence(analysis, width, device)
+        self.coherence = [_Coherence(each, width, device) for each in analysis.segments]
 
-    def add(self, begin: int, end: int, rows: Tensor, slab: Tensor) -> None:
-        """Samples begin .. end - 1, a piece of the analysis, with its rows."""
-        count = len(self.linear)
-        whole = self.analysis.whole_segments(begin, end)
-        if whole > 1:
-            self._add_segments(begin, whole, slab)
-        window = torch.complex(*rows[count:].sum(1).to(slab.device).chunk(2))
+    def add(self, begin: int, rows: Tensor, slab: Tensor) -> None:
+        """Samples from ``begin`` on, with the analysis' rows."""
         rows = rows.to(slab.device, slab.dtype)
-        segment = torch.zeros(
-            len(rows) - count, slab.shape[1], dtype=torch.float64, device=slab.device
-        )
         for part, columns in blocks(slab.shape[0], slab.shape[1], block_elements(slab.device)):
-            block = slab[part, columns]
+            block, first = slab[part, columns], begin + part.start
             low, high = block.amin(0), block.amax(0)
             if not bool(torch.isfinite(low + high).all()):
-                block = self._without_faults(block, begin + part.start, columns)
+                block = self._without_faults(block, first, columns)
                 low, high = block.amin(0), block.amax(0)
             self.smallest[columns] = torch.minimum(self.smallest[columns], low)
             self.largest[columns] = torch.maximum(self.largest[columns], high)
             self.square[columns] += (block * block).sum(0, dtype=torch.float64)
-            products = weighted_sums(rows[:, part], block)
-            self.linear[:, columns] += products[:count]
-            segment[:, columns] += products[count:]
-        self.coherence.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
-        if len(segment):
-            self.coherence.add(end, torch.complex(*segment.chunk(2)), window[:, None])
-
-    def _add_segments(self, begin: int, whole: int, slab: Tensor) -> None:
-        """Coherence of several whole segments at once: segments side by side as columns."""
-        columns = slab.unflatten(0, (whole, -1)).transpose(0, 1).flatten(1)
-        if not bool(torch.isfinite(columns).all()):
-            columns = torch.where(torch.isfinite(columns), columns, 0.0)
-        rows = self.analysis.segment_rows().to(slab.device)
-        products = torch.complex(*weighted_sums(rows.to(slab.dtype), columns).chunk(2))
-        window = torch.complex(*rows.sum(1).chunk(2))[:, None]
-        self.coherence.add_whole(begin, products.unflatten(1, (whole, -1)), window)
+            self.linear[:, columns] += weighted_sums(rows[:, part], block)
+            for each in self.coherence:
+                each.add(first, block, columns)
 
     def _without_faults(self, block: Tensor, begin: int, columns: slice) -> Tensor:
         wrong = ~torch.isfinite(block)
@@ -198,106 +176,121 @@ class _Sums:
         mean = self.linear[0] / n
         lines = torch.complex(*self.linear[1:].chunk(2))
         lines = lines - self.analysis.window_lines().to(mean.device)[:, None] * mean
-        coherence = self.coherence.result(mean, self.square / n).T
+        coherence = torch.empty(len(lines), len(mean), dtype=torch.float64, device=mean.device)
+        for each in self.coherence:
+            coherence[each.own.index] = each.result(mean, self.square / n)
         return Survey(
             mean, self.square / n, self.smallest, self.largest, self.bad, self.first_bad,
-            lines.T, coherence, self.analysis.segments,
+            lines.T, coherence.T, self.analysis.counts(),
         )  # fmt: skip
 
 
 class _Analysis:
-    """Rows of e^{-j omega t} under the window and under the coherence segments."""
+    """Rows of e^{-j omega t} under the window, and the segments of each frequency."""
 
     def __init__(self, n: int, frequency: Tensor, sampling_rate: float, weights: Tensor) -> None:
         self.samples, self.weights = n, weights
         self.frequency, self.sampling_rate = frequency.cpu(), sampling_rate
-        period = sampling_rate / float(frequency.min())
-        self.segment_length = max(1, min(n, round(PERIODS_PER_SEGMENT * period)))
-        self.segments = max(1, n // self.segment_length)
-        steps = torch.arange(self.segment_length, dtype=torch.float64)
-        self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / self.segment_length)
+        # Two of each frequency's own periods, so that no other frequency matters to it.
+        lengths = (PERIODS_PER_SEGMENT * sampling_rate / self.frequency).round().clamp(1, n)
+        self.lengths = lengths.to(torch.int64)
+        self.segments = [
+            _Segments(n, int(length), self.frequency, (self.lengths == length).nonzero()[:, 0],
+                      sampling_rate)
+            for length in self.lengths.unique()
+        ]  # fmt: skip
 
-    def pieces(self, begin: int, end: int, columns: int) -> list[tuple[int, int]]:
-        """begin .. end - 1 in parts of a segment, and in whole segments where they are small."""
-        length, last = self.segment_length, self.segments * self.segment_length
-        cuts = [k for k in range(begin - begin % length + length, end, length) if k <= last]
-        together = max(1, TOGETHER // (length * columns))
-        kept = [*cuts[:-1:together], *cuts[-1:]]
-        return list(itertools.pairwise([begin, *kept, end]))
-
-    def whole_segments(self, begin: int, end: int) -> int:
-        """How many make up begin .. end - 1; 0 where it is a part, or beyond the last."""
-        inside = begin % self.segment_length == 0 == end % self.segment_length
-        whole = (end - begin) // self.segment_length
-        return whole if inside and end <= self.segments * self.segment_length else 0
-
-    def segment_rows(self) -> Tensor:
-        """Lines of a segment from its own first sample on, real and imaginary, (2 F, L)."""
-        line = waves(self.frequency, self.sampling_rate, 0, self.segment_length) * self.hann
-        return torch.cat([line.real, line.imag])
+    def counts(self) -> tuple[int, ...]:
+        """Segments at each frequency."""
+        return tuple((self.samples // self.lengths).tolist())
 
     def rows(self, begin: int, end: int) -> Tensor:
-        """Ones; lines, real and imaginary; lines of a segment, if this is one or a part of one."""
+        """Ones; lines, real and imaginary."""
         turning = waves(self.frequency, self.sampling_rate, begin, end)
-        parts = [torch.ones(1, end - begin, dtype=torch.float64)]
         lines = turning * self.weights[begin:end]
-        parts += [lines.real, lines.imag]
-        several = self.whole_segments(begin, end) > 1
-        if begin < self.segments * self.segment_length and not several:
-            segment = turning * self.hann[torch.arange(begin, end) % self.segment_length]
-            parts += [segment.real, segment.imag]
-        return torch.cat(parts)
+        return torch.cat([torch.ones(1, end - begin), lines.real, lines.imag])
 
     def window_lines(self) -> Tensor:
         return line_sums(self.weights, self.frequency, self.sampling_rate)
 
 
-class _Coherence:
-    """Running sums over segments; only the unfinished one is held."""
+class _Segments:
+    """Segments of one length, and the frequencies that have it."""
 
-    def __init__(self, analysis: _Analysis, width: int, device: torch.device) -> None:
-        self.analysis, self.rounding = analysis, 1e-12
-        shape = (len(analysis.frequency), width)
+    def __init__(
+        self, n: int, length: int, frequency: Tensor, index: Tensor, sampling_rate: float
+    ) -> None:
+        """``index`` of the frequencies among all, (G,)."""
+        self.index, self.length, self.count = index, length, n // length
+        self.frequency, self.sampling_rate = frequency[index], sampling_rate
+        steps = torch.arange(length, dtype=torch.float64)
+        hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / length)
+        # Of a segment, phase from its own first sample on, (G, length).
+        self.turning = waves(self.frequency, sampling_rate, 0, length) * hann
+
+    def pieces(self, begin: int, end: int) -> list[tuple[int, int]]:
+        """begin .. end - 1 in parts of a segment and whole segments; none beyond the last."""
+        end = min(end, self.count * self.length)
+        borders = (-(-begin // self.length) * self.length, end // self.length * self.length)
+        cuts = sorted({begin, end, *(k for k in borders if begin < k < end)}) if begin < end else []
+        return list(itertools.pairwise(cuts))
+
+
+class _Coherence:
+    """Running sums over segments of one group of columns; only unfinished ones are held."""
+
+    def __init__(self, own: _Segments, width: int, device: torch.device) -> None:
+        self.own = own
+        shape = (len(own.index), width)
         self.current = torch.zeros(shape, dtype=torch.complex128, device=device)
         self.total = torch.zeros_like(self.current)
         self.power = torch.zeros(shape, dtype=torch.float64, device=device)
-        # The window's own lines, for the mean velocity that is known only at the end.
-        self.window = torch.zeros(shape[0], 1, dtype=torch.complex128, device=device)
-        self.window_total = torch.zeros_like(self.window)
-        self.window_power = torch.zeros(shape[0], 1, dtype=torch.float64, device=device)
+        # With the window's own line, for the mean velocity that is known only at the end.
         self.cross = torch.zeros_like(self.power)
+        self.window = own.turning.sum(1).to(device)[:, None]
+        self.rounding = 1e-12
 
-    def add(self, end: int, products: Tensor, window: Tensor) -> None:
-        """Samples before ``end``, in order: segment lines times them, (F, P), and alone, (F, 1)."""
-        self.current += products
-        self.window += window
-        if end % self.analysis.segment_length == 0:
-            self.total += self.current
-            self.power += self.current.abs() ** 2
-            self.window_total += self.window
-            self.window_power += self.window.abs() ** 2
-            self.cross += (self.current * self.window.conj()).real
-            self.current.zero_()
-            self.window.zero_()
+    def add(self, begin: int, block: Tensor, columns: slice) -> None:
+        """Samples from ``begin`` on of some columns, (t, p), in order."""
+        self.rounding = max(1e-12, 16 * torch.finfo(block.dtype).eps)
+        length = self.own.length
+        for low, high in self.own.pieces(begin, begin + len(block)):
+            piece, place = block[low - begin : high - begin], low % length
+            whole = max(1, (high - low) // length)
+            turning = self.own.turning[:, place : place + (high - low) // whole]
+            rows = torch.cat([turning.real, turning.imag]).to(block.device, block.dtype)
+            # Segments side by side as columns.
+            wide = piece.unflatten(0, (whole, -1)).transpose(0, 1).flatten(1)
+            lines = torch.complex(*weighted_sums(rows, wide).chunk(2)).unflatten(1, (whole, -1))
+            if high - low < length:
+                self.current[:, columns] += lines[:, 0]
+                if high % length:
+                    continue
+                lines = self.current[:, None, columns].clone()
+                self.current[:, columns] = 0
+            self._keep(high // length - whole, lines, columns)
 
-    def add_whole(self, begin: int, products: Tensor, window: Tensor) -> None:
-        """Whole segments from sample ``begin`` on, read from their own first samples: (F, S, P)."""
-        own = self.analysis
-        starts = begin + own.segment_length * torch.arange(products.shape[1], dtype=torch.float64)
+    def _keep(self, first: int, lines: Tensor, columns: slice) -> None:
+        """Whole segments from number ``first`` on, read from their own first samples, (G, S, p)."""
+        phase = self._phase(first, first + lines.shape[1]).to(lines.device)
+        self.total[:, columns] += (phase[..., None] * lines).sum(1)
+        self.power[:, columns] += lines.abs().square().sum(1)
+        self.cross[:, columns] += (lines * self.window.conj()[:, None]).real.sum(1)
+
+    def _phase(self, first: int, last: int) -> Tensor:
+        """Of segments first .. last - 1, (G, S)."""
+        own = self.own
+        starts = own.length * torch.arange(first, last, dtype=torch.float64)
         turns = torch.outer(2 * torch.pi / own.sampling_rate * own.frequency, starts)
-        phase = torch.exp(-1j * turns).to(products.device)
-        self.total += (phase[..., None] * products).sum(1)
-        self.power += products.abs().square().sum(1)
-        self.window_total += (phase * window).sum(1, keepdim=True)
-        self.window_power += products.shape[1] * window.abs() ** 2
-        self.cross += (products * window.conj()[:, None]).real.sum(1)
+        return torch.exp(-1j * turns)
 
     def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
-        """|sum V_s|^2 / (S sum |V_s|^2) of v without its mean, (F, P)."""
-        total = self.total - mean * self.window_total
-        power = self.power - 2 * mean * self.cross + mean**2 * self.window_power
-        power = self.analysis.segments * power
+        """|sum V_s|^2 / (S sum |V_s|^2) of v without its mean, (G, P)."""
+        count, length = self.own.count, self.own.length
+        turns = self._phase(0, count).sum(1, keepdim=True).to(mean.device)
+        total = self.total - mean * turns * self.window
+        power = self.power - 2 * mean * self.cross + mean**2 * count * self.window.abs() ** 2
         # A constant probe leaves rounding behind, which would be coherent with itself.
-        length, segments = self.analysis.segment_length, self.analysis.segments
-        floor = (segments * length * self.rounding) ** 2 * mean_square
+        floor = (count * length * self.rounding) ** 2 * mean_square
+        power = count * power
         return torch.where(power > floor, total.abs() ** 2 / power.clamp(min=1e-300), 0.0)

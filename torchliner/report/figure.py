@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.whole_file import PICTURES, written_whole
 from torchliner.report.curves import Curves
 
 PARTS = (
@@ -16,16 +17,25 @@ PARTS = (
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
 
 
+def require_matplotlib() -> Any:
+    """The module.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise ImportError("figures need matplotlib: pip install torchliner[report]") from error
+    return matplotlib
+
+
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Draw and save under the style sheet without touching the caller's settings."""
 
     @functools.wraps(draw)
     def inner(*arguments: Any, **options: Any) -> Figure:
-        try:
-            import matplotlib
-        except ImportError as error:
-            raise ImportError("figures need matplotlib: pip install torchliner[report]") from error
-        with matplotlib.rc_context(RC):
+        with require_matplotlib().rc_context(RC):
             return draw(*arguments, **options)
 
     return inner
@@ -96,7 +106,8 @@ def finish(
     if title is not None:
         figure.suptitle(title, fontsize=9)
     if path is not None:
-        figure.savefig(path)
+        with written_whole(path, *PICTURES) as temporary:
+            figure.savefig(temporary, format=Path(path).suffix[1:].lower())
     return figure
 
 

@@ -11,7 +11,19 @@ from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, ONE_ROW, draw_curve, finish, impedance_panels, styled
-from torchliner.report.table import Column, Table, format_complex, plain_columns, real_and_imaginary
+from torchliner.report.table import (
+    Column,
+    Table,
+    format_bounds,
+    format_complex,
+    plain_columns,
+    real_and_imaginary,
+)
+
+
+def _end(row: InSituRow, which: int) -> complex | None:
+    return None if row.interval is None else row.interval[which]
+
 
 COLUMNS = (
     Column("method", heading="method"),
@@ -21,11 +33,14 @@ COLUMNS = (
     *plain_columns("own* true*"),
     Column("", "impedance", "Z", format_complex),
     Column("", "own", "file own", format_complex),
+    Column("", "interval", "statistical interval", format_bounds),
     Column("distance_to_own", lambda row: row.distance(row.own), "|dZ|", ".3f"),
     Column("distance_to_true", lambda row: row.distance(row.true), "|Z-true|", ".3f"),
     Column("coherence", heading="coherence", text=".2f"),
     Column("residual", heading="residual", text=".5f"),
     Column("incident_level"),
+    *real_and_imaginary("resistance_low", "reactance_low", lambda row: _end(row, 0)),
+    *real_and_imaginary("resistance_high", "reactance_high", lambda row: _end(row, 1)),
 )
 
 
@@ -44,10 +59,12 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
         )
     if "true" in record.reference:
         head += f"; true Z = {format_complex(record.reference['true'])}"
+    level = "" if report.level is None else f"{100 * report.level:g} % "
     return (
         f"{head}\n{in_situ_table(report.rows).as_text()}\n"
-        "Z is p/(rho c v), exp(+jwt). Pressure first: the average that the reflected plane wave "
-        "sees; admittance over points: the paper's order"
+        f"Z is p/(rho c v), exp(+jwt); {level}statistical interval: because the record is finite, "
+        "not the errors of formula, cavity or microphones.\nPressure first: the average that the "
+        "reflected plane wave sees; admittance over points: the paper's order"
     )
 
 

@@ -30,7 +30,7 @@ AVERAGES = (
     Column("", "spread", "spread R, X", format_pair),
     Column("", "velocity_first", "Z, velocity first", format_complex),
     Column("", "coherence", "coherence", ".2f"),
-    Column("", "level", "incident dB", ".1f"),
+    Column("", "level", "inferred incident dB, median", ".1f"),
 )
 INTERVALS = (
     Column("", "interval_coherent_first", "coherent first", format_bounds),

@@ -23,6 +23,9 @@ from torchliner.report.figure import (
 )
 from torchliner.report.wall_table import LEVEL, Educed
 
+FAR = 8.0  # interquartile ranges: 11 standard deviations of normal draws
+TINY = 1e-9
+
 
 @styled
 def draw_wall(
@@ -50,13 +53,29 @@ def draw_wall(
 
 
 def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> None:
-    """Impedances of the draws in their plane, and the one without errors (figure 14a)."""
+    """Impedances of the draws in their plane, and the one without errors (figure 14a).
+
+    Draws far outside the cloud are not drawn, since one would set the axes; the label counts them.
+    """
+    value = complex(one.impedance[0])
     if one.draws is not None:
         drawn = one.draws.impedance[:, 0].numpy()
-        axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
-    value = complex(one.impedance[0])
+        drawn = drawn[np.isfinite(drawn)]
+        shown = near_cloud(drawn)
+        axis.plot(drawn[shown].real, drawn[shown].imag, ".", color=colour, markersize=1.5,
+                  alpha=0.4)  # fmt: skip
+        if not shown.all():
+            label += f" ({int((~shown).sum())} of {len(drawn)} draws outside)"
     axis.plot(value.real, value.imag, marker, color=colour, markeredgecolor="k", label=label,
               markersize=6)  # fmt: skip
+
+
+def near_cloud(values: np.ndarray) -> np.ndarray:
+    """Which of complex values (D,) lie within ``FAR`` times the middle half of R and of X."""
+    parts = np.stack([values.real, values.imag])
+    low, middle, high = np.quantile(parts, (0.25, 0.5, 0.75), axis=1)[..., None]
+    near: np.ndarray = (np.abs(parts - middle) <= FAR * np.maximum(high - low, TINY)).all(0)
+    return near
 
 
 def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str) -> None:

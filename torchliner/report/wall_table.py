@@ -11,8 +11,8 @@ from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report.table import (
     Column,
     Table,
+    format_bounds,
     format_complex,
-    format_pair,
     plain_columns,
     real_and_imaginary,
 )
@@ -22,7 +22,7 @@ HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
 FIT = ["standard_error", "end_reflection", "rise", "rise_error"]  # of a fit of the field
 UNKNOWN: dict[str, Any] = dict.fromkeys(
-    ("low", "high", "deviation", "wavenumber", "singular_values", "misfit", *FIT)
+    ("low", "high", "deviation", "wavenumber", "singular_values", "energy_share", "misfit", *FIT)
 ) | {"failed": 0}  # fmt: skip
 Educed = WallEduction | FieldFit
 Row = dict[str, Any]
@@ -31,9 +31,10 @@ Row = dict[str, Any]
 def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
     """One row per frequency of a line without leading axes.
 
-    ``deviation`` is u(R) + j u(X) over the draws; without draws None, or the error that a fit of
-    the field states itself, infinite where it has no bound. ``low`` and ``high`` bound 95 % of the
-    draws. What a method does not give is None.
+    ``deviation`` is u(R) + j u(X) over the draws; without draws the standard error, by what the
+    waves leave or by the errors stated to a fit of the field, infinite where it has no bound.
+    ``low`` and ``high`` bound the 95 % statistical interval, of the draws or of that error. What a
+    method does not give is None.
 
     Raises:
         ValueError: the line has leading axes, as files of draws do.
@@ -42,31 +43,38 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
         raise ValueError(
             f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one"
         )
-    head = {"line": line.title or line.name, "source": found.source_side, "method": found.method}
+    head = {"line": line.title or line.name, "source": found.source_side, "method": found.method,
+            "mach": found.choices.get("mach", line.mach)}  # fmt: skip
     names = ["frequency", "impedance", "residual"]
-    names += ["wavenumber"] if isinstance(found, WallEduction) else FIT
+    names += ["wavenumber", "energy_share"] if isinstance(found, WallEduction) else FIT
     values: dict[str, Any] = {name: getattr(found, name) for name in names}
     if isinstance(found, FieldFit):
         values["misfit"] = found.misfit**0.5
     elif found.singular_values is not None:
         values["singular_values"] = (found.singular_values / found.singular_values[0]).T
     if found.draws is not None:
-        low, high = found.interval(LEVEL)
-        values |= {"low": low, "high": high, "failed": found.failed,
-                   "deviation": found.standard_deviation}  # fmt: skip
+        values |= {"failed": found.failed, "deviation": found.standard_deviation}
+    elif found.covariance is not None:
+        values["deviation"] = found.standard_error
+    if "deviation" in values:
+        values["low"], values["high"] = found.interval(LEVEL)
     rows = [
         UNKNOWN | head | {name: column[f].tolist() for name, column in values.items()}
         for f in range(len(found.frequency))
     ]
     for row in rows:
         error = row["standard_error"]
-        if error is not None and (cmath.isinf(error) or row["deviation"] is None):
+        if error is not None and cmath.isinf(error):
             row |= {"deviation": error, "low": None, "high": None}
     return rows
 
 
 def _singular_values(digits: int, most: int | None = None) -> Callable[[Row], str]:
     return lambda row: " ".join(f"{v:.{digits}g}" for v in (row["singular_values"] or ())[:most])
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 _LOW, _HIGH = (
@@ -81,11 +89,13 @@ COLUMNS = (
     Column("residual"),
     Column("singular_values", _singular_values(3)),
     Column("failed_draws", "failed"),
-    Column("misfit", lambda row: math.nan if row["misfit"] is None else row["misfit"]),
+    Column("misfit", lambda row: _number(row["misfit"])),
     *real_and_imaginary("end_reflection_real", "end_reflection_imag", "end_reflection"),
     *real_and_imaginary("rise_of_resistance", "rise_of_reactance", "rise"),
     *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error",
                         "rise_error"),
+    Column("energy_share", lambda row: _number(row["energy_share"])),
+    Column("mach"),
 )  # fmt: skip
 
 
@@ -102,23 +112,36 @@ def format_wall(line: MicrophoneLine, found: Educed) -> str:
         f"{line.title or line.name}: {found.method}{kind}, source {found.source_side}, "
         f"{len(found.x)} microphones from {1e3 * float(found.x[0]):.4g} to "
         f"{1e3 * float(found.x[-1]):.4g} mm, H {1e3 * float(line.duct_height):.4g} mm, "
-        f"M {float(line.mach):.3g}"
+        f"M {float(found.choices.get('mach', line.mach)):.3g}"
     )
     rows = wall_rows(line, found)
+    share = f"{100 * LEVEL:g} %"
     if isinstance(found, WallEduction):
         return (
             f"{head}, {found.choices['condition']}\n{Table(rows, WAVES).as_text()}\n"
-            "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; deviation: of R and X over "
-            "the draws"
+            "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; energy: of this wave over "
+            f"the strongest's\n{share} statistical interval and deviation: {_reason(found)}; not "
+            "the error of the model"
         )
-    errors = "the microphones' errors" if found.draws is None else "the draws"
+    errors = "the microphones' stated errors" if found.draws is None else "the draws"
     if found.choices["variation"] == "constant":
         rows = [row | {"rise": None, "rise_error": None} for row in rows]
     return (
         f"{head}, far end {found.choices['far_end']}\n{Table(rows, FIELD).as_text()}\n"
-        f"Z is p/(rho c v), exp(+jwt); deviation: of R and X by {errors} (of the rise: by the "
-        "fit); over errors: residuals over the stated errors, 1 if the duct is right"
+        f"Z is p/(rho c v), exp(+jwt); {share} statistical interval and deviation: of R and X by "
+        f"{errors} (of the rise: by the fit); over errors: residuals over the stated errors, 1 if "
+        "the duct is right"
     )
+
+
+def _reason(found: WallEduction) -> str:
+    """Where the interval comes from."""
+    if found.draws is not None:
+        count = len(found.draws.impedance)
+        return f"of R and X over {count} draws of the microphones' errors"
+    if found.covariance is None:
+        return "unknown, the waves leave no degree of freedom"
+    return f"of R and X by what the waves leave, {found.freedom} degrees of freedom"
 
 
 def _wall(impedance: complex) -> str:
@@ -128,7 +151,15 @@ def _wall(impedance: complex) -> str:
 def _deviation(value: complex | None) -> str:
     if value is not None and cmath.isinf(value):
         return "no bound"
-    return "none settled" if value is not None and cmath.isnan(value) else format_pair(value)
+    if value is not None and cmath.isnan(value):
+        return "none settled"
+    # Two digits, however small: 0.000 would say that there is none.
+    return "-" if value is None else f"{value.real:.2g}, {value.imag:.2g}"
+
+
+def _interval(row: Row) -> tuple[complex, complex] | None:
+    low, high = row["low"], row["high"]
+    return None if low is None or cmath.isnan(low) else (low, high)
 
 
 WAVES = (
@@ -136,6 +167,8 @@ WAVES = (
     Column("", "wavenumber", "alpha 1/m", lambda z: f"{z.real:.3f}{z.imag:+.3f}j"),
     Column("", "impedance", "Z", format_complex),
     Column("", "deviation", "deviation", _deviation),
+    Column("", _interval, "statistical interval", format_bounds),
+    Column("", "energy_share", "energy", ".3f"),
     Column("", "residual", "residual %", ".3f", 100),
     Column("", _singular_values(2, SHOWN), "singular values"),
 )
@@ -143,6 +176,7 @@ FIELD = (
     Column("", "frequency", "f Hz", ".1f"),
     Column("", "impedance", "Z", _wall),
     Column("", "deviation", "deviation", _deviation),
+    Column("", _interval, "statistical interval", format_bounds),
     Column("", "rise", "rise along x", format_complex),
     Column("", "rise_error", "deviation", _deviation),
     Column("", "residual", "residual %", ".3f", 100),

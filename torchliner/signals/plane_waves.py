@@ -45,7 +45,8 @@ def split_waves(
         velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many
             equations more, which do not know the flow's turbulence as the pressures do.
     Returns:
-        A and B at y = 0, (..., 2, F); relative residual, (..., F); condition number, (F,).
+        A and B at y = 0, (..., 2, F); relative residual, (..., F), nan for two equations, which two
+        waves always fit; condition number, (F,).
     Raises:
         ValueError: fewer than two microphones (one with velocities), microphones that coincide, or
             a spacing of half a wavelength.
@@ -71,6 +72,8 @@ def split_waves(
     waves = torch.einsum("fij,...fj->...fi", torch.linalg.pinv(rows), right)
     left = right - torch.einsum("fij,...fj->...fi", rows, waves)
     residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
+    if rows.shape[1] == rows.shape[2]:
+        residual = torch.full_like(residual, torch.nan)
     return waves.movedim(-1, -2), residual, condition
 
 

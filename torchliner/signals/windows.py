@@ -18,6 +18,7 @@ NAMES = [
 ]
 # The two that nearly all use, as (mean, cosine).
 PLAIN = {"hann": (0.5, 0.5), "boxcar": (1.0, 0.0)}
+LEAST_LINE = 1e-3  # of a window's mean
 MOST_LINES = 11  # a sum of more cosines is cheaper through the kernel tables
 
 
@@ -36,6 +37,16 @@ class Window:
     lines: tuple[tuple[int, complex], ...]
     name: str
 
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Lines that it mixes into one, in multiples of 1/N of the rate: those of its cosines, else
+        those above 1e-3 of its own, at most ``MOST_LINES``."""
+        if self.lines:
+            return tuple(q for q, _ in self.lines)
+        size = torch.fft.rfft(self.weights).abs()[: MOST_LINES // 2 + 1]
+        far = int((size > LEAST_LINE * size[0]).nonzero().max())
+        return tuple(range(-far, far + 1))
+
 
 def make_window(name: Any, samples: int) -> Window:
     """A window of scipy by name, in its periodic form.
@@ -45,8 +56,15 @@ def make_window(name: Any, samples: int) -> Window:
             ``("kaiser", 8.0)`` or ``"kaiser,8"``.
         samples: N.
     Raises:
+        TypeError: no name: an array of weights, a number.
         ValueError: scipy knows no such window, or it needs a parameter.
     """
+    named = name[0] if isinstance(name, (tuple, list)) and name else name
+    if not isinstance(named, str):
+        raise TypeError(
+            f"window is {type(name).__name__}; it is given by name, as 'hann', 'kaiser,8' or "
+            "('kaiser', 8.0), so that it fits any length"
+        )
     label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
     kind, *parameters = label.split(",")
     if label in PLAIN:

@@ -12,7 +12,6 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.replay.kernels import impedance_of
-from torchliner.replay.lines import interpolation_error
 from torchliner.tdibc.prepared import Prepared
 from torchliner.version import __version__
 
@@ -21,11 +20,12 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     """Every choice, and what followed from it."""
 
     plane, chosen, kernels = prepared.plane, prepared.chosen, prepared.kernels
+    segments = prepared.survey.segments
     facts: dict[str, Any] = {"version": __version__, **chosen.describe(), "phase": phase}
     facts["liner"] = prepared.liner.describe()
     facts |= {
         "velocity_max": prepared.grid.maximum,
-        "coherence_segments": prepared.survey.segments,
+        "coherence_segments": segments[0] if len(set(segments)) == 1 else list(segments),
         "sampling_rate": plane.sampling_rate,
         "samples": plane.samples,
         "source": plane.name,
@@ -39,12 +39,8 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
-    if facts["response"] == "kernel" or prepared.liner.speed_law(prepared.frequency) is None:
-        with torch.no_grad():
-            facts["level_error"] = max(
-                interpolation_error(prepared.liner, f, prepared.grid)
-                for f in prepared.frequency.tolist()
-            )
+    if prepared.level_error is not None:
+        facts["level_error"] = prepared.level_error
     return facts
 
 

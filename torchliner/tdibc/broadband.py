@@ -28,6 +28,7 @@ from torchliner.tdibc.closure import with_closure
 from torchliner.tdibc.engines import unfold_into
 from torchliner.tdibc.prepared import Prepared, Progress
 
+FROZEN_ERROR = 1e-2  # in R
 LOWEST_ENERGY = 1e-6  # of the strongest line: 60 dB below it a line is leakage, not signal
 
 
@@ -57,6 +58,7 @@ def educe_signal(
         return spectra
 
     spectra, notes = with_smaller_slabs(prepared.drive.velocity, run)
+    notes += _frozen_error(prepared, weights, starts)
     prepared = dataclasses.replace(prepared, notes=(*prepared.notes, *notes))
     reflection = spectra.reflection()
     held = torch.ones(reflection.shape, dtype=torch.bool, device=device)
@@ -91,6 +93,38 @@ def _replay(prepared: Prepared, sinks: list[Sink], progress: Progress | None) ->
             progress(drive.samples)
         return
     unfold_into(prepared, emission, sinks, progress)
+
+
+def _frozen_error(prepared: Prepared, weights: Tensor, starts: list[int]) -> list[str]:
+    """What the estimate makes of this very signal where |v| never changes: there it should give the
+    kernel's own response, but a segment meets replies to what was sent before it and after it."""
+    kernels, sent, rate = prepared.kernels, prepared.sent, prepared.plane.sampling_rate
+    assert kernels is not None and sent is not None  # noqa: PT018
+    rms = float(prepared.drive.rms[0].median())
+    level = int((kernels.grid.speeds - rms).abs().argmin())
+    first, taps = kernels.first, kernels.taps[level].detach()
+    emission = prepared.chosen.incident.emission(len(sent), rate)
+    # Sample i of the record is the sum of taps[m] over emissions i - first - m.
+    emitted = emission.values(1 - first - len(taps), len(sent) - first)[0]
+    if prepared.record.edge == "wrap":
+        emitted = sent[torch.arange(1 - first - len(taps), len(sent) - first) % len(sent)]
+    size = len(emitted) + len(taps) - 1
+    reply = torch.fft.irfft(torch.fft.rfft(emitted, n=size) * torch.fft.rfft(taps, n=size), n=size)
+    reply = reply[len(taps) - 1 : len(taps) - 1 + len(sent)]
+    spectra = CrossSpectra(sent, weights, starts, prepared.frequency, rate, 1, torch.device("cpu"))
+    spectra.add(reply[None, None], slice(0, 1), 0)
+    error = (spectra.reflection()[0] - kernels.response(prepared.frequency)[level]).abs()
+    worst = int(error.argmax())
+    if float(error[worst]) < FROZEN_ERROR:
+        return []
+    return [
+        f"{prepared.plane.name}: with |v| frozen at {float(kernels.grid.speeds[level]):.3g} m/s "
+        f"this signal over {len(starts)} segments of {1e3 * len(weights) / rate:.3g} ms gives R "
+        f"off by {float(error[worst]):.2g} at {float(prepared.frequency[worst]):g} Hz (limit "
+        f"{FROZEN_ERROR:g}): replies last {1e3 * len(taps) / rate:.3g} ms, so that a segment meets "
+        "some to what was sent before it and misses part of its own; take longer segments, or "
+        "noise over the whole record with edge='wrap'"
+    ]
 
 
 def _require_energy(

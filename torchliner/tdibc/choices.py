@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Self
 
 import torch
 
-from torchliner.checks import make_plain, require_choice, require_positive
+from torchliner.checks import make_plain, one_number, require_choice, require_positive
 from torchliner.names import (
     COMPILE,
     DRIVES,
@@ -23,6 +23,7 @@ from torchliner.names import (
     PHASE_RULES,
     RESAMPLED,
     RESPONSES,
+    did_you_mean,
 )
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
@@ -133,6 +134,18 @@ class Choices:
     closure_limit: float = 0.3
     level_doubt: float = 0.0
 
+    def __new__(cls, *_: Any, **choices: Any) -> Self:
+        """Names alone are looked at here, so that a slip of one is told with what was meant.
+
+        Raises:
+            TypeError: a name that is no choice.
+        """
+        known = [*cls.__dataclass_fields__, "frequency", "reflected", "progress"]
+        for name in choices:
+            if name not in cls.__dataclass_fields__:
+                raise TypeError(f"no option is called {name!r}{did_you_mean(name, known)}")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         make_plain(self)
         self._fill_in()
@@ -158,10 +171,23 @@ class Choices:
         for name in ("closure_limit", "level_doubt"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
+        self._check_band()
         self._check_resampling()
         self.memory_bytes  # noqa: B018  checked here
         self.working_device(torch.device("cpu"))
         self.working_dtype(torch.float64)
+
+    def _check_band(self) -> None:
+        if self.band is None:
+            return
+        try:
+            low, high = (one_number("band (Hz)", edge) for edge in self.band)
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"band is {self.band!r}; give its lowest and its highest frequency in Hz, as "
+                "(300, 3500)"
+            ) from None
+        object.__setattr__(self, "band", (low, high))
 
     def _check_resampling(self) -> None:
         if self.interval is None:
@@ -170,11 +196,8 @@ class Choices:
         if self.interval >= 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
         for name, most in (("draws", MOST_DRAWS), ("seed", 2**63 - 1)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise TypeError(f"{name} is {value!r}; a whole number is needed")
-            if not 0 <= value <= most:
-                raise ValueError(f"{name} is {value}; it is 0 to {most}")
+            if not 0 <= getattr(self, name) <= most:
+                raise ValueError(f"{name} is {getattr(self, name)}; it is 0 to {most}")
         fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
         if self.draws < fewest:
             raise ValueError(
@@ -219,7 +242,8 @@ class Choices:
             "window": "hann" if wave is None or self.segment is not None else wave.window,
         }
         for name, value in defaults.items():
-            if getattr(self, name) in (None, "auto"):
+            given = getattr(self, name)
+            if given is None or (isinstance(given, str) and given == "auto"):
                 object.__setattr__(self, name, value)
 
     @property

@@ -74,7 +74,7 @@ def velocity_grid(
 
 
 def kernel_band(liner: LinerModel, asked: Tensor, chosen: Choices) -> tuple[float, float]:
-    """As chosen, or wide enough for all frequencies (Hz, (F,)); within the liner's own range."""
+    """As chosen, or wide enough for all frequencies read (Hz, (n,)); within the liner's range."""
     if chosen.band is not None:
         low, high = chosen.band
     else:

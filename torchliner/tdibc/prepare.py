@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -43,6 +44,7 @@ from torchliner.tdibc.review import (
     review_record,
     review_survey,
 )
+from torchliner.tdibc.review_kernels import frequencies_read, review_tables
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 
@@ -62,7 +64,8 @@ def prepare(
     model = as_liner(liner)
     surveyed = [_survey(plane, model, frequency, chosen, progress) for plane in planes]
     grid = velocity_grid(planes, [each["survey"] for each in surveyed], model, chosen)
-    band = kernel_band(model, torch.cat([each["frequency"] for each in surveyed]), chosen)
+    read = [frequencies_read(each["record"], each["frequency"], chosen) for each in surveyed]
+    band = kernel_band(model, torch.cat(read), chosen)
     made: dict[float, KernelTable] = {}
     prepared = []
     for known in surveyed:
@@ -74,11 +77,11 @@ def prepare(
             kernels = made[rate]
             kernels.require_band(known["frequency"])
             notes += review_signal(kernels, chosen, known["sent"])
-        prepared.append(
-            Prepared(
-                **known, liner=model, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
-            )
+        ready = Prepared(
+            **known, liner=model, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
         )
+        notes += review_tables(ready)
+        prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
 
 

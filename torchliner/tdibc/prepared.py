@@ -16,6 +16,7 @@ from torchliner.replay.drive import DriveSpeed
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.lines import interpolation_error
 from torchliner.replay.survey import Survey
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import WindowSums
@@ -68,6 +69,18 @@ class Prepared:
         )
         device = self.drive.device
         return WindowSums(window.zero.to(device), window.twice.to(device))
+
+    @functools.cached_property
+    def level_error(self) -> float | None:
+        """Largest error in R of the interpolation between levels, where it enters; else None."""
+        if not self.chosen.uses_kernel_response and (
+            self.liner.speed_law(self.frequency) is not None
+        ):
+            return None
+        with torch.no_grad():
+            return max(
+                interpolation_error(self.liner, f, self.grid) for f in self.frequency.tolist()
+            )
 
     @property
     def averaged(self) -> slice:

@@ -20,6 +20,8 @@ from torchliner.tdibc.closure import with_closure
 from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
 
+LEAST_DIRECTION = 0.9  # phases over 90 degrees, evenly
+
 
 @dataclass(frozen=True)
 class Replayed:
@@ -50,7 +52,8 @@ class Replayed:
         velocity, coherence = coherent or (prepared.velocity_amplitude, prepared.survey.coherence)
         return phase_rule(phase)(
             velocity.to(device), coherence.to(device), prepared.chosen.minimum_coherence,
-            None if coherent else prepared.survey.segments, None if psi is None else psi.to(device),
+            None if coherent else min(prepared.survey.segments),
+            None if psi is None else psi.to(device),
         )  # fmt: skip
 
     def map(
@@ -70,6 +73,8 @@ class Replayed:
         wall, wall_notes = find_walls(prepared)
         notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
         uncertainty, series = None, dict[str, tuple[Tensor, Tensor]]()
+        if rule.phase is not None:
+            notes += _review_phase(prepared, rule.phase.cpu())
         if self._keeps_blocks(rule):
             with torch.no_grad():
                 uncertainty, series = uncertainty_of(
@@ -114,14 +119,33 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
             psi = values.broadcast_to(candidate).reshape(prepared.plane.probes, -1)
         except RuntimeError:
             continue
-        weights = prepared.cells.membership(prepared.used).to(torch.complex128)
-        cells = (weights.T @ torch.exp(1j * psi)).angle()
+        cells = _mean_direction(prepared, psi).angle()
         coherent = [psi] if prepared.drive.periodic is not None else []
         return torch.cat([psi, cells, *coherent])
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "
         f"{shape} (and {count} frequencies)"
     )
+
+
+def _mean_direction(prepared: Prepared, psi: Tensor) -> Tensor:
+    """Mean of e^{j psi} over each cell's probes, (C, F or 1)."""
+    weights = prepared.cells.membership(prepared.used).to(torch.complex128)
+    return weights.T @ torch.exp(1j * psi)
+
+
+def _review_phase(prepared: Prepared, psi: Tensor) -> list[str]:
+    """Phases so far apart within a cell that their mean direction says little, or nothing."""
+    length = _mean_direction(prepared, psi[: prepared.plane.probes]).abs()
+    wide = length < LEAST_DIRECTION
+    if not bool(wide.any()):
+        return []
+    return [
+        f"reference_phase differs within {int(wide.any(1).sum())} of {prepared.cells.count} cells: "
+        f"the mean of e^(j psi) is as short as {float(length.min()):.2g} (1 where all agree, limit "
+        f"{LEAST_DIRECTION:g}), so that the one phase of such a cell, and its value with velocity "
+        "first, mean little; use the probes' values"
+    ]
 
 
 def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
@@ -141,16 +165,17 @@ def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
     kept = prepared.used.to(prepared.survey.coherence.device)
     wall = (prepared.survey.coherence[:probes] < limit) & kept[:, None]
     counts = wall.sum(0)
-    chance = (1 - limit) ** (segments - 1)
     notes = []
-    for f, count in zip(prepared.frequency.tolist(), counts.tolist(), strict=True):
+    known = zip(prepared.frequency.tolist(), counts.tolist(), segments, strict=True)
+    for f, count, behind in known:
+        chance = (1 - limit) ** (behind - 1)
         total = int(kept.sum())
         text = (
             f"wall filter: {count} of {total} probes ({100 * count / total:.3g} %) of "
             f"{prepared.plane.name} have a squared coherence below {limit:g} with {f:g} Hz and "
             "count as wall, admittance 0, in the averages over probes; those with velocity first "
             f"are as without the filter. Without any tone {100 * chance:.2g} % of probes would "
-            f"pass it, with {segments} segments"
+            f"pass it, with {behind} segments"
         )
         tone = prepared.plane.frequency
         if tone is not None and abs(f / tone - 1) > SAME_FREQUENCY:

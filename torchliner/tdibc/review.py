@@ -5,16 +5,18 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.replay.survey import Survey
 from torchliner.tdibc.choices import Choices
 
-FEWEST_PERIODS = 4.0
+FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
@@ -39,6 +41,13 @@ def review_record(
         notes.append(
             f"null test: there is a hard wall below {plane.name} and no liner; the values only "
             "show what this model makes of such a velocity"
+        )
+    weighing = int(record.window.weights.count_nonzero())
+    if weighing < FEWEST_WEIGHTS:
+        raise ValueError(
+            f"{plane.name}: of {record.samples - record.start} samples {weighing} weigh anything "
+            f"under window {record.window.name!r}; a mean needs {FEWEST_WEIGHTS} or more, take a "
+            "longer record"
         )
     seconds = (record.samples - record.start) / record.sampling_rate
     wave = chosen.incident
@@ -65,6 +74,7 @@ def review_record(
                 f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
             )
+    notes += plane_unit_warnings(plane, float(frequency.min()))
     per_period = record.sampling_rate / float(frequency.max())
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         notes.append(

@@ -85,8 +85,9 @@ def fit_field(
     Warns:
         DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
             that cannot be distinguished from a rigid one, a negative resistance, an end that
-            reflects more than it gets; the same text is in ``notes``. A misfit tells of a wrong
-            duct only as far as there are more microphones than unknowns.
+            reflects more than it gets, a field that a growing wave feeds; the same text is in
+            ``notes``. A misfit tells of a wrong duct only as far as there are more microphones
+            than unknowns.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
@@ -118,8 +119,10 @@ def fit_field(
     result = _result(found, model, pressure, line, freedom)
     choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
                **errors, "draws": draws, "source_side": line.source_side, "source": line.name,
-               "microphones": line.microphones, "unknowns": solver.mesh.unknowns}  # fmt: skip
-    notes = warnings_of(result, found, line, wall, freedom)
+               "microphones": line.microphones,
+               "mach": float(solver.case.profile.bulk_mach),
+               "unknowns": solver.mesh.unknowns}  # fmt: skip
+    notes = warnings_of(result, found, line, wall, freedom, model.gains(found.place))
     result = replace(result, choices=choices, notes=notes)
     tell(notes)
     if draws:
@@ -242,7 +245,9 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
     }
     for name, (mine, theirs) in stated.items():
-        if abs(float(mine) - float(theirs)) > SAME * max(abs(float(mine)), abs(float(theirs))):
+        if mine is not None and abs(float(mine) - float(theirs)) > SAME * max(
+            abs(float(mine)), abs(float(theirs))
+        ):
             raise ValueError(
                 f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
                 "and the same in both"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from scipy.special import chdtri
+from torch import Tensor
 
 from torchliner.checks import FEEDS
 from torchliner.records import FieldFit, MicrophoneLine
@@ -22,7 +23,12 @@ def largest_misfit(freedom: int, cases: int = 1) -> float:
 
 
 def warnings_of(
-    result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, freedom: int
+    result: FieldFit,
+    found: Solution,
+    line: MicrophoneLine,
+    wall: str,
+    freedom: int,
+    gains: Tensor,
 ) -> tuple[str, ...]:
     """A note a frequency and fault.
 
@@ -32,6 +38,7 @@ def warnings_of(
         line: that was fitted.
         wall: of its microphones.
         freedom: degrees of freedom of chi squared.
+        gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (B, F).
     """
     notes = []
     poor = largest_misfit(freedom, result.misfit[..., 0].numel()) / freedom
@@ -77,5 +84,13 @@ def warnings_of(
         if most > GAINS:
             notes.append(
                 f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets"
+            )
+        gain = float(gains[:, i].max())
+        if gain > 0:
+            notes.append(
+                f"{line.name}: at {f:g} Hz the duct model, with the impedance found, gives back "
+                f"and absorbs {gain:.3g} times the energy that comes in: a wave of its shear layer "
+                "grows along the liner, and the impedance leans on the profile of the flow; "
+                "compare other profiles, and do not rely on it beside a poor misfit"
             )
     return tuple(notes)

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning
 from torchliner.duct.case import other_side
+from torchliner.forward_mode import dual_level
+from torchliner.lee.energy import FED, GAIN, PASSIVE
 from torchliner.lee.field import DuctField
 from torchliner.lee.solver import DuctSolver
 from torchliner.wall_field.wall import impedance_at
@@ -34,6 +36,15 @@ class FieldModel:
     sources: Sequence[str]
     places: Tensor
     wall: str
+
+    def gains(self, place: Tensor) -> Tensor:
+        """Energy out and absorbed over that coming in from the source, (B, F); 0 where the wave of
+        no shear layer feeds it."""
+        with torch.no_grad():
+            balance = self.fields(place)[0].energy
+        total = balance.out + balance.absorbed
+        fed = (balance.out > GAIN) | (total > FED)
+        return torch.where(fed & (balance.absorbed > PASSIVE), total, 0.0)
 
     def fields(self, place: Tensor) -> list[DuctField]:
         """For each source, of walls at coordinates (B, F, P) of ``wall.py``; warnings of a
@@ -64,7 +75,7 @@ class FieldModel:
         for part in place.split(TOGETHER):
             by_coordinate = []
             for unit in units:
-                with forward_ad.dual_level():
+                with dual_level():
                     both = self.response(forward_ad.make_dual(part, unit.expand_as(part).clone()))
                     value, slope = forward_ad.unpack_dual(both)
                 by_coordinate.append(slope.detach())

@@ -15,11 +15,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, tell
+from torchliner.checks import require_choice, tell
 from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import draw_pressures, require_draws
+from torchliner.wall_waves.linearised import residual_covariance
+from torchliner.wall_waves.wave_warnings import wave_warnings
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
         line: microphones.
         source_side: None for what the line says.
     Raises:
-        ValueError: the side of the source is not known.
+        ValueError: the side of the source or the Mach number is not known.
     """
     side = line.source_side if source_side is None else source_side
     if side not in SOURCES:
@@ -66,11 +68,12 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
             f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream': the array is "
             "read from the source on"
         )
+    mach = line.stated_mach
     sign = 1 if side == "upstream" else -1
     x, pressure = sign * line.x, line.pressure
     if sign == -1:
         x, pressure = x.flip(0), pressure.flip(-2)
-    return FromSource(line, sign, x - x[0], pressure, sign * float(line.mach))
+    return FromSource(line, sign, x - x[0], pressure, sign * mach)
 
 
 def over_liner(
@@ -117,7 +120,8 @@ def wall_eduction(
         residual=residual,
         source_side=seen.source_side,
         choices={**choices, "condition": condition, "source_side": seen.source_side,
-                 "source": line.name, "microphones": line.microphones, **(found or {})},
+                 "source": line.name, "microphones": line.microphones, "mach": line.stated_mach,
+                 "sound_speed": float(line.fluid.sound_speed), **(found or {})},
         **about,
     )  # fmt: skip
 
@@ -134,7 +138,7 @@ def runs_with_source(wavenumber: Tensor) -> Tensor:
 def duct_notes(line: MicrophoneLine) -> tuple[str, ...]:
     """Higher modes of the rigid duct that carry sound."""
     notes = []
-    speed, mach = float(line.fluid.sound_speed), float(line.mach)
+    speed, mach = float(line.fluid.sound_speed), line.stated_mach
     for what, size in (("height", line.duct_height), ("width", line.duct_width)):
         limit = math.inf if size is None else cut_on_frequency(float(size), mach, speed)
         above = line.frequency[line.frequency >= limit]
@@ -148,18 +152,6 @@ def duct_notes(line: MicrophoneLine) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def resistance_notes(result: WallEduction, name: str) -> tuple[str, ...]:
-    """Where the wall would feed sound."""
-    active = result.impedance.real < FEEDS
-    if not bool(active.any()):
-        return ()
-    return (
-        f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} values, "
-        f"{float(result.impedance.real[active].min()):.3g} at least: the wave found gains energy "
-        "at the wall, or is not the one assumed",
-    )
-
-
 def with_notes_and_draws(
     result: WallEduction,
     notes: tuple[str, ...],
@@ -167,22 +159,35 @@ def with_notes_and_draws(
     pressure: Tensor,
     draws: int,
     generator: torch.Generator | None,
+    *,
+    unknowns: int | None = None,
+    unit: Tensor | None = None,
     **errors: float,
 ) -> WallEduction:
-    """The result with its notes, which are warned of, and with the same eduction over draws of the
-    microphones' errors, as one batch.
+    """The result with its notes, which are warned of, with the covariance that its residual stands
+    for, and with the same eduction over draws of the microphones' errors, as one batch.
 
     Args:
         result: without errors.
-        notes: on the result.
+        notes: on the result, before those that every result of waves may have.
         educe: from pressures (D, ..., N, F).
         pressure: (..., N, F).
         draws: D; 0 for none.
         generator: default one with seed 0.
+        unknowns: complex ones of the waves; None for no covariance.
+        unit: size of pressure, of the shape of ``pressure``, in whose shares errors are equal;
+            default one for all, the rms.
         errors: ``level_error`` (dB), ``phase_error`` (degrees).
     """
+    notes = (*notes, *wave_warnings(result))
     tell(notes, depth=2)
     result = result.with_notes(*notes)
+    if unknowns is not None:
+        freedom = pressure.shape[-2] - unknowns
+        if unit is None:
+            unit = pressure.abs().square().mean(-2, keepdim=True).sqrt().expand(pressure.shape)
+        covariance = residual_covariance(result, educe, pressure, freedom, unit)
+        result = replace(result, covariance=covariance, freedom=2 * freedom)
     if draws == 0:
         return result
     source = generator or torch.Generator().manual_seed(0)

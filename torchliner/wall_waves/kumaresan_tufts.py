@@ -21,7 +21,6 @@ from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
     over_liner,
-    resistance_notes,
     runs_with_source,
     wall_eduction,
     with_notes_and_draws,
@@ -59,12 +58,13 @@ def kumaresan_tufts(
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
         ValueError: unequal spacing, fewer microphones than twice the order, rank above the order
-            or above half the microphones, no known side of the source.
+            or above half the microphones, no known side of the source or
+            Mach number.
         RuntimeError: no wave runs with the source at any frequency.
     Warns:
         DataWarning: higher modes are cut on, the spacing is above half a wavelength, no wave runs
-            with the source somewhere, or the impedance has a negative resistance; the same text is
-            in ``notes``.
+            with the source somewhere or it is not the strongest, phases look conjugated, the wall
+            looks rigid, or the resistance is negative; the same text is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
     seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
@@ -82,11 +82,10 @@ def kumaresan_tufts(
         return _educe(pressure, seen, spacing, rank, length, condition)
 
     result = educe(seen.pressure)
-    notes = (*duct_notes(line), *_aliasing_notes(seen, spacing), *_lost_notes(result, line.name),
-             *resistance_notes(result, line.name))  # fmt: skip
+    notes = (*duct_notes(line), *_aliasing_notes(seen, spacing), *_lost_notes(result, line.name))
     return with_notes_and_draws(
-        result, notes, educe, seen.pressure, draws, generator, level_error=level_error,
-        phase_error=phase_error,
+        result, notes, educe, seen.pressure, draws, generator, unknowns=2 * rank,
+        level_error=level_error, phase_error=phase_error,
     )  # fmt: skip
 
 

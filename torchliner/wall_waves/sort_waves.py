@@ -29,8 +29,8 @@ class SortedWaves:
             (..., F).
         at: x, m.
         source_side: which of them is the incident one.
-        residual: rms of what they leave over that of the pressures, (..., F); 0 for two
-            microphones.
+        residual: rms of what they leave over that of the pressures, (..., F); nan for two
+            microphones, which two waves always fit.
         condition: condition number of the equations, (F,).
         microphones: x of those used, m, (M,).
         notes: warnings, with numbers.
@@ -106,7 +106,7 @@ def sort_waves(
     there = some.pressure.device
     waves, residual, condition = split_waves(
         some.pressure, (some.x - place).to(there), line.frequency.to(there),
-        float(line.fluid.sound_speed), float(line.mach),
+        float(line.fluid.sound_speed), line.stated_mach,
     )  # fmt: skip
     notes = duct_notes(line) + _condition_notes(line, condition)
     tell(notes)

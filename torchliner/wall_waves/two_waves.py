@@ -6,7 +6,7 @@ the three best, so that no guess is needed; draws start from the result.
 
 from __future__ import annotations
 
-from functools import partial
+import functools
 
 import torch
 from torch import Tensor
@@ -21,7 +21,6 @@ from torchliner.wall_waves.from_source import (
     FromSource,
     duct_notes,
     over_liner,
-    resistance_notes,
     wall_eduction,
     with_notes_and_draws,
 )
@@ -58,9 +57,9 @@ def two_wave_fit(
     Returns:
         Wavenumbers of both waves in ``modes``, the one with the source first.
     Raises:
-        ValueError: fewer than four microphones (five if free), no known side of the source.
+        ValueError: fewer than four microphones (five if free), as for ``kumaresan_tufts``.
     Warns:
-        DataWarning: higher modes are cut on, a fit did not settle, a negative resistance.
+        DataWarning: higher modes are cut on, a fit did not settle; as for ``kumaresan_tufts``.
     """
     require_choice("weights", weights, WEIGHTS)
     seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
@@ -77,15 +76,15 @@ def two_wave_fit(
     def educe(pressure: Tensor) -> WallEduction:
         return _educe(pressure, seen, condition, tied, weights, start)
 
-    notes = (*duct_notes(line), *_unsettled_notes(first, line.name),
-             *resistance_notes(first, line.name))  # fmt: skip
+    unit = None if weights == WEIGHTS[0] else seen.pressure.abs()
+    notes = (*duct_notes(line), *_unsettled_notes(first, line.name))
     return with_notes_and_draws(
-        first, notes, educe, seen.pressure, draws, generator, level_error=level_error,
-        phase_error=phase_error,
+        first, notes, educe, seen.pressure, draws, generator, unknowns=4 - tied, unit=unit,
+        level_error=level_error, phase_error=phase_error,
     )  # fmt: skip
 
 
-free_wave_fit = partial(two_wave_fit, tied=False)
+free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
 def _educe(
@@ -109,7 +108,11 @@ def _educe(
     distance = seen.distance.to(values.device)
     lines = WavePairs(flat, distance, weight, duct, tied)
     if start is None:
-        grid = _grid(seen, condition).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
+        line, gas = seen.line, seen.line.fluid
+        grid = _grid(
+            tuple(line.frequency.tolist()), line.duct_height, seen.mach, gas.sound_speed, condition
+        ).to(line.pressure.device)
+        grid = grid.expand(*lead, -1, 2).reshape(len(flat), -1, 2)
         found = _best_of_grid(lines, grid)
     else:
         begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
@@ -127,19 +130,21 @@ def _educe(
     )  # fmt: skip
 
 
-def _grid(seen: FromSource, condition: str) -> Tensor:
+@functools.lru_cache(maxsize=8)  # the draws of a line, and other lines of a duct, share it
+def _grid(
+    frequency: tuple[float, ...], height: float, mach: float, sound_speed: float, condition: str
+) -> Tensor:
     """Both wavenumbers of a grid of impedances along s, (F, G, 2)."""
-    line = seen.line
+    wanted = torch.tensor(frequency, dtype=torch.float64)[:, None]
     walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES])
     both = [
         wavenumber_from_impedance(
-            walls.to(torch.complex128), line.frequency[:, None], height=line.duct_height,
-            mach=seen.mach, sound_speed=line.fluid.sound_speed, condition=condition,
-            direction=direction,
+            walls.to(torch.complex128), wanted, height=height, mach=mach,
+            sound_speed=sound_speed, condition=condition, direction=direction,
         )
         for direction in DIRECTIONS
     ]  # fmt: skip
-    return torch.stack(both, -1).to(line.pressure.device)
+    return torch.stack(both, -1)
 
 
 def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:

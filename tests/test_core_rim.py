@@ -1,0 +1,268 @@
+"""What stands at the rim of an eduction: units, kinds of numbers, gaps, tables at their limits."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from conftest import FREQUENCY, RATE, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.replay.kernels import build_kernels
+from torchliner.replay.levels import VelocityGrid
+
+X = (torch.arange(15) + 0.5) * 12.44e-3 / 5  # three cells of five probes
+
+
+def notes_of(plane, liner, *wanted, **choices) -> str:
+    """All warnings of an eduction."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return "\n".join(tl.educe(plane, liner, *wanted, interval=None, **choices).notes)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize(
+    ("about", "frequency", "text"),
+    [
+        ({"sampling_rate": 42.0}, 1.4, "frequency is 1.4 Hz, below 20 Hz; are these kHz"),
+        ({"sampling_rate": 42.0}, 1.4, "sampling rate is 42 Hz, below 500 Hz; are these kHz"),
+        ({"x": [0.0, 68.0, 137.0]}, FREQUENCY, "x spans 137 m, above 20 m; are these mm"),
+        ({"height": 1.0}, FREQUENCY, "height is 1 m, above 0.5 m; are these mm"),
+        ({"displacement_thickness": 1.7}, FREQUENCY, "displacement_thickness is 1.7 m"),
+        ({"incident_level": 0.6}, FREQUENCY, "incident level is 0.6 dB, below 20 dB; .* pascals"),
+    ],
+)
+def test_units_that_cannot_be_meant_are_said(liner, about, frequency, text):
+    """kHz given as Hz and mm given as m keep every ratio; only their size tells."""
+    plane = plane_of(turbulence((3, 600)), frequency=frequency, **about)
+    with pytest.warns(tl.DataWarning, match=text):
+        tl.educe(plane, liner, interval=None, edge="wrap")
+    with pytest.warns(tl.DataWarning) as told:
+        tl.educe(plane_of(turbulence((3, 400)), height=1e-3, x=[0, 0.06, 0.137]), liner)
+    assert not any("are these" in str(each.message) for each in told)
+
+
+@pytest.mark.parametrize("record", ["plane", "bursts", "pressure"])
+@pytest.mark.parametrize(
+    ("about", "text"),
+    [
+        ({"mach": float("nan")}, "mach is nan; it must be at least 0"),
+        ({"mach": 102.0}, "mach is 102; .*a Mach number, not m/s"),
+        ({"incident_level": float("nan")}, "incident_level is nan dB"),
+        ({"incident_level": 300.0}, "incident_level is 300 dB; .* at most 194 dB"),
+    ],
+)
+def test_flow_and_level_out_of_range(record, about, text):
+    """No record takes a Mach number or a level that no duct has."""
+    v = torch.ones(8, dtype=torch.float64)
+    make = {
+        "plane": lambda: plane_of(v, **about),
+        "bursts": lambda: tl.BurstRecord(torch.arange(8.0), v, **about),
+        "pressure": lambda: tl.PressureRecord(v, v, sampling_rate=RATE, **about),
+    }[record]
+    with pytest.raises(ValueError, match=text):
+        make()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, torch.tensor, np.atleast_1d])
+def test_numbers_of_records_are_plain(liner, kind):
+    """A sampling rate of a float32 time axis computes in double precision like any other."""
+    plane = plane_of(
+        turbulence((2, 600)), sampling_rate=kind(42000), frequency=kind(1400), mach=kind(0),
+        reference={"true": np.complex64(1 - 2j)},
+    )  # fmt: skip
+    assert {type(v) for v in (plane.sampling_rate, plane.frequency, plane.mach)} == {float}
+    assert type(plane.reference["true"]) is complex
+    choices = {"edge": "wrap", "phase": "given", "reference_phase": 0.3, "interval": None}
+    wanted = tl.educe(plane_of(plane.velocity), liner, **choices)
+    assert torch.equal(tl.educe(plane, liner, **choices).reflection, wanted.reflection)
+    assert type(tl.Fluid(sound_speed=np.float32(340)).sound_speed) is float
+    assert type(liner.replace(porosity=np.float32(0.05)).porosity) is float
+
+
+KINDS = [
+    ({"levels": 200.5}, TypeError, "levels is 200.5; a whole number is needed"),
+    ({"levels": 10**6}, ValueError, "levels is 1000000; it is 4 to 10000"),
+    ({"allow_short": "no"}, TypeError, "allow_short is 'no'; True or False is needed"),
+    ({"window": np.hanning(600)}, TypeError, "window is ndarray; it is given by name"),
+    ({"window": torch.ones(600)}, TypeError, "window is Tensor; it is given by name"),
+    ({"window": 5}, TypeError, "window is int; it is given by name"),
+    ({"band": (300,)}, TypeError, r"band is \(300,\); give its lowest and its highest"),
+    ({"band": 300}, TypeError, "band is 300; give its lowest"),
+    ({"pre_roll": "0"}, TypeError, "pre_roll is the text '0'"),
+]
+
+
+@pytest.mark.parametrize(("choice", "error", "text"), KINDS, ids=[str(k[0])[:30] for k in KINDS])
+def test_choices_of_a_wrong_kind(liner, choice, error, text):
+    """Refused by name, with what is needed; nothing is rounded, nothing is true by being text."""
+    with pytest.raises(error, match=text):
+        tl.educe(plane_of(turbulence((2, 600))), liner, **choice)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda v: plane_of(v, sampling_rate=True), "sampling_rate is True; one number"),
+        (lambda v: plane_of(v, sampling_rate=torch.ones(2)), "sampling_rate is .* one number"),
+        (lambda v: plane_of(v.to_sparse()), "velocity is a sparse_coo tensor; give a dense one"),
+        (lambda v: plane_of(v.to("meta")), "velocity is a meta tensor"),
+        (lambda v: plane_of(v.numpy().astype(np.longdouble)), "convert it to float64"),
+        (lambda v: tl.load_liner("polito").replace(impedance_offset="1"), "offset is '1'"),
+    ],
+)
+def test_records_of_a_wrong_kind(make, text):
+    """The message names the field and what it takes."""
+    with pytest.raises(TypeError, match=text):
+        make(turbulence((2, 600)))
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize("resample", ["time", "time-cells"])
+def test_a_cell_in_a_gap_counts_in_no_average(liner, resample):
+    """The averages are those of a plane without it, under either order, intervals too."""
+    v = turbulence((15, 480), seed=4)
+    v[5:10] = torch.nan
+    choices = {"velocity_max": 15.0, "resample": resample}
+    found = tl.educe(plane_of(v, x=X), liner, missing="exclude", **choices)
+    left = [*range(5), *range(10, 15)]
+    wanted = tl.educe(plane_of(v[left], x=X[left]), liner, **choices)
+    for name in ("liner_impedance", "liner_impedance_velocity_first", "cell_impedance", "cell_x"):
+        assert torch.allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=0)
+    for name in ("cells", "liner", "cells_velocity_first", "liner_velocity_first"):
+        low, other = (getattr(each.uncertainty, name).low for each in (found, wanted))
+        assert torch.allclose(low, other, rtol=1e-9, atol=0)
+    assert any("1 of 3 cells hold no probe that is left" in note for note in found.notes)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_a_cell_partly_in_a_gap_weighs_what_it_has(liner, tmp_path):
+    """Four of five probes gone: a fifth of the weight, in value, interval and file."""
+    v = turbulence((15, 480), seed=4)
+    v[6:10] = torch.nan
+    found = tl.educe(plane_of(v, x=X), liner, missing="exclude")
+    assert found.cell_weight.tolist() == [1.0, 0.2, 1.0]
+    y = 1 / found.cell_impedance_velocity_first[:, 0]
+    wanted = complex(2.2 / (y[0] + 0.2 * y[1] + y[2]))
+    assert complex(found.liner_impedance_velocity_first[0]) == pytest.approx(wanted, rel=1e-12)
+    interval = found.uncertainty.liner_velocity_first
+    assert float(interval.low[0].real) < wanted.real < float(interval.high[0].real)
+    assert any("each weighs the share that it has, the least 0.2" in n for n in found.notes)
+    found.write(tmp_path / "m.nc")
+    again = tl.read_map(tmp_path / "m.nc")
+    assert torch.equal(again.cell_weight, found.cell_weight)
+    assert torch.equal(again.liner_impedance_velocity_first, found.liner_impedance_velocity_first)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_columns_without_probes_have_no_interval(liner):
+    """Admittance 0 over no probes would be a rigid wall with an interval."""
+    v = turbulence((4, 3, 480))
+    v[:, 1] = torch.nan
+    found = tl.educe(plane_of(v), liner, missing="exclude").uncertainty.along_x
+    assert torch.isnan(found.low[:, 0].real).tolist() == [False, True, False]
+
+
+TABLES = [
+    (10000.0, {"engine": "unfold"}, r"two-sided kernel .* amplifies up to 3\d\d times .limit 10"),
+    (FREQUENCY, {"kernel": "causal"}, r"causal kernel is off by up to 0\.1.* take kernel='two-si"),
+    (FREQUENCY, {"band": (1399.99, 1400.01)}, "beyond the kernel's band, 1399.99-1400.01 Hz"),
+    (FREQUENCY, {"engine": "unfold", "rank_tolerance": 1.0}, "rank_tolerance is 1, so that"),
+    (
+        FREQUENCY,
+        {"response": "kernel", "spacing": "uniform", "interpolation": "linear", "levels": 20},
+        r"between velocity levels R is off by up to 0\.\d",
+    ),
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*samples per period")
+@pytest.mark.parametrize(("frequency", "choices", "text"), TABLES)
+def test_tables_at_their_limits_say_so(liner, frequency, choices, text):
+    """Kernels, levels and factors that are far from the liner; with the defaults no word."""
+    plane = plane_of(turbulence((1, 1000)), sampling_rate=50e3)
+    with pytest.warns(tl.DataWarning, match=text):
+        tl.educe(plane, liner, frequency, interval=None, **choices)
+    assert notes_of(plane, liner) == ""
+
+
+@pytest.mark.parametrize("window", ["hann", "flattop", "kaiser,8"])
+def test_the_kernel_reaches_to_what_the_window_reads(liner, window):
+    """At the band's end the side lines lie beyond it: 5e-3 and 2.3e-2 of Z with 192 samples."""
+    plane = plane_of(turbulence((2, 600)))
+    found, wanted = (
+        tl.educe(plane, liner, 3500.0, window=window, interval=None, engine=engine)
+        for engine in ("unfold", "spectral")
+    )
+    assert float((found.impedance - wanted.impedance).abs().max()) < 1e-6
+    assert found.choices["kernel_band"][1] >= 3500 + RATE / 600
+
+
+def test_short_segments_say_what_they_lose(liner):
+    """The number is that of a frozen |v|, where nothing but the segments can be wrong."""
+    plane = plane_of(torch.full((1, 4200), 2.0, dtype=torch.float64))
+    with pytest.warns(tl.DataWarning, match=r"over 39 segments of 5 ms gives R off by") as told:
+        found = tl.educe(plane, liner, incident="noise:400:3000", segment=0.005)
+    text = next(str(each.message) for each in told if "segments of 5 ms" in str(each.message))
+    z = liner.impedance(found.frequency, 2.0)
+    off = float((found.reflection[0] - (z - 1) / (z + 1)).abs().max())
+    assert float(text.split("off by ")[1].split(" at")[0]) == pytest.approx(off, rel=0.1)
+    assert tl.educe(plane, liner, 1400.0, incident="noise:400:3000").notes == ()
+
+
+def test_one_sample_is_refused(liner):
+    """Under a Hann window it weighs nothing: Z would be nan."""
+    with pytest.raises(ValueError, match=r"of 1 samples 0 weigh anything.*take a longer record"):
+        tl.educe(plane_of(turbulence((2, 1))), liner, allow_short=True, interval=None)
+
+
+def test_opposite_phases_in_a_cell_are_said(liner):
+    """Their mean direction is rounding."""
+    plane = plane_of(turbulence((2, 600)))
+    given = {"phase": "given", "interval": None}
+    with pytest.warns(tl.DataWarning, match="differs within 1 of 1 cells.* as short as"):
+        tl.educe(plane, liner, reference_phase=[0.0, torch.pi], **given)
+    assert tl.educe(plane, liner, reference_phase=[0.0, 0.5], **given).notes == ()
+
+
+@pytest.mark.parametrize("shape", [(5, 3000), (4200, 130)])
+def test_coherence_does_not_know_other_frequencies(liner, shape):
+    """The same alone and beside a low and a high one, and with it what falls back."""
+    v = turbulence((5, shape[1])).repeat(shape[0] // 5, 1)
+    v += torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(shape[1]))
+    choices = {"phase": "self-consistent", "interval": None, "allow_short": True}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        alone = tl.educe(plane_of(v), liner, FREQUENCY, **choices)
+        beside = tl.educe(plane_of(v), liner, [200.0, FREQUENCY, 1410.0, 5000.0], **choices)
+    assert float((alone.coherence[:, 0] - beside.coherence[:, 1]).abs().max()) < 1e-12
+    assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
+    assert beside.choices["coherence_segments"] == [shape[1] // n for n in (420, 60, 60, 17)]
+
+
+def test_threads_do_not_change_a_bit(liner):
+    """Of the kernels' least squares, whose normal matrix is near singular."""
+    before = torch.get_num_threads()
+    found = []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            found.append(build_kernels(liner, VelocityGrid(5.0, 40), 50e3).taps)
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(*found)
+
+
+@pytest.mark.parametrize("engine", ["spectral", "unfold"])
+def test_autocast_around_an_eduction_has_no_effect(liner, engine):
+    """A network's lower precision is not the data's."""
+    plane = plane_of(turbulence((12, 600)).float())
+    wanted = tl.educe(plane, liner, engine=engine)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = tl.educe(plane, liner, engine=engine)
+    for name in ("reflection", "coherence", "cell_reflection_velocity_first"):
+        assert torch.equal(getattr(found, name), getattr(wanted, name))

@@ -1,0 +1,259 @@
+"""Mutated files and options: an error that names the file, or the clean answer (see fuzzing.py).
+
+2000 inputs; ``TORCHLINER_FUZZ=20000`` in the environment takes so many. Seeded: the same inputs in
+every run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import random
+from pathlib import Path
+
+import fuzzing
+import h5py
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, plane_of, turbulence
+from fuzzing import Case, Outcome, call, command
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat, wavfile
+from test_cli import parsers
+from test_liner_files import table_rows
+from test_stations import station
+from test_two_wave_fit import both_ways
+from test_wall_pressure import line_of
+
+import torchliner as tl
+from torchliner.duct.presets import duct_text
+
+pytestmark = pytest.mark.slow
+INPUTS = int(os.environ.get("TORCHLINER_FUZZ", "2000"))
+RATE = ["--velocity-units", "m/s", "--sampling-rate", "42000"]
+
+
+def plain(value):
+    """A record as lists and numbers."""
+    if isinstance(value, torch.Tensor):
+        parts = torch.view_as_real(value.resolve_conj()) if value.is_complex() else value
+        return parts.tolist()
+    if dataclasses.is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [*map(plain, value)]
+    return [value.real, value.imag] if isinstance(value, complex) else value
+
+
+def reader(read, path):
+    """A reader of Python as if it were a command."""
+
+    def work():
+        try:
+            return Outcome(0, plain(read(path)))
+        except (ValueError, TypeError, OSError) as error:
+            return Outcome(2, said=str(error))
+
+    return lambda: call(work)
+
+
+def written(path):
+    """The velocity in a file that convert wrote."""
+    with h5py.File(path) as file:
+        return file["wall_normal_velocity"][()].tolist()
+
+
+def plane_file(path: Path) -> Path:
+    plane_of(
+        turbulence((4, 260)), x=torch.arange(4) * 1e-3, liner="polito", height=1e-3, mach=0.1,
+        incident_level=130.0, reference={"true": 0.2 - 0.1j}, source_side="upstream", title="fuzz",
+    ).write(path)  # fmt: skip
+    return path
+
+
+def convert(path, folder, *words):
+    out = folder / "out.h5"
+    words = ["convert", str(path), "-o", str(out), "--axes", "time,x", *RATE, *words, "--json"]
+    return lambda: command([*words, "--quiet"], lambda: written(out))
+
+
+def make(name: str, folder: Path) -> Case:
+    """One command with one file."""
+    path = folder / f"input{name[name.index('.') : name.index(' ')]}"
+    told, tail = [str(path)], ["--json", "--quiet"]
+    kind = name.partition(" ")[2]
+    if kind in ("educe", "info", "truth", "height"):
+        plane_file(path)
+        words = [kind, *told, "--no-intervals"] if kind == "educe" else [kind, *told]
+        if kind == "truth":
+            words, tail = [*words, "-o", str(folder / "rows.csv")], ["--json", "--quiet"]
+    elif kind == "kt":
+        line_of(both_ways("upstream")[0], "upstream", title="fuzz").write(path)
+        words = ["kt", *told]
+    elif kind == "insitu":
+        path.write_bytes((DATA / "pressure_n130.h5").read_bytes())
+        words = ["insitu", *told]
+    elif kind in ("ldv info", "ldv educe"):
+        station(0, seconds=0.2).write(path)
+        words = [*kind.split(), *told]
+        words += ["--segment", "0.04", "--liner", "onera"] if kind == "ldv educe" else []
+    elif kind == "liner":
+        if path.suffix == ".toml":
+            path.write_text(tl.liners.catalogue.preset_text("onera"), encoding="utf-8")
+        else:
+            path.write_text("\n".join(table_rows()) + "\n")
+        words = ["liner", *told, "--frequency", "800", "1500", "--speed", "0", "1"]
+    elif kind == "duct modes":
+        path.write_text(duct_text("b2a"), encoding="utf-8")
+        words = ["duct", "modes", *told, "--count", "1"]
+    elif kind == "convert":
+        values = np.random.default_rng(0).normal(size=(60, 4))
+        if path.suffix == ".npy":
+            np.save(path, values)
+        elif path.suffix == ".mat":
+            savemat(path, {"v": values})
+        else:
+            with h5py.File(path, "w") as file:
+                file["v"] = values
+        return Case(name, path, convert(path, folder))
+    elif kind == "incident":
+        wavfile.write(path, 42000, np.random.default_rng(0).normal(size=260).astype(np.float32))
+        words = ["educe", str(plane_file(folder / "plane.h5")), "--incident", *told,
+                 "--no-intervals", "--frequency", "1400"]  # fmt: skip
+    else:
+        read, path = python_record(kind, path)
+        return Case(name, path, reader(read, path))
+    return Case(name, path, lambda: command([*words, *tail]))
+
+
+def python_record(kind: str, path: Path):
+    """A file that only Python reads."""
+    if kind == "read_map":
+        plane = tl.read_plane(plane_file(path))
+        tl.educe(plane, tl.load_liner("polito"), interval=None).write(path)
+        return tl.read_map, path
+    if kind == "read_line":
+        bursts = [station(seed, seconds=0.2) for seed in range(2)]
+        tl.educe_bursts(bursts, tl.load_liner("onera"), segment=0.04, monte_carlo=100).write(path)
+        return tl.read_line, path
+    tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), [1400.0]).write(path)
+    return tl.read_points, path
+
+
+NAMES = [
+    ".h5 educe", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu", ".csv ldv info",
+    ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner", ".toml duct modes",
+    ".npy convert", ".mat convert", ".h5 convert", ".wav incident", ".h5 read_map",
+    ".h5 read_line", ".h5 read_points",
+]  # fmt: skip
+HEAVY = {".h5 truth": 0.2}  # of the usual share
+SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))
+
+
+def explore(name, count, one):
+    """``one`` with a random number generator, ``count`` times, seeded by hypothesis."""
+
+    @settings(max_examples=count, derandomize=True, database=None, deadline=None,
+              phases=[Phase.generate], suppress_health_check=list(HealthCheck))  # fmt: skip
+    @given(st.integers(0, 2**63))
+    def run(seed):
+        one(random.Random(f"{name} {seed}"))
+
+    run()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", NAMES)
+def test_mutated_files(tmp_path, name, record_property):
+    """No traceback, no hang, no silent wrong answer."""
+    torch.set_num_threads(1)
+    case = make(name, tmp_path)
+
+    def one(draw):
+        case.path.write_bytes(case.clean)
+        if case.path.suffix == ".h5" and draw.random() < 0.6:
+            said, may_change = fuzzing.hdf5_structure(case.path, draw)
+        elif case.path.suffix == ".csv" and draw.random() < 0.6:
+            said, may_change = fuzzing.table_cells(case.path, draw), True
+        else:
+            said, may_change = fuzzing.flip_bytes(case.path, draw), True
+        case.judge(said, may_change=may_change)
+
+    explore(name, round(HEAVY.get(name, 1) * SHARE), one)
+    report(name, case.counts, case.faults)
+
+
+VALUES = (
+    "nan", "inf", "-inf", "0", "-1", "1", "2", "0.5", "1e20", "1e300", "-1e300", "1e-300", "", " ",
+    "x", "1,5", "\x1b[2J", "100000000000000000000", "1400", "1400:1e9:1", "0:0:0", "nan:1:1",
+    "a=b", "porosity=2 %", "porosity=nan", "1+2j", "nan+1j", "auto", "all", "1GB", "-1GB",
+    "1e400GB", "hann", "kaiser,8", "kaiser,nan", "tones:0", "noise:1:2:3", "nothing.h5",
+    "nothing/x.png", "/", ".",
+)  # fmt: skip
+COMMANDS = {
+    "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "truth": ["plane.h5"],
+    "sensitivity": ["plane.h5"], "kt": ["line.csv"], "liner": ["onera"], "ldv info": ["bursts.csv"],
+    "ldv educe": ["bursts.csv", "--segment", "0.04", "--liner", "onera"],
+    "duct modes": ["b2a", "--count", "1"], "insitu": ["record.h5"],
+    "convert": ["v.npy", "-o", "out.h5", "--axes", "time,x", *RATE],
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_mutated_options(tmp_path, monkeypatch):
+    """An answer, or an error that names the option or its value; never a nan that is taken."""
+    monkeypatch.chdir(tmp_path)
+    torch.set_num_threads(1)
+    plane_file(Path("plane.h5"))
+    line_of(both_ways("upstream")[0], "upstream", title="fuzz").write("line.csv")
+    station(0, seconds=0.2).write("bursts.csv")
+    np.save("v.npy", np.random.default_rng(0).normal(size=(60, 4)))
+    Path("record.h5").write_bytes((DATA / "pressure_n130.h5").read_bytes())
+    known, counts, faults = dict(parsers()), {}, []
+
+    def one(draw):
+        name = draw.choice(list(COMMANDS))
+        words = [*name.split(), *COMMANDS[name]]
+        given_now = [
+            a
+            for a in known[name]._actions
+            if a.option_strings
+            and a.metavar not in ("FILE", "PICTURE", "FOLDER")
+            and a.dest not in ("help", "help_all")
+        ]
+        said = []
+        for action in draw.sample(given_now, draw.choice((1, 1, 2))):
+            said.append(action.option_strings[-1])
+            if action.nargs == 0:
+                continue
+            several = action.nargs if isinstance(action.nargs, int) else 1
+            pool = [*VALUES, *list(action.choices or [])] * (1 if draw.random() < 0.7 else 0)
+            said += [draw.choice(pool or list(action.choices or VALUES)) for _ in range(several)]
+        found = command([*words, *said, "--json", "--quiet"])
+        fault = found.fault()
+        if not fault and found.code == 0 and {"nan", "inf", "-inf"} & set(said):
+            texts = {"--title", "--liner", "--variable", "--case"}
+            fault = "" if texts & set(said) else "silent wrong"
+        if not fault and found.code > 1 and not found.said.strip():
+            fault = "no message"
+        kind = fault or ("refused" if found.code > 1 else "answer")
+        counts[kind] = counts.get(kind, 0) + 1
+        if fault:
+            faults.append(f"{' '.join(words + said)!r}: {fault} {found.said.strip()[-300:]}")
+
+    explore("options", round(SHARE), one)
+    report("options", counts, faults)
+
+
+def report(name, counts, faults):
+    """Counts for the curious, faults for all."""
+    log = os.environ.get("TORCHLINER_FUZZ_LOG")
+    if log:
+        with open(log, "a", encoding="utf-8") as file:
+            file.write(json.dumps({"name": name, "counts": counts, "faults": faults}) + "\n")
+    assert not faults, f"{len(faults)} of {sum(counts.values())}:\n" + "\n".join(faults[:20])

@@ -1,0 +1,144 @@
+"""Statistical intervals of the in situ and microphone methods, because records are finite."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA
+from test_in_situ import FREQUENCY, RATE, file_of, record_of, standing_wave
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.in_situ_method.beside_maps import with_in_situ
+
+ORDERS = ("", "_pressure_first")
+
+
+def noisy(seed: int, samples: int = 571, **about) -> tl.PressureRecord:
+    """Z = 1 under noise on the facesheet whose correlation lasts a third of a period."""
+    record = record_of([standing_wave(1.0, 1.0)], 1.0, samples=samples, **about)
+    noise = np.random.default_rng(seed).standard_normal(samples + 60)
+    kernel = np.exp(-np.arange(60) / 10)
+    smooth = torch.from_numpy(np.convolve(noise, kernel, "full")[60 : samples + 60])
+    return dataclasses.replace(record, facesheet=record.facesheet + 0.2 * smooth)
+
+
+def covers(bounds: tuple[complex, complex], value: complex) -> list[bool]:
+    low, high = bounds
+    return [low.real < value.real < high.real, low.imag < value.imag < high.imag]
+
+
+@pytest.mark.parametrize("options", [{}, {"segment": 4 / FREQUENCY}])
+def test_intervals_hold_the_truth_as_often_as_they_say(options):
+    """Blocks of time, or segments: 95 % of records of 20 periods, within what 40 tell."""
+    held = []
+    for seed in range(40):
+        found = tl.in_situ(noisy(seed), **options)
+        held.append([covers(found.bounds_of_liner(order), 1.0) for order in ORDERS])
+    share = np.mean(held, 0)
+    assert share.min() > 0.85
+    assert found.uncertainty.settings["blocks"] == (20 if not options else 9)
+
+
+def test_width_follows_record_and_level():
+    """A record eight times as long: a third of the width and less; 68 % is narrower than 95 %."""
+    short, long = (tl.in_situ(noisy(3, samples=count)) for count in (571, 8 * 571))
+    widths = [each.uncertainty.liner.high - each.uncertainty.liner.low for each in (short, long)]
+    assert float(widths[1].real) < float(widths[0].real) / 2
+    error = tl.in_situ(noisy(3), interval=0.68).uncertainty.liner
+    assert float((error.high - error.low).real) < 0.7 * float(widths[0].real)
+
+
+def test_a_steady_tone_has_none_to_speak_of():
+    """Nothing fluctuates, whatever the window leaves over of the last period."""
+    found = tl.in_situ(record_of([standing_wave(1.0, 1.0)], 1.0))
+    for order in ORDERS:
+        low, high = found.bounds_of_liner(order)
+        assert abs(high - low) < 1e-9
+
+
+def test_too_few_blocks_are_said():
+    """Three periods tell nothing of their scatter; without intervals nothing is said."""
+    record = record_of([1.0], 1.0, samples=round(3.2 * RATE / FREQUENCY))
+    with pytest.warns(tl.DataWarning, match="no statistical interval, since the record holds few"):
+        found = tl.in_situ(record, allow_short=True)
+    assert found.uncertainty is None
+    assert found.bounds_of_liner() is None
+    assert tl.in_situ(record, allow_short=True, interval=None).notes == ()
+    with pytest.raises(ValueError, match="interval is 95; it is a level between 0 and 1"):
+        tl.in_situ(record_of([1.0], 1.0), interval=95.0)
+
+
+def test_cells_have_their_own():
+    """The cell whose points fluctuate has the wide interval."""
+    unit = standing_wave(1.0, 1.0)
+    quiet = record_of([unit, unit], [1.0, 1.0], probe_cell=[0, 1], samples=571)
+    face = torch.cat([quiet.facesheet[:1], noisy(5).facesheet])
+    known = tl.in_situ(dataclasses.replace(quiet, facesheet=face)).uncertainty
+    for found in (known.cells, known.cells_pressure_first):
+        width = (found.high - found.low).abs()[:, 0].tolist()
+        assert width[0] < 1e-9 < 0.01 < width[1]
+
+
+@pytest.mark.parametrize("case", ["g01_145", "g03_145", "o145"])
+def test_turbulent_cases_lie_within(case):
+    """With flow the miss of pressure first is the record's length: the truth is inside."""
+    record = file_of(case)
+    found = tl.in_situ(record).bounds_of_liner("_pressure_first")
+    assert all(covers(found, complex(record.reference["true"])))
+
+
+def test_microphones_have_intervals_and_a_pair_no_residual():
+    """Waves: R through the same blocks. Two pressures leave nothing by construction: unknown."""
+    record = file_of("g03_145")
+    many, pair = (tl.decompose_waves(record, microphones=which) for which in ("all", "pair"))
+    for found in (many, pair):
+        assert all(covers(found.interval.bounds(0), complex(record.reference["true"])))
+    assert 0 < float(many.residual[0]) < 0.01
+    assert torch.isnan(pair.residual[0])
+    steady = tl.decompose_waves(file_of("n130"), velocities=True).interval
+    assert float((steady.high - steady.low).abs().max()) < 0.01
+    assert tl.decompose_waves(record, interval=None).interval is None
+
+
+def test_files_and_tables_carry_them(tmp_path, capsys):
+    """netCDF there and back, CSV of points, rows of the command; called statistical in print."""
+    path = str(DATA / "pressure_g03_145.h5")
+    found = tl.in_situ(tl.read_pressure(path), [1400.0, 1500.0])
+    found.write(tmp_path / "points.h5")
+    again = tl.read_points(tmp_path / "points.h5")
+    for name, value in vars(found.uncertainty.cells_pressure_first).items():
+        assert torch.equal(getattr(again.uncertainty.cells_pressure_first, name), value)
+    assert again.uncertainty.settings == found.uncertainty.settings
+    found.write(tmp_path / "points.csv")
+    assert "resistance, pressure first, statistical low" in (tmp_path / "points.csv").read_text()
+    assert main(["insitu", path, "--json", "--interval", "0.9", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["interval_level"] == 0.9
+    row = told["rows"][5]
+    assert row["resistance_low"] < row["resistance"] < row["resistance_high"]
+    assert told["rows"][6]["residual"] is None  # two microphones
+    assert main(["insitu", path, "--quiet"]) == 0
+    assert "95 % statistical interval" in capsys.readouterr().out
+    assert main(["insitu", path, "--no-intervals", "--quiet"]) == 0
+    assert "%" not in capsys.readouterr().out.splitlines()[-2]
+
+
+def test_maps_keep_their_level(tmp_path):
+    """The in situ values beside a map have intervals of the map's level, in its file too."""
+    record, liner = noisy(1), tl.load_liner("lbm_slit")
+    plane = tl.VelocityPlane(
+        noisy(2).facesheet, sampling_rate=RATE, frequency=FREQUENCY, fluid=liner.fluid
+    )
+    for level in (0.8, None):
+        made = tl.educe(plane, liner, interval=level, draws=99)
+        (beside,) = with_in_situ([made], [plane], record)
+        known = beside.alongside[0].uncertainty
+        assert (None if known is None else known.settings["level"]) == level
+        beside.write(tmp_path / "map.h5")
+        again = tl.read_map(tmp_path / "map.h5").alongside[0]
+        assert again.bounds_of_liner() == beside.alongside[0].bounds_of_liner()

@@ -1,0 +1,189 @@
+"""What an eduction of waves says against itself, and its statistical interval without draws."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+from test_two_wave_fit import both_ways
+from test_wall_pressure import FREQUENCY, OTHER, WALLS, X, line_of, wave
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.records import MicrophoneLine
+from torchliner.report.wall_pressure import draw_wall, near_cloud
+from torchliner.report.wall_table import format_wall
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
+from torchliner.wall_waves.sort_waves import sort_waves
+from torchliner.wall_waves.two_waves import free_wave_fit, two_wave_fit
+
+METHODS = {"kt": kumaresan_tufts, "two-waves": two_wave_fit, "free-waves": free_wave_fit}
+
+
+def off(line: MicrophoneLine, size: float, seed: int) -> MicrophoneLine:
+    """With errors of one size in Pa, relative to the rms."""
+    random = torch.Generator().manual_seed(seed)
+    noise = torch.randn(line.pressure.shape, dtype=torch.complex128, generator=random)
+    rms = line.pressure.abs().square().mean(0).sqrt()
+    return dataclasses.replace(line, pressure=line.pressure + size * rms * noise)
+
+
+# --- the Mach number ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["line.csv", "line.h5"])
+def test_no_mach_number_is_refused_and_0_says_it(name, tmp_path, capsys):
+    """M = 0 is never assumed: Z 1.93+0.02j would become 0.61+0.99j; what was taken is in JSON."""
+    path = str(tmp_path / name)
+    dataclasses.replace(line_of(both_ways()[0]), mach=None).write(path)
+    assert tl.read_microphones(path).mach is None
+    assert main(["kt", path]) == 2
+    assert f"{name} states no Mach number; give it (mach = " in capsys.readouterr().err
+    for given in ("0.3", "0"):
+        assert main(["kt", path, "--mach", given, "--json", "--quiet"]) == 0
+        told = json.loads(capsys.readouterr().out)["lines"][0]
+        assert told["choices"]["mach"] == told["rows"][0]["mach"] == float(given)
+        right = abs(told["rows"][2]["resistance"] - 2.33) < 1e-6
+        assert right == (given == "0.3")
+
+
+@pytest.mark.parametrize("method", [*METHODS.values(), sort_waves])
+def test_every_method_of_waves_asks_for_it(method):
+    line = dataclasses.replace(line_of(both_ways()[0]), mach=None, liner_start=0.05, liner_end=1.0)
+    with pytest.raises(ValueError, match="microphones states no Mach number"):
+        method(line)
+
+
+@pytest.mark.parametrize(
+    ("level", "phase", "match"),
+    [
+        ([130.0, 1e-300, 120.0], [0.0, 60.0, 120.0], "a level is 1e-300 dB, below 1 dB"),
+        ([130.0, 125.0, 120.0], [0.0, 60.0, -1e300], "phase holds -1e.300 deg"),
+    ],
+)
+def test_levels_and_phases_that_nobody_measures(level, phase, match):
+    for shape in ((3,), (3, 1)):
+        with pytest.raises(ValueError, match=match):
+            MicrophoneLine.from_levels(
+                [0.0, 0.1, 0.2], np.reshape(level, shape), np.reshape(phase, shape), 1000.0,
+                duct_height=0.05, mach=0.0,
+            )  # fmt: skip
+
+
+# --- another side, other phases, a rigid wall ---------------------------------------------------
+
+
+@pytest.mark.parametrize("side", OTHER)
+@pytest.mark.parametrize("method", METHODS)
+def test_the_wave_kept_is_the_strongest(side, method):
+    """About 1 where the side is right; the wrong one leaves a third or less and is warned of."""
+    pressure = both_ways(side)[0]
+    right = METHODS[method](line_of(pressure, side))
+    assert float(right.energy_share.min()) > 0.95
+    assert right.notes == ()
+    with pytest.warns(tl.DataWarning) as told:
+        wrong = METHODS[method](line_of(pressure, OTHER[side]))
+    assert any("the source may be on the other side" in str(one.message) for one in told)
+    assert not any("conjugated" in note for note in wrong.notes)
+    assert float(wrong.energy_share.max()) < 0.4
+    assert wrong.energies.amax(0).tolist() == pytest.approx([1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("side", OTHER)
+@pytest.mark.parametrize("share", [0.0, 0.3 + 0.2j])
+def test_conjugated_phases_are_noticed(side, share):
+    """With two free waves, too, which take the reflected wave for the incident one."""
+    line = line_of(both_ways(side, share=share)[0].conj(), side)
+    with pytest.warns(tl.DataWarning) as told:
+        found = free_wave_fit(line)
+    assert any("the phases look conjugated" in str(one.message) for one in told)
+    assert [str(one.message) for one in told] == list(found.notes)
+
+
+def test_energy_by_hand():
+    """Two waves of 2 and 1 Pa without decay: a quarter."""
+    found = kumaresan_tufts(line_of(wave("upstream")[0]))
+    still = torch.full_like(found.modes, 20.0)
+    still[1] = -30.0
+    amplitude = torch.full_like(found.amplitudes, 2.0)
+    amplitude[1] = 1.0
+    one = dataclasses.replace(found, modes=still, amplitudes=amplitude, wavenumber=still[1])
+    assert one.energy_share.tolist() == pytest.approx([0.25] * 3)
+    gone = torch.full_like(found.wavenumber, torch.nan)
+    assert torch.isnan(dataclasses.replace(one, wavenumber=gone).energy_share).all()
+
+
+def test_a_rigid_wall_is_called_one():
+    """KT finds 0+88j or the like there; the wall's hardness is all that it tells."""
+    k = 2 * torch.pi * FREQUENCY / tl.Fluid().sound_speed / 1.3
+    line = off(line_of(100 * torch.exp(-1j * k * X[:, None])), 1e-3, 2)
+    with pytest.warns(tl.DataWarning) as told:
+        found = kumaresan_tufts(line, rank=1)
+    assert any("the wall looks rigid, and the impedance, |Z|" in str(one.message) for one in told)
+    assert float(found.impedance.abs().min()) > 10
+
+
+# --- intervals ----------------------------------------------------------------------------------
+
+
+def test_intervals_from_the_residual_hold_the_truth():
+    """Student's 95 % of R and of X over 40 noisy lines, within what these tell."""
+    line, held = line_of(both_ways()[0]), []
+    for seed in range(40):
+        found = kumaresan_tufts(off(line, 0.005, seed))
+        low, high = found.interval(0.95)
+        held += [(low.real < WALLS.real) & (WALLS.real < high.real),
+                 (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]  # fmt: skip
+    assert 0.87 < float(torch.stack(held).double().mean()) < 0.995
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_linearised_is_the_draws(method):
+    """Errors of 0.5 % in Pa: the standard error is the scatter of eductions of drawn lines."""
+    line = line_of(both_ways()[0])
+    many = torch.stack([off(line, 0.005, seed).pressure for seed in range(200)])
+    scatter = METHODS[method](dataclasses.replace(line, pressure=many)).impedance
+    found = METHODS[method](off(line, 0.005, 1))
+    assert found.freedom == 2 * (12 - {"two-waves": 3}.get(method, 4))
+    scaled = found.standard_error * 0.005 / (found.residual * (24 / found.freedom) ** 0.5)
+    for part in ("real", "imag"):
+        wanted = getattr(scatter, part).std(0)
+        assert (getattr(scaled, part) / wanted).tolist() == pytest.approx([1.0] * 3, rel=0.2)
+
+
+def test_where_there_is_no_interval():
+    """No degree of freedom, or a line of draws: none, and it says so."""
+    few = line_of(both_ways()[0]).select(range(4))
+    found = kumaresan_tufts(few)
+    assert found.covariance is None
+    assert "unknown, the waves leave no degree of freedom" in format_wall(few, found)
+    with pytest.raises(ValueError, match="no covariance is known; educe with draws=500"):
+        found.interval()
+    several = dataclasses.replace(few, pressure=few.pressure.expand(2, -1, -1))
+    assert kumaresan_tufts(several).covariance is None
+
+
+def test_tables_call_them_statistical():
+    line = off(line_of(both_ways()[0]), 1e-4, 0)
+    text = format_wall(line, kumaresan_tufts(line))
+    assert "95 % statistical interval and deviation: of R and X by what the waves leave" in text
+    assert " 0.00099, 0.00099 " in text  # a deviation is never 0.000
+    assert "over 9 draws of the microphones' errors" in format_wall(
+        line, kumaresan_tufts(line, draws=9)
+    )
+
+
+def test_one_outlier_does_not_set_the_axes():
+    """A draw far away is left out of the cloud and counted in the legend."""
+    line = line_of(both_ways()[0][:, :1], frequency=600.0)
+    found = kumaresan_tufts(line, draws=50)
+    assert near_cloud(found.draws.impedance[:, 0].numpy()).all()
+    drawn = found.draws.impedance.clone()
+    drawn[7] = 300 - 2000j
+    found = dataclasses.replace(found, draws=dataclasses.replace(found.draws, impedance=drawn))
+    figure = draw_wall([line], [found])
+    assert max(np.abs(figure.axes[0].get_ylim())) < 10
+    assert "(1 of 50 draws outside)" in figure.axes[0].get_legend_handles_labels()[1][0]
