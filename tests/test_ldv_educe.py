@@ -97,6 +97,30 @@ def test_a_line_comes_back_from_its_file_bit_for_bit(folder, tmp_path):
         assert "how Z differs" in data["line_spatial_spread_resistance"].attrs["long_name"]
 
 
+def test_a_line_whose_parts_differ_in_length_is_refused(folder, tmp_path):
+    """Variables, attributes and intervals have one length along each dimension."""
+    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04)
+    for edit, message in (
+        (("coherence", 1.0), r"coherence has shape \(1, 2\), .*; station is \(3,\) elsewhere"),
+        (("resistance_low", 1.0), r"resistance_low has shape \(1, 2\)"),
+        (("used", 2), r"used (has shape|holds other values)"),
+        (("flags", "[]"), "flags has 0 values for 3 stations"),
+        (("stations_that_count", "3"), "attribute 'stations_that_count' is '3'; one finite number"),
+    ):
+        line.write(tmp_path / "line.h5")
+        with h5py.File(tmp_path / "line.h5", "r+") as file:
+            name, value = edit
+            if name in file:
+                values = np.full((1, *file[name].shape[1:]), value)
+                del file[name]
+                file[name] = values
+                file[name].attrs["units"] = "1"
+            else:
+                file.attrs[name] = value
+        with pytest.raises(ValueError, match=rf"line.h5.*{message}"):
+            tl.read_line(tmp_path / "line.h5")
+
+
 def test_other_files_are_no_lines(tmp_path):
     station(0).write(tmp_path / "bursts.h5")
     with pytest.raises(ValueError, match=r"bursts\.h5 is no impedance line: its schema is"):

@@ -266,6 +266,12 @@ def test_points_go_through_files(tmp_path):
     assert last == pytest.approx(complex(found.liner_impedance_pressure_first[1]), abs=1e-8)
     with pytest.raises(ValueError, match="is no set of point impedances: its schema is"):
         tl.read_points(DATA / "pressure_n130.h5")
+    with h5py.File(tmp_path / "z.h5", "r+") as file:
+        del file["point_z"]
+        file["point_z"] = np.zeros(3)
+        file["point_z"].attrs["units"] = "m"
+    with pytest.raises(ValueError, match=r"z.h5:/point_z has shape \(3,\), \(point\); point is"):
+        tl.read_points(tmp_path / "z.h5")
     with pytest.raises(ValueError, match=r"cell_z has shape \(1,\)"):
         dataclasses.replace(found, cell_z=torch.zeros(1))
     with pytest.raises(TypeError, match="a complex tensor is needed"):

@@ -313,23 +313,35 @@ def outcome(read, path):
     return path.name
 
 
+HUNG = """
+from torchliner.io import hdf5_rehearsal
+hdf5_rehearsal.LIMIT = 1
+hdf5_rehearsal.walk = lambda _: [0 for _ in iter(int, 1)]
+hdf5_rehearsal.serve()
+"""
+
+
 @pytest.mark.parametrize(
-    ("code", "message"),
+    ("code", "patience", "message"),
     [
-        ("import os; os.abort()", "crashes"),
-        ("import time; time.sleep(60)", "come to an end within 1"),
+        ("import os; print(flush=True); input(); os.abort()", 60.0, "crashes on its structure"),
+        ("import time; print(flush=True); time.sleep(60)", 1.0, "not come to an end"),
+        (HUNG, 60.0, "does not come to an end within"),
     ],
+    ids=["crash", "sleep", "loop"],
 )
-def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, message):
+def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, patience, message):
     """It breaks another process, whose end is told; the next file has a new one."""
     path, read = edited(tmp_path, lambda _: None)
     (tmp_path / "child.py").write_text(code)
     with monkeypatch.context() as patch:
         patch.setattr(hdf5_rehearsal, "__file__", str(tmp_path / "child.py"))
-        patch.setattr(hdf5_rehearsal, "LIMIT", 1.0)
+        patch.setattr(hdf5_rehearsal, "PATIENCE", patience)
         patch.setattr(hdf5_rehearsal, "_children", {})
         with pytest.raises(ValueError, match=f"a.h5: the HDF5 library .*{message}"):
             read(path)
+        (tmp_path / "child.py").write_text("no Python")
+        assert read(path).samples == 20  # where it cannot be tried, it is read all the same
     assert read(path).samples == 20
 
 

@@ -23,6 +23,7 @@ class PredictionRow:
         correlation: of R and X.
         true: reference, or None.
         misses: by how many standard deviations R and X lie off it, signed; None without one.
+        notes: warnings, as of a |v| beyond what was fitted.
     """
 
     label: str
@@ -34,6 +35,7 @@ class PredictionRow:
     correlation: float
     true: complex | None
     misses: complex | None
+    notes: tuple[str, ...] = ()
 
 
 def prediction_rows(
@@ -68,6 +70,7 @@ def prediction_rows(
                 complex(values[i]), complex(prediction.impedance[i]),
                 complex(prediction.standard[i]), correlation_of(prediction.covariance[i]), true,
                 None if true is None else prediction.misses(complex(true), noise, i),
+                prediction.notes,
             )
         )  # fmt: skip
     return rows

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, read_planes, show_results
-from torchliner.cli.options import frequency_option, progress_bar, shared, stated
+from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
 from torchliner.names import SOURCE_SIDES
 
 if TYPE_CHECKING:
@@ -28,13 +28,12 @@ OPTIONS = {
         "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), "
                                "dB re 20 uPa rms; default: that of the file",
         "--source-side": (SOURCE_SIDES, "that the sound comes from; default: the file's"),
-        "--strict": "exit code 1 where closure fails for the order that comes first",
         "--incident SIGNAL": "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), "
                              "or a .wav or .npy file; default: tones of --frequency",
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
-    | shared("--figures", "--json", "--quiet"),
+    | shared("--figures", "--json", "--quiet", "--strict"),
 } | choice_options(ALL)  # fmt: skip
 
 
@@ -66,8 +65,7 @@ def run(options: argparse.Namespace) -> int:
     if options.figures is not None:
         draw_pictures(found, planes, options.figures)
     show_results(options, lambda: format_maps(found), lambda: [*map(plain_map, found)])
-    failed = any(result.closure is not None and result.closure.failed for result in found)
-    return 1 if options.strict and failed else 0
+    return closure_code(options, found)
 
 
 def _educed(

@@ -12,7 +12,7 @@ from torchliner import names
 from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import preset_named, show_results
-from torchliner.cli.options import frequency_option, progress_bar, shared, stated
+from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -27,7 +27,7 @@ OWN = {
                              "reference; default: none",
 }  # fmt: skip
 OPTIONS = {
-    "": ldv.READING | shared("--liner", "--json", "--quiet") | {
+    "": ldv.READING | shared("--liner", "--json", "--quiet", "--strict") | {
         **frequency_option("the tone", "--educe-at"),
         "--output FILE": "write the line as .h5/.nc or .csv",
         "--figure PICTURE": "draw Z along the line there",
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     if parts is not None:
         parts.clear()
-    return 0
+    return closure_code(options, [line])
 
 
 def _liner(options: argparse.Namespace, sources: list[StationSource]) -> Any:

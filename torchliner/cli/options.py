@@ -90,6 +90,7 @@ SHARED: dict[str, Any] = {
     "--copy FILE": "write the preset as .toml, to edit",
     "--json": "print JSON instead of a table",
     "--quiet": "no progress bar, no warnings",
+    "--strict": "exit code 1 where closure fails for the answer",
 }
 CASE: dict[str, Any] = {
     "--frequency HZ": "tone in Hz",
@@ -150,6 +151,12 @@ def argument(spec: str, entry: Any) -> tuple[list[str], dict[str, Any]]:
 def shared(*wanted: str) -> dict[str, Any]:
     """Some of ``SHARED`` by name."""
     return {spec: entry for spec, entry in SHARED.items() if spec.split()[0] in wanted}
+
+
+def closure_code(options: argparse.Namespace, results: Iterable[Any]) -> int:
+    """1 with --strict where the closure of a map or a line fails, else 0."""
+    failed = any(result.closure is not None and result.closure.failed for result in results)
+    return 1 if options.strict and failed else 0
 
 
 def order_option(default: str) -> dict[str, Any]:

@@ -10,15 +10,24 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
+import math
 import os
+import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import h5py
 
-LIMIT = 12.0  # s
+try:
+    import resource
+except ImportError:  # not POSIX: nothing is tried there
+    resource = None  # type: ignore[assignment]
+
+LIMIT = 4  # s of a core
+PATIENCE = 60.0  # s, on a machine or a disk that is busy
 SMALL = 1 << 16  # values of a dataset that is read as well
 OBJECTS = 1000  # that are looked at
 _lock = threading.Lock()
@@ -28,7 +37,7 @@ _children: dict[int, subprocess.Popen[bytes]] = {}  # by process, as forks do no
 def rehearse(path: str | Path) -> None:
     """Refuse a file on which the HDF5 library breaks down.
 
-    Nothing is tried where no further Python can be started.
+    Nothing is tried where no further Python can be started, or its time cannot be limited.
 
     Raises:
         ValueError: it crashed, or did not come to an end within ``LIMIT``.
@@ -39,16 +48,15 @@ def rehearse(path: str | Path) -> None:
         _rehearse(path, status.st_size, status.st_mtime_ns)
 
 
-def _stop(child: subprocess.Popen[bytes], late: threading.Event) -> None:
-    late.set()
-    child.kill()
-
-
 @functools.lru_cache(maxsize=1024)
 def _rehearse(path: Path, size: int, changed: int) -> None:
     """Once for a file as it is at present."""
     python = sys.executable or ""
-    if getattr(sys, "frozen", False) or not Path(python).name.lower().startswith("py"):
+    if (
+        resource is None
+        or getattr(sys, "frozen", False)
+        or not Path(python).name.lower().startswith("py")
+    ):
         return
     with _lock:
         child = _children.get(os.getpid())
@@ -57,24 +65,36 @@ def _rehearse(path: Path, size: int, changed: int) -> None:
                 [python, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
             )  # fmt: skip
-        assert child.stdin is not None
-        assert child.stdout is not None
-        late = threading.Event()
-        timer = threading.Timer(LIMIT, _stop, (child, late))
-        timer.start()
+            if not _answer(child):
+                _end(child)
+                return  # this Python cannot do it
         try:
-            child.stdin.write(os.fsencode(path).hex().encode() + b"\n")
-            child.stdin.flush()
-            answer = child.stdout.readline()
-        finally:
-            timer.cancel()
+            answer = _answer(child, os.fsencode(path).hex().encode() + b"\n")
+        except BaseException:  # an interrupt, after which questions and answers would not agree
+            _end(child)
+            raise
         if not answer:
             _end(child)
-            how = f"does not come to an end within {LIMIT:g} s" if late.is_set() else "crashes"
+            ended = child.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
+            how = f"does not come to an end within {LIMIT} s" if ended else "crashes"
             raise ValueError(
                 f"{path}: the HDF5 library {how} on its structure, which is damaged; copy it again "
                 "from where it comes from, or repair it (h5clear, h5repack)"
             )
+
+
+def _answer(child: subprocess.Popen[bytes], question: bytes = b"") -> bytes:
+    """A line; b"" if the child ended."""
+    assert child.stdin is not None
+    assert child.stdout is not None
+    timer = threading.Timer(PATIENCE, child.kill)
+    timer.start()
+    try:
+        child.stdin.write(question)
+        child.stdin.flush()
+        return child.stdout.readline()
+    finally:
+        timer.cancel()
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
@@ -120,8 +140,13 @@ def _look_at(dataset: h5py.Dataset) -> None:
 
 
 def serve() -> None:
-    """Look at each file whose name comes in, in hexadecimal, and answer with a line."""
+    """Look at each file whose name comes in, in hexadecimal, and answer with a line; one first."""
+    print(flush=True)
     for line in sys.stdin:
+        used = math.ceil(time.process_time())
+        _, most = resource.getrlimit(resource.RLIMIT_CPU)
+        wanted = used + LIMIT if most == resource.RLIM_INFINITY else min(most, used + LIMIT)
+        resource.setrlimit(resource.RLIMIT_CPU, (wanted, most))
         with contextlib.suppress(Exception):
             walk(os.fsdecode(bytes.fromhex(line)))
         print(flush=True)

@@ -61,10 +61,11 @@ def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
     for z, velocity, of_velocity, interval, y in everywhere:
         height = torch.nan_to_num(y) if moved else torch.zeros_like(y)
         angle = 2 * torch.pi * line.frequency / float(line.fluid.sound_speed) * height[:, None]
-        shape = (z + 1) / 2 if moved else z
-        implied = velocity * shape / (angle.cos() + 1j * angle.sin() * z)
-        ratio = float(line.fluid.characteristic_impedance) * implied / pressure
-        ends = _ends(2 * shape if moved else z, of_velocity, interval, choices)
+        at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
+        value = z + mean / velocity if moved else z
+        implied = float(line.fluid.characteristic_impedance) * at_wall * value
+        ratio = implied / (2 if moved else 1) / pressure
+        ends = _ends(value, of_velocity, interval, choices)
         gaps.append(gap_of(ratio[None], ends, False))
     return Closure(
         orders=("stations",), order="stations", known=words, kind=kind,

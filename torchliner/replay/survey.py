@@ -61,9 +61,7 @@ class Survey:
     def join(cls, parts: Sequence[Survey]) -> Survey:
         """Groups of columns side by side."""
         columns = set(vars(parts[0])) - {"segments", "blocks", "cell_blocks"}
-        joined: dict[str, Any] = {
-            name: torch.cat([getattr(part, name) for part in parts]) for name in columns
-        }
+        joined: Any = {name: torch.cat([getattr(p, name) for p in parts]) for name in columns}
         blocks = [part.blocks for part in parts if part.blocks is not None]
         kept = VelocityBlocks.join(blocks) if blocks else None
         return dataclasses.replace(parts[0], **joined, blocks=kept)
@@ -88,8 +86,7 @@ def survey(
         sampling_rate: Hz.
         weights: window over the n samples, float64, (n,), zero in the pre-roll.
         progress: called with the number of samples done.
-        blocks: over which the velocity's own means are kept too; ``of_probes``: of all columns,
-            not of the cells alone.
+        blocks: over which v's own means are kept too, without ``of_probes`` of the cells alone.
         periodic: to be given the probes of the first group as they come by.
 
     Sums of up to 16 samples are made in the data's precision, all others in float64. The coherence

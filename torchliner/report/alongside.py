@@ -70,20 +70,19 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
                     "low": None, "high": None, "differs": None, "of_map_alone": theirs is None,
                 }  # fmt: skip
                 if mine is not None:
-                    row |= _joint(mine, theirs or (value, value))
+                    row |= joint_bounds(mine, theirs or (value, value))
                 found.append(row)
     return found
 
 
 def _bounds_of(other: PointImpedances, name: str, index: int) -> tuple[complex, complex] | None:
-    known = getattr(other, "uncertainty", None)
-    if known is None:
+    if other.uncertainty is None:
         return None
-    interval = getattr(known, name)
+    interval = getattr(other.uncertainty, name)
     return complex(interval.low[index]), complex(interval.high[index])
 
 
-def _joint(
+def joint_bounds(
     mine: tuple[complex, complex], theirs: tuple[complex, complex]
 ) -> dict[str, complex | bool]:
     """Bounds of the difference, and whether 0 lies outside those of R or of X."""

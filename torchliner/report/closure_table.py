@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceLine, ImpedanceMap
 from torchliner.report.table import Column, Table
 
@@ -19,29 +18,29 @@ def closure_lines(
         results: maps, or one line.
         where: columns that say which row it is.
     """
-    heading = dict.fromkeys(f"closure: {result.closure_words}" for result in results)
-    unknown = dict.fromkeys(ORDERS, "-")
+    heading = "\n".join(dict.fromkeys(f"closure: {result.closure_words}" for result in results))
     rows: list[dict[str, Any]] = []
-    sentences: list[str] = []
+    sentences: dict[str, None] = {}
+    orders: dict[str, None] = {}
     for result in sorted(results, key=lambda each: getattr(each, "height", None) or 0.0):
-        closure = result.closure
-        if closure is None:
+        if (closure := result.closure) is None:
             continue
+        if closure.confidence is not None and not rows:
+            heading += f" ({100 * closure.confidence:g} % statistical intervals)"
+        orders |= dict.fromkeys(closure.orders)
         for i, frequency in enumerate(result.frequency.tolist()):
-            height = getattr(result, "height", None)
-            cells = {order: closure.words(order, i) for order in closure.orders}
-            rows.append({"height": height, "frequency": frequency, **unknown, **cells})
-            sentences += filter(None, [closure.sentence(closure.order, frequency, i)])
+            place = {"height": getattr(result, "height", None), "frequency": frequency}
+            rows.append(place | {order: closure.words(order, i) for order in closure.orders})
+            sentences |= dict.fromkeys([closure.sentence(closure.order, frequency, i)])
     if not rows:
-        return list(heading)
-    orders = dict.fromkeys(order for result in results if result.closure is not None
-                           for order in result.closure.orders)  # fmt: skip
-    level = next(result.closure.confidence for result in results if result.closure is not None)
-    words = "" if level is None else f" ({100 * level:g} % statistical intervals)"
-    columns = [*where, *(Column("", order, order)
-                         for order in orders)]  # fmt: skip
-    lines = ["\n" + "\n".join(heading) + words, Table(rows, columns).as_text()]
-    return [*lines, *dict.fromkeys(sentences), ""]
+        return [heading]
+    columns = [*where, *(Column(order, heading=order) for order in orders)]
+    return [
+        f"\n{heading}",
+        Table([dict.fromkeys(orders, "-") | row for row in rows], columns).as_text(),
+        *filter(None, sentences),
+        "",
+    ]
 
 
 def plain_closure(result: ImpedanceMap | ImpedanceLine) -> dict[str, Any]:

@@ -7,10 +7,11 @@ At normal incidence the waves are plane, so V is moved from the height y of the 
 
 .. math:: |p_i| = \rho c |Z + 1| |V_0|/2, \qquad p = \rho c Z V_0
 
-for the incident wave and for the pressure at the wall. At grazing incidence the wave's field above
-the wall is not known beforehand: V stays as measured, and what is stated is the pressure at the
-wall. V of several cells along a grazing wave is averaged after its phase was turned back by that
-wavenumber along x which makes the mean largest.
+for the incident wave and for the pressure at the wall; one cell among unlike ones has the pressure
+of all of them above it, :math:`|p_i| = \rho c |Z V_0 + \langle V_0 \rangle|/2`. At grazing
+incidence the wave's field above the wall is not known beforehand: V stays as measured, and what is
+stated is the pressure at the wall. V of several cells along a grazing wave is averaged after its
+phase was turned back by that wavenumber along x which makes the mean largest.
 
 The ratio of implied to known pressure is resampled with the same blocks of time for Z, V and p.
 """
@@ -75,7 +76,7 @@ def closure_of(
         if order in series and moving.away is not None:
             liner, cells = series[order]
             bounds.append(
-                _ends(prepared, known, z, torch.cat([liner[:, None], cells], 1).cpu(), moving.away)
+                _ends(prepared, known, z, torch.cat([liner[:, None], cells], 1).cpu(), moving)
             )
     ends = None
     if len(bounds) == len(ratios):
@@ -101,8 +102,12 @@ def closure_ratio(prepared: Prepared, known: KnownPressure) -> Callable[[Tensor]
 
     The phase of the ratio means something where ``known.has_phase``.
     """
-    velocity = Coherent.of(prepared, known).velocity[0]
-    return lambda impedance: _implied(prepared, known, impedance, velocity) / known.liner
+    velocity = Coherent.of(prepared, known).velocity[:1]
+
+    def ratio(impedance: Tensor) -> Tensor:
+        return _implied(prepared, known, impedance[None], velocity)[0] / known.liner
+
+    return ratio
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,16 +184,23 @@ def _motion(prepared: Prepared, known: KnownPressure) -> tuple[Tensor, Tensor]:
     return angle.cos(), 1j * angle.sin()
 
 
-def _implied(prepared: Prepared, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
-    """Pressure that impedances and velocities imply, Pa, (..., F)."""
+def _divisor(prepared: Prepared, known: KnownPressure, z: Tensor) -> Tensor:
+    """V at the plane's height over V at the wall."""
     along, across = _motion(prepared, known)
-    shape = (z + 1) / 2 if known.kind == INCIDENT else z
-    scale = float(prepared.plane.fluid.characteristic_impedance)
-    return scale * velocity * shape / (along + across * z)
+    return along + across * z
+
+
+def _implied(prepared: Prepared, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
+    """Pressure that impedances and velocities imply, Pa, (1 + C, F), the whole plane first."""
+    at_wall = velocity / _divisor(prepared, known, z)
+    pressure = z * at_wall
+    if known.kind == INCIDENT:
+        pressure = (pressure + at_wall[:1]) / 2
+    return float(prepared.plane.fluid.characteristic_impedance) * pressure
 
 
 def _ends(
-    prepared: Prepared, known: KnownPressure, z: Tensor, of_reflection: Tensor, of_velocity: Tensor
+    prepared: Prepared, known: KnownPressure, z: Tensor, of_reflection: Tensor, moving: Coherent
 ) -> tuple[Tensor, Tensor]:
     """Of the logarithm of the ratio, less its value, (1 + C, F) each.
 
@@ -196,12 +208,17 @@ def _ends(
         prepared, known: as above.
         z: (1 + C, F).
         of_reflection: deviation of R in each block, (S, 1 + C, F).
-        of_velocity: relative deviation of V, likewise.
+        moving: velocity, with its deviations.
     """
-    along, across = _motion(prepared, known)
-    slope = 1 / (z + 1 if known.kind == INCIDENT else z) - across / (along + across * z)
-    reflection = reflection_from_impedance(z)
-    away = of_velocity + 2 / (1 - reflection) ** 2 * slope * of_reflection
+    assert moving.away is not None
+    divisor = _divisor(prepared, known, z)
+    of_z = 2 / (1 - reflection_from_impedance(z)) ** 2 * of_reflection
+    of_velocity = moving.away - _motion(prepared, known)[1] / divisor * of_z
+    away = of_velocity + of_z / z  # of the pressure, relative
+    if known.kind == INCIDENT:
+        at_wall = moving.velocity / divisor
+        whole = (at_wall * of_velocity)[:, :1]
+        away = (z * at_wall * away + whole) / (z * at_wall + at_wall[:1])
     if known.away is not None:
         away = away - known.away
     how = dataclasses.replace(resampling_of(prepared), convert=torch.log)

@@ -17,7 +17,7 @@ from torchliner.replay.phase_rule import PhaseRule, phase_rule
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.closure import with_closure
-from torchliner.tdibc.intervals import review_uncertainty, uncertainty_of
+from torchliner.tdibc.intervals import Series, review_uncertainty, uncertainty_of
 from torchliner.tdibc.prepared import Prepared
 
 LEAST_DIRECTION = 0.9  # phases over 90 degrees, evenly
@@ -72,7 +72,7 @@ class Replayed:
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
         notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
-        uncertainty, series = None, dict[str, tuple[Tensor, Tensor]]()
+        uncertainty, series = None, Series()
         if rule.phase is not None:
             notes += _review_phase(prepared, rule.phase.cpu())
         if self._keeps_blocks(rule):
