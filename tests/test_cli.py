@@ -360,7 +360,7 @@ def test_truth_table(capsys, tmp_path, small):
     assert code == DONE
     assert "case small: true Z = 0.200-0.100j" in out
     rows = list(csv.DictReader((target).read_text().splitlines()))
-    assert len(rows) == 4 * 3 * 2
+    assert len(rows) == 4 * 3 * 3
     for row in rows:
         educed, true = (
             complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))

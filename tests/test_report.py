@@ -116,18 +116,18 @@ def test_the_style_stays_ours(maps):
 
 
 def test_truth_table_covers_every_rule_once(liner):
-    """4 drives x 3 phase rules x 2 orders a plane; 'given' uses the true wave's phase."""
+    """4 drives x 3 phase rules x 3 orders a plane; 'given' uses the true wave's phase."""
     plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
     rows = truth_table([plane], lambda _: liner)
     keys = {(r.drive, r.mean, r.phase, r.order) for r in rows}
-    assert len(rows) == len(keys) == 24
+    assert len(rows) == len(keys) == 36
     averaged = tl.educe(plane, liner)
     psi = true_wave_phase(plane, averaged)
     stated = tl.educe(plane, liner, phase="given", reference_phase=psi)
     row = next(r for r in rows if (r.drive, r.mean, r.phase, r.order)
                == ("instantaneous", "kept", "given", "probes first"))  # fmt: skip
     assert row.educed == pytest.approx(complex(stated.liner_impedance[0]), abs=1e-12)
-    assert format_truth(rows).count("instantaneous, mean removed") == 2  # both orders
+    assert format_truth(rows).count("instantaneous, mean removed") == 3  # all orders
     text = format_summary(rows)
     assert "best for " in text
     assert "one rule is best" not in text  # there is one case

@@ -140,7 +140,7 @@ class Coherent:
             )
         liner = (weights * cells).sum(0)
         velocity = torch.cat([liner[None], cells])
-        if seen.cell_blocks is None:
+        if seen.cell_blocks is None or prepared.blocks is None:
             return cls(velocity, None)
         lines = -2 * (seen.cell_blocks.line.cpu() - _mean_lines(prepared))
         away = lines - lines.mean(0)
