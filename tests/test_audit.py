@@ -90,6 +90,7 @@ def found_velocity_first(planes, onera):
 
 
 @pytest.mark.filterwarnings("ignore:the causal kernel")
+@pytest.mark.filterwarnings("ignore:the causal kernel", "ignore:between velocity levels")
 @pytest.mark.parametrize("which", EDUCED, ids=" ".join)
 def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocity_first, which):
     """One pass for all gives what a run for each gives, in two orders of averaging."""
@@ -246,7 +247,7 @@ def test_lengths_need_even_probes(onera):
     assert "none of 0.25, 0.5, 1 cells" in audit(few, onera).skipped["averaging length"]
 
 
-@pytest.mark.filterwarnings("ignore:the two-sided kernel")
+@pytest.mark.filterwarnings("ignore:.*the two-sided kernel")
 def test_table_too_narrow_for_a_kernel_is_said(onera):
     """The causal kernel needs all frequencies up to Nyquist; the rest of the audit goes on."""
     frequency, speed = np.linspace(900, 2100, 60), np.linspace(0, 25, 120)
@@ -322,4 +323,4 @@ def test_command_does_not_overwrite(tmp_path, capsys):
     assert "is an input" in capsys.readouterr().err
     same = str(tmp_path / "a.png")
     assert main(["audit", str(SLIT), "-o", same, "--figure", same]) == 2
-    assert "is an input" in capsys.readouterr().err
+    assert "ends in '.png'; it must be one of .csv" in capsys.readouterr().err

@@ -49,13 +49,14 @@ def velocity_grid(
 ) -> VelocityGrid:
     """Levels over the range of all planes; the top is rounded up so that the tables, and with
     them the last digits of a probe, rarely depend on which other probes are in the data."""
-    top, fastest, plane = -1.0, 0, planes[0]
+    top, fastest, plane, measured = -1.0, 0, planes[0], -1.0
     for one, seen in zip(planes, surveys, strict=True):
         peak = torch.maximum(seen.largest.abs(), seen.smallest.abs())
         if chosen.mean == "removed":
             peak = peak + seen.mean.abs()
         if float(peak.max()) > top:  # of averages and of v* too
-            top, fastest, plane = float(peak.max()), int(peak[: one.probes].argmax()), one
+            top, plane = float(peak.max()), one
+            measured, fastest = (float(value) for value in peak[: one.probes].max(0))
     limit = chosen.velocity_max
     table_limit = liner.speed_max
     if limit is None:
@@ -63,12 +64,18 @@ def velocity_grid(
         if table_limit is not None:
             limit = min(limit, table_limit)
     if top > limit or (table_limit is not None and limit > table_limit):
-        place = tuple(int(i) for i in torch.unravel_index(torch.tensor(fastest), plane.probe_shape))
+        place = tuple(
+            int(i) for i in torch.unravel_index(torch.tensor(int(fastest)), plane.probe_shape)
+        )
         kind = "velocity_max" if chosen.velocity_max is not None else "the liner's table"
         ceiling = limit if table_limit is None else min(limit, table_limit)
+        where = f"at probe {place}"
+        if measured <= ceiling:
+            where = f"with the coherent velocity of a cell ({measured:.4g} m/s as measured)"
         raise ValueError(
-            f"{plane.name} reaches |v| = {top:.4g} m/s at probe {place}, above {kind}, "
-            f"{ceiling:.4g} m/s; extend it to at least {top * 1.01:.3g} m/s"
+            f"{plane.name} reaches |v| = {top:.4g} m/s {where}, above {kind}, {ceiling:.4g} m/s; "
+            f"extend it to at least {top * 1.01:.3g} m/s"
+            + (", or choose order='probes first'" if measured <= ceiling else "")
         )
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
