@@ -89,7 +89,6 @@ def found_velocity_first(planes, onera):
     return audit(planes[0], onera, order="velocity first", velocity_max=20.0)
 
 
-@pytest.mark.filterwarnings("ignore:the causal kernel")
 @pytest.mark.filterwarnings("ignore:the causal kernel", "ignore:between velocity levels")
 @pytest.mark.parametrize("which", EDUCED, ids=" ".join)
 def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocity_first, which):

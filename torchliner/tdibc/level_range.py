@@ -56,7 +56,8 @@ def velocity_grid(
             peak = peak + seen.mean.abs()
         if float(peak.max()) > top:  # of averages and of v* too
             top, plane = float(peak.max()), one
-            measured, fastest = (float(value) for value in peak[: one.probes].max(0))
+            fastest = int(peak[: one.probes].argmax())
+            measured = float(peak[fastest])
     limit = chosen.velocity_max
     table_limit = liner.speed_max
     if limit is None:
@@ -64,9 +65,7 @@ def velocity_grid(
         if table_limit is not None:
             limit = min(limit, table_limit)
     if top > limit or (table_limit is not None and limit > table_limit):
-        place = tuple(
-            int(i) for i in torch.unravel_index(torch.tensor(int(fastest)), plane.probe_shape)
-        )
+        place = tuple(int(i) for i in torch.unravel_index(torch.tensor(fastest), plane.probe_shape))
         kind = "velocity_max" if chosen.velocity_max is not None else "the liner's table"
         ceiling = limit if table_limit is None else min(limit, table_limit)
         where = f"at probe {place}"
