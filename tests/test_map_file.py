@@ -92,7 +92,7 @@ def test_what_stands_beside_the_fields_comes_back(tmp_path):
     same = ("height", "mach", "incident_level", "source_side", "fluid", "title", "notes",
             "reference")  # fmt: skip
     assert {key: getattr(found, key) for key in same} == {key: getattr(wanted, key) for key in same}
-    assert len([note for note in found.notes if "error bars" not in note]) == 1
+    assert len([note for note in found.notes if "density is" in note]) == 1
     assert torch.equal(found.goodrich, wanted.goodrich)
 
 

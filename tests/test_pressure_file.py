@@ -13,6 +13,7 @@ from conftest import DATA, SHARED, turbulence
 
 import torchliner as tl
 from studies.resolved_pressure import read_resolved_pressure
+from torchliner.records import Interval, PointUncertainty
 
 FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5",
         "o": SHARED / "data" / "resolved_orifice_3d.h5"}  # fmt: skip
@@ -49,6 +50,8 @@ def equal(one, two) -> bool:
     if isinstance(one, torch.Tensor):
         same = torch.isclose(one, two, rtol=0, atol=0, equal_nan=True)
         return one.dtype == two.dtype and one.shape == two.shape and bool(same.all())
+    if isinstance(one, (Interval, PointUncertainty)):
+        return all(equal(value, vars(two)[name]) for name, value in vars(one).items())
     return one == two
 
 

@@ -180,12 +180,13 @@ def test_truth_needs_a_truth(liner):
 
 
 def test_spectrum_of_every_plane(liner, tmp_path):
-    """Both orders and the quartiles over frequency, drawn and as CSV; a pole of Z is cut off."""
+    """All orders and the quartiles over frequency, drawn and as CSV; a pole of Z is cut off."""
     planes = [plane_of(turbulence((6, 400), seed=i), height=i * 1e-3) for i in (1, 2)]
     results = tl.educe(planes, liner, [500.0, 1000.0, 1500.0, 2000.0])
     numbers = impedance_over_frequency(results[0])
     assert numbers.at.tolist() == [500.0, 1000.0, 1500.0, 2000.0]
-    assert np.array_equal(numbers.values["resistance"], results[0].liner_impedance.real.numpy())
+    assert np.array_equal(numbers.values["resistance"], results[0].answer.real.numpy())
+    assert {f"resistance, {order}" for order in ORDERS[:2]} < set(numbers.values)
     reactance = results[0].reactance.numpy()
     assert np.allclose(numbers.values["reactance, 25 % of probes"], np.percentile(reactance, 25, 0))
     numbers.write_csv(tmp_path / "s.csv")

@@ -304,6 +304,7 @@ def test_excluded_probes_have_no_interval(noisy, liner):
     assert found.uncertainty.liner.low.real.isfinite().all()
 
 
+@pytest.mark.filterwarnings("ignore:.*states no cell_pitch")
 def test_span_and_cells_are_resampled(liner):
     """Independent rows: the tiles' interval is as wide as that over time, on more runs."""
     plane = plane_of(turbulence((8, 4, 40 * 30)), z=[1e-3 * i for i in range(8)], x=[0, 1, 2, 3])

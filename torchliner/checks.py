@@ -101,7 +101,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def make_plain(record: Any, *, tensors: bool = False) -> None:
+def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     """Numbers, whole numbers and switches of a frozen dataclass as Python's own.
 
     A NumPy scalar computes in its own precision: a sampling rate in float32, as a float32 time axis
@@ -109,11 +109,12 @@ def make_plain(record: Any, *, tensors: bool = False) -> None:
 
     Args:
         record: its fields are known by their annotations; None stays None.
+        prefix: of their names in messages; default the record's own name.
         tensors: leave tensors, through which derivatives may pass.
     Raises:
         TypeError: a field of another kind; the message names record and field.
     """
-    prefix = f"{record.name}: " if getattr(record, "name", "") else ""
+    prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
     for each in fields(record):
         kind = KINDS.get(str(each.type).removesuffix(" | None"))
         value = getattr(record, each.name)

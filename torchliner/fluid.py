@@ -35,7 +35,7 @@ class Fluid:
     prandtl: float = 0.71
 
     def __post_init__(self) -> None:
-        make_plain(self, tensors=True)
+        make_plain(self, "fluid ", tensors=True)
         for name in self.__dataclass_fields__:
             require_positive(f"fluid {name}", getattr(self, name))
         if float(self.heat_capacity_ratio) < 1:

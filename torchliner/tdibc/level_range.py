@@ -68,13 +68,13 @@ def velocity_grid(
         place = tuple(int(i) for i in torch.unravel_index(torch.tensor(fastest), plane.probe_shape))
         kind = "velocity_max" if chosen.velocity_max is not None else "the liner's table"
         ceiling = limit if table_limit is None else min(limit, table_limit)
-        where = f"at probe {place}"
+        where, other = f"{measured:.4g} m/s at probe {place}", ""
         if measured <= ceiling:
-            where = f"with the coherent velocity of a cell ({measured:.4g} m/s as measured)"
+            where = f"{top:.4g} m/s with the coherent velocity of a cell ({measured:.4g} m/s as "
+            where, other = f"{where}measured)", ", or choose order='probes first'"
         raise ValueError(
-            f"{plane.name} reaches |v| = {top:.4g} m/s {where}, above {kind}, {ceiling:.4g} m/s; "
-            f"extend it to at least {top * 1.01:.3g} m/s"
-            + (", or choose order='probes first'" if measured <= ceiling else "")
+            f"{plane.name} reaches |v| = {where}, above {kind}, {ceiling:.4g} m/s; extend it to "
+            f"at least {top * 1.01:.3g} m/s{other}"
         )
     return VelocityGrid(limit, chosen.levels, chosen.spacing, chosen.interpolation)
 
