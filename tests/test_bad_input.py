@@ -172,6 +172,7 @@ def test_speed_beyond_a_table():
     found = tl.educe(plane_of(v.clamp(-3.9, 3.9)), table)
     assert complex(found.liner_impedance[0]) == pytest.approx(0.5 + 0.1j, abs=1e-5)
     v = torch.stack([turbulence((600,), rms=1.0).clamp(-3, 3), torch.full((600,), 3.5)])
+    v[1, ::2] = 3.4
     with pytest.raises(ValueError, match=r"cell \(3.5 m/s as measured\).* order='probes first'"):
         tl.educe(plane_of(v), table)
     found = tl.educe(plane_of(v), table, order="probes first")

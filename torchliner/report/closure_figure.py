@@ -73,5 +73,5 @@ def draw_closure(
             )  # fmt: skip
         label_axes(axis, "height $y$ (mm)", LABELS[kind])
     frequency = float(results[0].frequency[frequency_index])
-    title = f"{case_title(results[0])}, {frequency:g} Hz; off {checked[0].known}"
+    title = f"{case_title(results[0])}, {frequency:g} Hz\noff {checked[0].known}"
     return finish(figure, path, title, legend=4)

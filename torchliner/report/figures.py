@@ -36,7 +36,7 @@ from torchliner.report.numbers import (
     velocity_along_x,
 )
 
-FACES = {ORDERS[0]: "lightgrey", ORDERS[1]: "white", ORDERS[2]: "lightyellow"}
+FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
