@@ -14,6 +14,7 @@ duct (linearised Euler equations, microphones), files, memory, start.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 import importlib.util
 import platform
@@ -95,14 +96,21 @@ def engines(bench: Bench) -> None:
     unfold_rows(bench)
     loops(bench)
     plane = tl.VelocityPlane(bench.velocity.T, sampling_rate=RATE, frequency=FREQUENCY)
-    seconds, found = bench.best(lambda: educe(plane, bench.liner, interval=None))
+    short = functools.partial(educe, liner=bench.liner, interval=None)
+    seconds, found = bench.best(lambda: short(plane, order="probes first"))
     part = tl.VelocityPlane(
         bench.velocity[:, :3].T.double(), sampling_rate=RATE, frequency=FREQUENCY
     )
     top = float(found.choices["velocity_max"])
     wanted = educe(part, bench.liner, engine="direct", velocity_max=top)
     error = float((found.reflection[:3] - wanted.reflection).abs().max())
-    bench.row("educe, all defaults but error bars, eager", seconds, count, error)
+    bench.row("educe, probes and velocity first, eager", seconds, count, error)
+    seconds, _ = bench.best(lambda: short(plane))
+    single = dataclasses.replace(part, velocity=part.velocity.float())
+    found = short(single, velocity_max=top).reflection_coherent_first
+    wanted = short(part, velocity_max=top, engine="direct").reflection_coherent_first
+    error = float((found - wanted).abs().max())
+    bench.row("educe, coherent first too, eager", seconds, count, error)
 
 
 def spectral_rows(bench: Bench) -> None:

@@ -494,7 +494,7 @@ def hdf5_structure(path: Path, draw: Any) -> tuple[str, bool]:
         elif kind == "schema":
             file.attrs["schema"] = draw.choice(("torchliner plane 9", "", "x", 5))
         elif kind == "json":
-            key = draw.choice(list(file.attrs))
+            key = draw.choice(list(file.attrs) or ["history"])
             file.attrs[key] = draw.choice(("{", "[1", '{"a": NaN}', "[" * 5000, "null", "7", "[]"))
             return f"{kind} @{key}", True
         elif kind == "badattr":

@@ -178,6 +178,10 @@ def test_mutated_files(tmp_path, name, record_property):
         case.path.write_bytes(case.clean)
         if case.path.suffix == ".h5" and draw.random() < 0.6:
             said, may_change = fuzzing.hdf5_structure(case.path, draw)
+            # A bare array has nothing beside it that tells its shape; inf stays what it is, and is
+            # for the eduction to refuse.
+            bare = name.endswith("convert") and said.startswith(("shape", "longer", "inf"))
+            may_change = may_change or bare
         elif case.path.suffix == ".csv" and draw.random() < 0.6:
             said, may_change = fuzzing.table_cells(case.path, draw), True
         else:
@@ -224,7 +228,7 @@ def test_mutated_options(tmp_path, monkeypatch):
             for a in known[name]._actions
             if a.option_strings
             and a.metavar not in ("FILE", "PICTURE", "FOLDER")
-            and a.dest not in ("help", "help_all")
+            and a.dest not in ("help", "help_all", "debug")  # which asks for a traceback
         ]
         said = []
         for action in draw.sample(given_now, draw.choice((1, 1, 2))):
