@@ -144,6 +144,25 @@ def test_it_is_an_eduction_of_the_velocity_of_the_formula(onera, choices):
     assert relative_error(found.answer, wanted.liner_impedance) < 1e-9
 
 
+@pytest.mark.parametrize("choices", [{}, {"drive": "rms"}, {"mean": "removed"}], ids=str)
+def test_oncoming_turbulence_of_a_known_rms(onera, choices):
+    """Each cell's incoherent part brought down to it; more than is there is left as it is."""
+    velocity = mixed()
+    star, incoherent = by_hand(velocity), without_periodic(velocity)
+    own = incoherent.reshape(-1, PROBES, 600).square().mean((1, 2)).sqrt()
+    assert float(own.max()) < 2.0
+    less = star - (1 - 0.5 / own).repeat_interleave(PROBES)[:, None] * incoherent
+    shared = {"velocity_max": 20.0, **choices}
+    wanted = educed(on_cells(less), onera, order="probes first", **shared)
+    found = educed(on_cells(velocity), onera, oncoming_rms=0.5, **shared)
+    assert relative_error(found.answer, wanted.liner_impedance) < 1e-9
+    assert found.choices["incoherent_scale"] == pytest.approx(float((0.5 / own).mean()), rel=1e-9)
+    whole = educed(on_cells(velocity), onera, oncoming_rms=2.0, **shared)
+    assert torch.equal(whole.answer, educed(on_cells(velocity), onera, **shared).answer)
+    with pytest.raises(ValueError, match="oncoming_rms"):
+        educed(on_cells(velocity), onera, oncoming_rms=1.0, order="velocity first")
+
+
 @pytest.mark.parametrize("phase", ["averaged", "self-consistent"])
 def test_intervals_are_those_of_that_velocity(onera, phase):
     velocity = mixed()

@@ -35,6 +35,8 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--order": (names.ORDERS, "of averaging, which the answer follows: default coherent first, "
                     "what of v is coherent with the tone is averaged over a cell; with an incident "
                     "signal probes first"),
+        "--oncoming-rms M/S": "of --order coherent first: rms of the turbulence without the sound, "
+                              "to which the incoherent velocity is brought down; default: none",
         "--running-window S": "of --drive running-rms, s; default one period of the lowest "
                               "frequency",
         "--missing": (names.MISSING, "probes with nan or inf; default refuse"),

@@ -17,7 +17,7 @@ from torchliner.cli.options import closure_code, frequency_option, progress_bar,
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
 
-NOT_HERE = ("order", "pre_roll", "missing", "allow_short", "segment", "resample")
+NOT_HERE = ("order", "oncoming_rms", "pre_roll", "missing", "allow_short", "segment", "resample")
 STATION = "method grid_rate band_limit correction segment overlap flagged monte_carlo".split()
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
 

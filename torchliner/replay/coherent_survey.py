@@ -42,15 +42,16 @@ def with_coherent(
     probes = part.deviation.shape[1]
     taken, top = part.mean, part.largest
     of_rows = _row_lines(part, frequency, weights)  # (K, F)
-    line = seen.line[:probes] - part.deviation.T.to(of_rows.dtype) @ of_rows
+    scale = part.scale
+    line = scale[:, None] * seen.line[:probes] - part.deviation.T.to(of_rows.dtype) @ of_rows
     labels = cells.labels.to(seen.mean.device)
     of_cell = seen.coherence[probes:][labels.clamp(min=0)]
     star = dataclasses.replace(
         seen,
-        mean=seen.mean[:probes] - taken,
-        mean_square=seen.mean_square[:probes] + part.added_square,
-        smallest=seen.smallest[:probes] - top,
-        largest=seen.largest[:probes] + top,
+        mean=scale * seen.mean[:probes] - taken,
+        mean_square=part.mean_square(seen.mean_square[:probes]),
+        smallest=scale * seen.smallest[:probes] - top,
+        largest=scale * seen.largest[:probes] + top,
         bad=seen.bad[:probes],
         first_bad=seen.first_bad[:probes],
         line=line,
@@ -85,6 +86,6 @@ def _of_blocks(
         )
     device, away = part.deviation.device, part.deviation.T
     row_means, row_lines = torch.stack(means).to(device), torch.stack(lines).to(device)
-    mean = seen.mean[:, :probes] - row_means @ away.T
-    line = seen.line[:, :probes] - away.to(torch.complex128) @ row_lines
-    return VelocityBlocks(mean, seen.mean_square[:, :probes], line)
+    mean = part.scale * seen.mean[:, :probes] - row_means @ away.T
+    line = part.scale[:, None] * seen.line[:, :probes] - away.to(torch.complex128) @ row_lines
+    return VelocityBlocks(mean, part.scale**2 * seen.mean_square[:, :probes], line)

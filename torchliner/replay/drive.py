@@ -83,7 +83,8 @@ class DriveSpeed:
         for (begin, end), groups in zip(bounds, self.velocity.slabs(bounds), strict=True):
             if self.periodic is not None:
                 away = self.periodic.of_time(begin, end, self.dtype)
-                groups.append(torch.sub(groups[0], away, out=away))
+                scale = self.periodic.scale.to(self.dtype)
+                groups.append(torch.addcmul(away.neg_(), groups[0], scale, out=away))
             yield groups
 
     def _running(

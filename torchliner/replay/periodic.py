@@ -19,6 +19,7 @@ to 0 and v* is v.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -90,17 +91,21 @@ class PeriodicPart:
 
     Args:
         harmonics: the rows.
-        deviation: coefficients of g d, m/s, (K, P).
+        fit: coefficients of v_per, m/s, (K, P).
+        deviation: coefficients of what is taken off, g d, m/s, (K, P).
         share: g by line (the mean first) and cell, (1 + H, C).
         has_shares: whether the record is long enough to tell them; else they are 1.
+        scale: factor of v before that, (P,); 1 unless the incoherent part is to be smaller.
         sums: of v times the rows, m/s, (K, P).
         gram: sums of products of the rows, (K, K).
     """
 
     harmonics: Harmonics
+    fit: Tensor
     deviation: Tensor
     share: Tensor
     has_shares: bool
+    scale: Tensor
     sums: Tensor
     gram: Tensor
 
@@ -109,25 +114,45 @@ class PeriodicPart:
         """n."""
         return float(self.gram[0, 0])
 
+    def with_oncoming(self, rms: float, mean_square: Tensor, cells: Cells) -> PeriodicPart:
+        """The same with the incoherent velocity of each cell brought down to a known rms.
+
+        v* = v - g d - (1 - s)(v - v_per), s the ratio of ``rms`` to that over the cell's probes.
+
+        Args:
+            rms: of the turbulence that comes to the liner without the sound, m/s.
+            mean_square: of v, m2/s2, (P,).
+            cells: of the probes.
+        """
+        coherent = (self.fit * self.sums).sum(0) / self.samples
+        incoherent = (mean_square - coherent).clamp(min=0)
+        labels = cells.labels.to(incoherent.device)
+        member = cells.membership(cells.labels >= 0).to(incoherent)
+        own = torch.where(labels >= 0, (incoherent @ member)[labels.clamp(min=0)], incoherent)
+        scale = (rms / own.sqrt().clamp(min=1e-300)).clamp(max=1)
+        return dataclasses.replace(
+            self, scale=scale, deviation=self.deviation - (1 - scale) * self.fit
+        )
+
     def of_time(self, begin: int, end: int, dtype: torch.dtype) -> Tensor:
-        """g d at samples begin .. end - 1, m/s, (t, P)."""
+        """What is taken off at samples begin .. end - 1, m/s, (t, P)."""
         rows = self.harmonics.rows(begin, end).T.to(self.deviation.device, dtype)
         return rows @ self.deviation.to(dtype)
 
     @property
     def mean(self) -> Tensor:
-        """Of g d over the record, m/s, (P,)."""
+        """Of what is taken off over the record, m/s, (P,)."""
         return self.gram[0] @ self.deviation / self.samples
 
-    @property
-    def added_square(self) -> Tensor:
-        """Mean of v*^2 less that of v^2, m2/s2, (P,)."""
+    def mean_square(self, of_velocity: Tensor) -> Tensor:
+        """Of v*, m2/s2, (P,), from that of v."""
         own = (self.deviation * (self.gram @ self.deviation)).sum(0)
-        return (own - 2 * (self.deviation * self.sums).sum(0)) / self.samples
+        both = (self.deviation * self.sums).sum(0)
+        return self.scale**2 * of_velocity + (own - 2 * self.scale * both) / self.samples
 
     @property
     def largest(self) -> Tensor:
-        """Bound of |g d|, m/s, (P,)."""
+        """Bound of what is taken off, m/s, (P,)."""
         count = len(self.harmonics.lines)
         cosine, sine = self.deviation[1:].split(count) if count else (self.deviation[1:],) * 2
         return self.deviation[0].abs() + torch.hypot(cosine, sine).sum(0)
@@ -201,12 +226,14 @@ class PeriodicSums:
     def result(self) -> PeriodicPart:
         """After the last sample."""
         self._close(in_block=False)
-        away = self._away(self._solve(self.gram, self.total))
+        fit = self._solve(self.gram, self.total)
+        away = self._away(fit)
         share = self._shares(away)
         deviation = share[self.harmonics.owner.to(self.device)][:, self.labels] * away
         return PeriodicPart(
-            self.harmonics, deviation, share[:, : self.count],
-            self.blocks.count >= FEWEST_BLOCKS, self.total, self.gram.to(self.device),
+            self.harmonics, fit, deviation, share[:, : self.count],
+            self.blocks.count >= FEWEST_BLOCKS, torch.ones_like(fit[0]), self.total,
+            self.gram.to(self.device),
         )  # fmt: skip
 
     def _shares(self, away: Tensor) -> Tensor:

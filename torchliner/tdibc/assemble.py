@@ -36,6 +36,9 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         part = prepared.drive.periodic
         facts["coherent_lines"] = part.harmonics.lines.tolist()
         facts["coherent_share"] = part.share.mean(1).tolist()
+        facts["incoherent_scale"] = float(
+            part.scale[prepared.in_cells.to(part.scale.device)].mean()
+        )
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)

@@ -96,6 +96,10 @@ class Choices:
             replay of every probe and is left out where one of the others is asked for.
         closure_limit: dB that Z and the coherent velocity may be off a known pressure.
         level_doubt: dB by which that pressure is itself doubtful; adds to the limit.
+        oncoming_rms: of ``coherent first``: rms of the turbulence that comes to the liner, m/s, as
+            a run without sound has it at the same height; the incoherent velocity of each cell is
+            brought down to it. For strong sound in weak flow, whose jets leave debris above the
+            liner that is no oncoming turbulence. Default: as measured.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -131,6 +135,7 @@ class Choices:
     resample: str = "time"
     wall_filter: float | None = None
     order: str = "auto"
+    oncoming_rms: float | None = None
     closure_limit: float = 0.3
     level_doubt: float = 0.0
 
@@ -161,7 +166,7 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in ("velocity_max", "running_window", "rank_tolerance", "segment"):
+        for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         for name in ("minimum_coherence", "wall_filter"):
@@ -232,6 +237,9 @@ class Choices:
              "segment is only used with an incident signal"),
             (wave is not None and self.order == ORDERS[2],
              f"order {ORDERS[2]!r} takes v apart by a tone; an incident signal is none"),
+            (self.oncoming_rms is not None
+             and (wave is not None or self.order not in ("auto", ORDERS[2])),
+             f"oncoming_rms is only used with order {ORDERS[2]!r}"),
         ):  # fmt: skip
             if wrong:
                 raise ValueError(reason)

@@ -108,6 +108,9 @@ def _survey(
     notes += review_survey(plane, seen, used)
     if periodic is not None:
         notes += review_coherent(plane, cells, periodic, wanted, liner, chosen)
+        if chosen.oncoming_rms is not None:
+            squares = seen.mean_square[: plane.probes]
+            periodic = periodic.with_oncoming(chosen.oncoming_rms, squares, cells)
         weights = record.weights(0, plane.samples)
         seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
     running = chosen.running_window or 1 / float(wanted.min())
