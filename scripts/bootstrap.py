@@ -100,15 +100,22 @@ def lint() -> None:
     run(PYTHON, "-m", "mypy")
 
 
+def tests_of(marker: str) -> None:
+    """Tests side by side, each with one thread: torch's own would stand in each other's way."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    side_by_side = ["-n", "auto", "--maxprocesses", "4"]
+    run(PYTHON, "-m", "pytest", *side_by_side, "-m", marker)
+
+
 def test() -> None:
     """Lint, types, all tests but the slow ones; the README's example is one of them."""
     lint()
-    run(PYTHON, "-m", "pytest", "-m", "not slow")
+    tests_of("not slow")
 
 
 def test_slow() -> None:
     """The tests that ``test`` leaves out: those that compile, and statistics of many trials."""
-    run(PYTHON, "-m", "pytest", "-m", "slow")
+    tests_of("slow")
 
 
 def demo() -> None:

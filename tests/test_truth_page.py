@@ -250,6 +250,7 @@ def test_page_states_every_case_and_rule():
     assert page.default_table(ROWS, ends=True) == readme["ends"]
 
 
+@pytest.mark.slow
 def test_the_package_has_the_default_rows(tmp_path):
     """What educe prints beside an answer are the page's rows."""
     page.write_rows(page.known_rows(ROWS), tmp_path / "known.csv", end="\n")
@@ -372,6 +373,7 @@ def test_tables_are_put_into_the_page():
     assert page.with_tables(text, {"one": "new"}) == text.replace("old", "new")
 
 
+@pytest.mark.slow
 def test_pictures_have_axes_and_units(tmp_path):
     figure = draw_truth_errors(ROWS[:24], tmp_path / "e.png")
     assert r"\Delta R" in figure.axes[0].get_xlabel()
