@@ -9,7 +9,7 @@ from test_plane_file import RATE, make_plane
 
 import torchliner as tl
 from torchliner import file_checks
-from torchliner.io import hdf5_rehearsal, stored_values
+from torchliner.io import rehearsal, stored_values
 from torchliner.io.arrays import read_array
 from torchliner.io.burst_file import read_burst_file, write_bursts
 from torchliner.io.line_file import read_line
@@ -314,10 +314,10 @@ def outcome(read, path):
 
 
 HUNG = """
-from torchliner.io import hdf5_rehearsal
-hdf5_rehearsal.LIMIT = 1
-hdf5_rehearsal.walk = lambda _: [0 for _ in iter(int, 1)]
-hdf5_rehearsal.serve()
+from torchliner.io import rehearsal
+rehearsal.LIMIT = 1
+rehearsal.walk = lambda _: [0 for _ in iter(int, 1)]
+rehearsal.serve()
 """
 
 
@@ -335,10 +335,10 @@ def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, 
     path, read = edited(tmp_path, lambda _: None)
     (tmp_path / "child.py").write_text(code)
     with monkeypatch.context() as patch:
-        patch.setattr(hdf5_rehearsal, "__file__", str(tmp_path / "child.py"))
-        patch.setattr(hdf5_rehearsal, "PATIENCE", patience)
-        patch.setattr(hdf5_rehearsal, "_children", {})
-        with pytest.raises(ValueError, match=f"a.h5: the HDF5 library .*{message}"):
+        patch.setattr(rehearsal, "__file__", str(tmp_path / "child.py"))
+        patch.setattr(rehearsal, "PATIENCE", patience)
+        patch.setattr(rehearsal, "_children", {})
+        with pytest.raises(ValueError, match=f"a.h5: the library that reads it .*{message}"):
             read(path)
         (tmp_path / "child.py").write_text("no Python")
         assert read(path).samples == 20  # where it cannot be tried, it is read all the same

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import naming, require_regular
-from torchliner.io.hdf5_rehearsal import rehearse
+from torchliner.io.rehearsal import rehearse
 from torchliner.io.stored_values import read_values, require_stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 

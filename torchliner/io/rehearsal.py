@@ -1,8 +1,9 @@
-"""The structure of an HDF5 file read first by another process.
+"""HDF5 and MATLAB files read first by another process.
 
-On damaged files the library may end the process that reads, or never return. So it is tried where
-that does no harm: in a child, started with the first file, that reads all attributes and what is
-small, and that is given up after a while. Files that are whole cost it some milliseconds.
+On damaged files the libraries may end the process that reads, or never return. So it is tried where
+that does no harm: in a child, started with the first file, that is given up after a while. Of HDF5
+it reads all attributes and what is small, which costs some milliseconds; MATLAB files before v7.3
+it reads whole, up to ``LARGEST_MATLAB``.
 """
 
 from __future__ import annotations
@@ -30,12 +31,13 @@ LIMIT = 4  # s of a core
 PATIENCE = 60.0  # s, on a machine or a disk that is busy
 SMALL = 1 << 16  # values of a dataset that is read as well
 OBJECTS = 1000  # that are looked at
+LARGEST_MATLAB = 1 << 26  # bytes
 _lock = threading.Lock()
 _children: dict[int, subprocess.Popen[bytes]] = {}  # by process, as forks do not share a child
 
 
 def rehearse(path: str | Path) -> None:
-    """Refuse a file on which the HDF5 library breaks down.
+    """Refuse a file on which the library that reads it breaks down.
 
     Nothing is tried where no further Python can be started, or its time cannot be limited.
 
@@ -78,8 +80,8 @@ def _rehearse(path: Path, size: int, changed: int) -> None:
             ended = child.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
             how = f"does not come to an end within {LIMIT} s" if ended else "crashes"
             raise ValueError(
-                f"{path}: the HDF5 library {how} on its structure, which is damaged; copy it again "
-                "from where it comes from, or repair it (h5clear, h5repack)"
+                f"{path}: the library that reads it {how} on its structure, which is damaged; copy "
+                "it again from where it comes from, or repair it (HDF5: h5clear, h5repack)"
             )
 
 
@@ -115,6 +117,13 @@ def _end_all() -> None:
 
 def walk(path: str) -> None:
     """Read what a reader may read of a file's structure."""
+    if path.lower().endswith(".mat") and not h5py.is_hdf5(path):
+        if os.path.getsize(path) <= LARGEST_MATLAB:
+            from scipy.io import loadmat, whosmat
+
+            whosmat(path)
+            loadmat(path)
+        return
     with h5py.File(path, "r", locking=False) as file:
         groups, seen = [file], 0
         while groups and seen < OBJECTS:
