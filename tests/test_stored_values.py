@@ -8,8 +8,8 @@ from test_map_file import hand_map
 from test_plane_file import RATE, make_plane
 
 import torchliner as tl
-from torchliner import file_checks
-from torchliner.io import rehearsal, stored_values
+from torchliner import file_checks, rehearsal
+from torchliner.io import stored_values
 from torchliner.io.arrays import read_array
 from torchliner.io.burst_file import read_burst_file, write_bursts
 from torchliner.io.line_file import read_line
@@ -314,7 +314,7 @@ def outcome(read, path):
 
 
 HUNG = """
-from torchliner.io import rehearsal
+from torchliner import rehearsal
 rehearsal.LIMIT = 1
 rehearsal.walk = lambda _: [0 for _ in iter(int, 1)]
 rehearsal.serve()

@@ -14,10 +14,10 @@ from scipy.io import loadmat, whosmat
 from torchliner.checks import plain_array
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import open_file
-from torchliner.io.rehearsal import rehearse
 from torchliner.io.stored_values import read_values
 from torchliner.names import ARRAY_ENDINGS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
+from torchliner.rehearsal import rehearse
 from torchliner.units import si_factor
 
 AXES = ("time", "z", "x", "y", "probe")

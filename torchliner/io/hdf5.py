@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import naming, require_regular
-from torchliner.io.rehearsal import rehearse
 from torchliner.io.stored_values import read_values, require_stored
+from torchliner.rehearsal import rehearse
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
