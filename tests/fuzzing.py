@@ -410,7 +410,7 @@ def _replace(file: Any, name: str, values: Any, keep: bool = True, **storage: An
     if scale:
         new.make_scale(name)
         for key, i in users:
-            if file[key].shape[i : i + 1] == new.shape[:1]:
+            if file[key].shape[i : i + 1] == (new.shape or (None,))[:1]:  # None: without a value
                 file[key].dims[i].attach_scale(new)
     for i, names in enumerate(labels[: new.ndim]):
         for label in names:
