@@ -167,9 +167,7 @@ class ImpedanceMap(Drawn):
     @property
     def liner_impedance_coherent_first(self) -> Tensor | None:
         """1 / mean of the admittance over the probes of all cells, coherent first, (F,)."""
-        if self.liner_reflection_coherent_first is None:
-            return None
-        return impedance_from_reflection(self.liner_reflection_coherent_first)
+        return _impedance_if_known(self.liner_reflection_coherent_first)
 
     @property
     def orders(self) -> tuple[str, ...]:
@@ -223,17 +221,17 @@ class ImpedanceMap(Drawn):
     @property
     def cell_impedance_coherent_first(self) -> Tensor | None:
         """Of each cell, admittance averaged over its probes, coherent first, (C, F)."""
-        if self.cell_reflection_coherent_first is None:
-            return None
-        return impedance_from_reflection(self.cell_reflection_coherent_first)
+        return _impedance_if_known(self.cell_reflection_coherent_first)
 
     @property
     def impedance_coherent_first(self) -> Tensor | None:
         """Of each probe under the coherent velocity of its cell, (..., F)."""
-        if self.reflection_coherent_first is None:
-            return None
-        return impedance_from_reflection(self.reflection_coherent_first)
+        return _impedance_if_known(self.reflection_coherent_first)
 
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""
         return replace(self, alongside=(*self.alongside, *others))
+
+
+def _impedance_if_known(reflection: Tensor | None) -> Tensor | None:
+    return None if reflection is None else impedance_from_reflection(reflection)

@@ -180,7 +180,6 @@ class PeriodicSums:
         self.square = torch.zeros(rows, cells.count + 1, dtype=torch.float64, device=device)
         self.gram = torch.zeros(rows, rows, dtype=torch.float64)
         self.current_gram = self.gram.clone()
-        self.done = 0
 
     def add(self, begin: int, slab: Tensor) -> None:
         """Samples from ``begin`` on, (t, P)."""
