@@ -35,7 +35,7 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import CrossSpectra
-from torchliner.replay.sources import HeldSpeed
+from torchliner.reduction.sources import HeldSpeed
 from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window

@@ -13,7 +13,7 @@ from test_replay import GRID, make_record
 from torchliner.replay import compiled
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.lines import plan_lines
-from torchliner.replay.sources import Columns, HeldSpeed
+from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.replay.spectral import spectral_sums
 
 KINDS = ("formula", "table", "formula and ends")

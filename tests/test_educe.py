@@ -236,9 +236,9 @@ def test_drives(liner):
 def test_running_rms_against_a_plain_loop(liner, window):
     """The streamed running rms is the centred mean square, cut at the ends."""
     from torchliner.records.slabs import bounds_of
-    from torchliner.replay.drive import DriveSpeed
-    from torchliner.replay.probe_velocity import ProbeVelocity
-    from torchliner.replay.survey import survey
+    from torchliner.reduction.drive import DriveSpeed
+    from torchliner.reduction.probe_velocity import ProbeVelocity
+    from torchliner.reduction.survey import survey
 
     v = turbulence((2, 130), seed=12)
     plane = plane_of(v)

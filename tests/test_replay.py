@@ -18,7 +18,7 @@ from torchliner.replay.incident import Means
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.replay.lines import plan_lines
-from torchliner.replay.sources import HeldSpeed
+from torchliner.reduction.sources import HeldSpeed
 from torchliner.replay.spectral import spectral_sums
 from torchliner.signals.tones import WindowSums
 from torchliner.signals.windows import make_window

@@ -173,7 +173,7 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
     choices = {"engine": engine, "phase": "self-consistent", "missing": "exclude"}
     wanted = [FREQUENCY, 1337.0]  # the second does not repeat from segment to segment
     long = tl.educe(plane, liner, wanted, **choices)
-    monkeypatch.setattr("torchliner.replay.probe_velocity.NARROW", 1)
+    monkeypatch.setattr("torchliner.reduction.probe_velocity.NARROW", 1)
     short = tl.educe(plane, liner, wanted, **choices)
     kept = [0, 2] if gap else [0, 1, 2]
     for name in ("reflection", "coherence", "velocity_amplitude", "velocity_rms"):
@@ -185,7 +185,7 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
 @pytest.mark.parametrize("error", [torch.OutOfMemoryError, MemoryError, RuntimeError])
 def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monkeypatch, error):
     """Slabs half as long, and a note that says so; other errors are not caught."""
-    monkeypatch.setattr("torchliner.replay.probe_velocity.NARROW", 1)  # slabs as of a wide plane
+    monkeypatch.setattr("torchliner.reduction.probe_velocity.NARROW", 1)  # slabs as of a wide plane
     real, rows = engines.tone_sums, []
 
     def narrow(ready, backward, progress):

@@ -18,7 +18,7 @@ from torchliner.replay.factors import factor_taps
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.sinks import CrossSpectra, ToneSink, WholeSignal
-from torchliner.replay.sources import Columns, HeldSpeed
+from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.replay.unfold import replay_unfold
 from torchliner.replay.waves import BandNoise
 

@@ -31,7 +31,6 @@ SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
 MISSING = ("refuse", "exclude")
 RESAMPLED = ("time", "time-span", "time-cells")
-COMPILE = ("auto", "never", "always")
 DTYPES = ("float32", "float64")
 # Of averaging: Y over probes; v over a cell and then Y; or what of v is coherent with the tone over
 # the cell, then Y over probes.

@@ -27,7 +27,7 @@ from torchliner.conversions import (
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 from torchliner.replay.incident import Means
-from torchliner.replay.kernels import impedance_of
+from torchliner.liners.response import impedance_of
 from torchliner.tdibc.engines import tone_sums, with_liner
 from torchliner.tdibc.prepared import Prepared
 

@@ -31,7 +31,7 @@ from torchliner.replay.kernels import impedance_of, reflection_at_levels
 from torchliner.replay.levels import interpolate
 from torchliner.replay.lines import Line, plan_lines
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.replay.probe_velocity import with_smaller_slabs
+from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import with_liner

@@ -15,7 +15,7 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
-    from torchliner.replay.inspection import inspect_plane
+    from torchliner.reduction.inspection import inspect_plane
     from torchliner.report.figures import draw_velocity
 
     (plane,) = read_planes([options.plane])

@@ -18,7 +18,7 @@ from torchliner.heights.imprint import Imprint, cell_imprint
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.survey import moments
+from torchliner.reduction.survey import moments
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,11 @@ class LinerModel:
         return None
 
     @property
+    def speed_kinks(self) -> tuple[float, ...]:
+        """|v| (m/s) at which ``impedance`` has a kink, as a table has at each of its speeds."""
+        return ()
+
+    @property
     def surface_porosity(self) -> float | None:
         """Open area over the whole surface, for eqs (2.7) and (A3)."""
         return None

@@ -81,6 +81,11 @@ class TabulatedLiner(LinerModel):
         """Last speed, m/s; None if Z does not depend on it."""
         return None if self.speed is None else float(self.speed[-1])
 
+    @property
+    def speed_kinks(self) -> tuple[float, ...]:
+        """All speeds of the table, m/s."""
+        return () if self.speed is None else tuple(self.speed.tolist())
+
     @classmethod
     def read_csv(cls, path: str | Path, **options: Any) -> TabulatedLiner:
         """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.

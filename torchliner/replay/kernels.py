@@ -15,19 +15,21 @@ import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner
+from torchliner.liners.response import reflection_of
 from torchliner.names import KERNELS
-from torchliner.replay.levels import VelocityGrid
+from torchliner.replay.levels import VelocityGrid, interpolate
+from torchliner.reduction.basis import Basis
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero
 AFTER = 10e-3  # s of taps after zero
+Grid = VelocityGrid | Basis  # |v| of a table
+
 REGULARISATION = 1e-7  # Tikhonov, relative to the largest singular value of the design matrix
 
 
@@ -49,7 +51,7 @@ class KernelTable:
     taps: Tensor
     first: int
     sampling_rate: float
-    grid: VelocityGrid
+    grid: Grid
     band: tuple[float, float]
     kind: str
     error: float
@@ -75,28 +77,16 @@ class KernelTable:
             )
 
 
-def reflection_at_levels(liner: Liner, frequency: Tensor, grid: VelocityGrid) -> Tensor:
+def reflection_at_levels(liner: Liner, frequency: Tensor, grid: Grid) -> Tensor:
     """R(f, |v|) of a liner at the levels of a grid, complex128, shape (V, F)."""
-    return reflection_from_impedance(impedance_of(liner, frequency, grid.speeds[:, None]))
+    return reflection_of(liner, frequency, grid.speeds[:, None])
 
 
-def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
-    """``liner.impedance`` of any user's object as a complex128 tensor of the broadcast shape."""
-    shape = np.broadcast_shapes(frequency.shape, speed.shape)
-    found = torch.as_tensor(liner.impedance(frequency, speed)).to(torch.complex128)
-    if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
-        raise ValueError(
-            f"{type(liner).__name__}.impedance(frequency, speed) gave nan, inf or -1 between "
-            f"{float(frequency.min()):g} and {float(frequency.max()):g} Hz and up to "
-            f"{float(speed.max()):g} m/s; R = (Z - 1)/(Z + 1) has no value there"
-        )
-    try:
-        return found.broadcast_to(shape)
-    except RuntimeError as error:
-        raise ValueError(
-            f"{type(liner).__name__}.impedance(frequency, speed) gave shape {tuple(found.shape)} "
-            f"for inputs that broadcast to {tuple(shape)}"
-        ) from error
+def level_error(liner: Liner, frequency: Tensor, grid: VelocityGrid) -> float:
+    """Largest error in R of the levels' interpolation, halfway between levels."""
+    middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
+    found = interpolate(reflection_at_levels(liner, frequency, grid), *grid.locate(middle))
+    return float((found - reflection_of(liner, frequency, middle[:, None])).abs().max())
 
 
 @contextlib.contextmanager
@@ -114,7 +104,7 @@ def one_thread() -> Iterator[None]:
 @one_thread()
 def build_kernels(
     liner: Liner,
-    grid: VelocityGrid,
+    grid: Grid,
     sampling_rate: float,
     *,
     kind: str = "two-sided",
@@ -164,7 +154,7 @@ def _quality(
     sampling_rate: float,
     band: tuple[float, float],
     liner: Liner,
-    grid: VelocityGrid,
+    grid: Grid,
 ) -> tuple[float, float]:
     """Largest |H - R| in the band, between the frequencies of the fit too, and largest |H|."""
     size = 1 << (8 * taps.shape[1] - 1).bit_length()
@@ -190,7 +180,7 @@ def _response(taps: Tensor, lags: Tensor, frequency: Tensor, sampling_rate: floa
 
 def _fit(
     liner: Liner,
-    grid: VelocityGrid,
+    grid: Grid,
     lags: tuple[int, int, float],
     band: tuple[float, float],
     regularisation: float,
@@ -223,7 +213,7 @@ def _normal_equations(
     return frequency, rows, *torch.linalg.lu_factor(damped)
 
 
-def _causal_part(liner: Liner, grid: VelocityGrid, sampling_rate: float, count: int) -> Tensor:
+def _causal_part(liner: Liner, grid: Grid, sampling_rate: float, count: int) -> Tensor:
     """The first ``count`` taps at t >= 0 of the Hermitian inverse transform, (V, count)."""
     # Eight times the kept length, so that the transform's own period folds nothing into it.
     size = 1 << (8 * count - 1).bit_length()

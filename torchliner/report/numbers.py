@@ -14,7 +14,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.replay.kernels import BAND
-from torchliner.replay.survey import moments
+from torchliner.reduction.survey import moments
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
 

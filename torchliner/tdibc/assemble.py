@@ -11,7 +11,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.records import ImpedanceMap, Uncertainty
-from torchliner.replay.kernels import impedance_of
+from torchliner.liners.response import impedance_of
 from torchliner.tdibc.prepared import Prepared
 from torchliner.version import __version__
 
@@ -32,8 +32,8 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         "surface": plane.liner,
         "data": dict(plane.provenance),
     }
-    if prepared.drive.periodic is not None:
-        part = prepared.drive.periodic
+    if prepared.periodic is not None:
+        part = prepared.periodic
         facts["coherent_lines"] = part.harmonics.lines.tolist()
         facts["coherent_share"] = part.share.mean(1).tolist()
         facts["incoherent_scale"] = float(
@@ -42,8 +42,9 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
-    if prepared.level_error is not None:
-        facts["level_error"] = prepared.level_error
+    if prepared.reader is not None and chosen.engine == "spectral":
+        facts["basis"] = prepared.reader.basis.describe()
+        facts["model_error"] = prepared.model_error
     return facts
 
 
@@ -101,7 +102,7 @@ def assemble(
 
     probes = reflection[: plane.probes]
     known: dict[str, Any] = {}
-    if prepared.drive.periodic is not None:
+    if prepared.periodic is not None:
         star, inside = reflection[-plane.probes :], prepared.in_cells.to(reflection.device)
         known = {
             "reflection_coherent_first": on_probes(star),

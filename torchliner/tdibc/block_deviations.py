@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchliner.replay.incident import LineSums, Means
-from torchliner.replay.kernels import impedance_of
+from torchliner.replay.incident import Means
+from torchliner.liners.response import impedance_of
 from torchliner.replay.phase_rule import PhaseRule
 from torchliner.tdibc.prepared import Prepared
 
@@ -14,25 +14,24 @@ RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 
 
 def block_deviations(
-    prepared: Prepared, blocks: LineSums | None, rule: PhaseRule, means: Means, columns: slice
+    prepared: Prepared, rule: PhaseRule, means: Means, columns: slice
 ) -> Tensor:
     """dR of some columns, complex128, (S, columns, F).
 
     Args:
         prepared: prepared plane.
-        blocks: means over the blocks; not needed for the drive ``rms``, which holds |v| constant,
-            so that R moves with the mean square alone.
         rule: phase rule.
         means: over the whole record.
         columns: a slice of N.
     """
-    if prepared.chosen.drive == "rms":
+    if prepared.chosen.drive == "rms":  # which holds |v|: R moves with the mean square alone
         return _of_rms(prepared, columns)
+    blocks = prepared.block_means(columns)
     assert blocks is not None
-    da, db, dv = _away(blocks.forward[:, columns]), None, None
+    da, db, dv = _away(blocks.forward), None, None
     if rule.needs_backward:
         assert blocks.backward is not None
-        db = _away(blocks.backward[:, columns])
+        db = _away(blocks.backward)
     if rule.needs_velocity:
         assert prepared.survey.blocks is not None
         dv = -_away(prepared.survey.blocks.line[:, columns])  # v into the liner is -v

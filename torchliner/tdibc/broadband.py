@@ -18,7 +18,7 @@ from torch import Tensor
 from torchliner.io.reflected_file import reflected_file
 from torchliner.records import ImpedanceMap
 from torchliner.replay.direct import replay_direct
-from torchliner.replay.probe_velocity import with_smaller_slabs
+from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.sinks import CrossSpectra, WholeSignal
 from torchliner.replay.unfold import Sink
 from torchliner.signals.segments import segment_starts

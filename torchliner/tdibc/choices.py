@@ -11,7 +11,6 @@ import torch
 
 from torchliner.checks import make_plain, one_number, require_choice, require_positive
 from torchliner.names import (
-    COMPILE,
     DRIVES,
     DTYPES,
     EDGE_RULES,
@@ -29,10 +28,11 @@ from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
 
 MOST_DRAWS = 100_000
+WHOLE_PERIODS = "whole periods"
 FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
-    "kernel": KERNELS, "response": RESPONSES, "missing": MISSING, "compile": COMPILE,
+    "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
     "resample": RESAMPLED, "order": ORDERS,
 }  # fmt: skip
 CALLED = {"phase": "phase rule", "edge": "edge rule", "order": "order of averaging"}
@@ -56,8 +56,11 @@ class Choices:
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
             ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
             with ``Recorded``.
-        window: any window of scipy, applied to the reflected signal. Default ``hann``; with
-            ``Sweep``, ``BandNoise`` and ``Recorded`` over the whole record ``boxcar``.
+        window: ``whole periods`` (default of ``spectral``): each emission time weighs the same,
+            over whole periods of the tone in the data, else of the lowest frequency asked for; or
+            a window of scipy, as it acts on the reflected signal: a sum of few cosines for
+            ``spectral``, any for the others. Default of these ``hann``; with ``Sweep``,
+            ``BandNoise`` and ``Recorded`` over the whole record ``boxcar``.
         drive: |v| that drives the kernel: ``instantaneous``, ``rms`` over the record, or
             ``running-rms`` over ``running_window``.
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
@@ -66,7 +69,8 @@ class Choices:
             by default the model's for the two-sided kernel, whose error is reported.
         band: Hz, where the kernel stands for the liner; default 300-3500 Hz, widened to the
             frequencies asked for and to the incident signal's band.
-        levels, spacing, interpolation: velocity grid of the tables.
+        levels, spacing, interpolation: velocity grid of the kernels' tables, for ``unfold`` and
+            ``direct``.
         velocity_max: top of the grid, m/s; default from the whole record, rounded up.
         pre_roll: s at the start of the record that only emit; the window comes after.
         running_window: s; default one period of the lowest frequency.
@@ -82,8 +86,6 @@ class Choices:
         memory: bytes, or text such as "2GB", for slabs and work arrays; what the program itself
             (some 0.4 GB) and the result (some 200 B a probe and frequency) take comes on top.
             Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
-        compile: fuse the inner loops with a compiler, ``auto`` where it pays, ``never``,
-            ``always``; the numbers stay the same.
         interval: level of the statistical intervals, 0 to 1; None for no intervals.
             Available for tones only.
         draws, seed: of the moving-block bootstrap behind them.
@@ -125,7 +127,6 @@ class Choices:
     device: str | torch.device | None = None
     dtype: str | torch.dtype | None = None
     memory: int | str | None = None
-    compile: str = "auto"
     rank_tolerance: float | None = None
     incident: Any = None
     segment: float | None = None
@@ -169,6 +170,16 @@ class Choices:
         for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
+        if self.engine == "spectral" and self.edge == "silent":
+            raise ValueError(
+                "edge rule 'silent' needs the reflected signal; engine 'spectral' weighs emission "
+                "times, where no reply is lost: leave edge out, or choose engine='unfold'"
+            )
+        if self.engine != "spectral" and self.window == WHOLE_PERIODS:
+            raise ValueError(
+                f"window {WHOLE_PERIODS!r} weighs emission times, which engine 'spectral' does; "
+                "leave it out, or choose 'hann' or 'boxcar'"
+            )
         for name in ("minimum_coherence", "wall_filter"):
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 1:
@@ -249,6 +260,8 @@ class Choices:
             "order": ORDERS[2] if wave is None else ORDERS[0],
             "window": "hann" if wave is None or self.segment is not None else wave.window,
         }
+        if wave is None and self.engine in ("auto", "spectral"):
+            defaults["window"] = WHOLE_PERIODS
         for name, value in defaults.items():
             given = getattr(self, name)
             if given is None or (isinstance(given, str) and given == "auto"):

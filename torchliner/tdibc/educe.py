@@ -10,7 +10,7 @@ from torchliner.checks import tell
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.replay.probe_velocity import with_smaller_slabs
+from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import tone_sums
@@ -107,14 +107,16 @@ def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, 
 def replay(
     prepared: Prepared, *, every_rule: bool = False, progress: Progress | None = None
 ) -> Replayed:
-    """The pass over the data that ``educe`` makes for tones.
+    """R of all columns for tones, by the engine chosen; no reading of the data for ``spectral``.
 
     Args:
-        prepared: of ``prepare``.
+        prepared: of ``prepare``, with the same ``every_rule``.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
         progress: called with numbers of samples done.
     """
     backward = every_rule or phase_rule(prepared.chosen.phase).needs_backward
+    if prepared.chosen.engine == "spectral" or prepared.drive is None:
+        return Replayed(prepared, prepared.line_sums)
     sums, notes = with_smaller_slabs(
         prepared.drive.velocity, lambda: tone_sums(prepared, backward, progress)
     )

@@ -52,8 +52,7 @@ def uncertainty_of(
     chosen, plane, cells = prepared.chosen, prepared.plane, prepared.cells
     assert prepared.blocks is not None
     how = resampling_of(prepared)
-    single = prepared.drive.dtype == torch.float32
-    of_probes = dataclasses.replace(how, dtype=torch.complex64) if single else how
+    of_probes = dataclasses.replace(how, dtype=torch.complex64) if prepared.single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
     excluded = ~prepared.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
     excluded = excluded if wall is None else excluded | wall
@@ -124,7 +123,7 @@ def _coherent_first(
     excluded: Tensor,
 ) -> dict[str, Groups]:
     """Cells and the whole liner under v*, whose coherent part is taken as known."""
-    if prepared.drive.periodic is None or prepared.blocks is None:
+    if prepared.periodic is None or prepared.blocks is None:
         return {}
     begin, inside = len(reflection) - prepared.plane.probes, prepared.in_cells
     star, cells = reflection[begin:], prepared.cells

@@ -12,7 +12,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.replay.kernels import BAND, KernelTable
 from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.survey import Survey
+from torchliner.reduction.survey import Survey
 from torchliner.tdibc.choices import Choices
 
 SMALL_SHARE = 1e-3  # of a recorded signal's energy

@@ -1,4 +1,4 @@
-"""Everything a replay needs before it starts: record, first pass, drive, levels, kernels."""
+"""Everything an eduction needs: record, moments of the data, |v| and kernels of other engines."""
 
 from __future__ import annotations
 
@@ -10,30 +10,37 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import stated_frequency
+from torchliner.checks import SAME_FREQUENCY, stated_frequency
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
-from torchliner.replay.coherent_survey import with_coherent
-from torchliner.replay.drive import DriveSpeed
+from torchliner.reduction.basis import (
+    Basis,
+    Chebyshev,
+    Levels,
+    Response,
+    choose_basis,
+    interpolation_error,
+    response_of,
+)
+from torchliner.reduction.drive import DriveSpeed
+from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
+from torchliner.reduction.moments import PlaneSums
+from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
+from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.probe_velocity import ProbeVelocity
+from torchliner.reduction.readings import First, Wanted, read_again, read_once
+from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import KernelTable, build_kernels
-from torchliner.replay.periodic import (
-    Harmonics,
-    PeriodicPart,
-    PeriodicSums,
-    coherent_tones,
-)
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.replay.probe_velocity import ProbeVelocity, with_smaller_slabs
-from torchliner.replay.survey import Survey, survey
 from torchliner.replay.waves import Tones
 from torchliner.signals.blocks import Blocks, plan_blocks
 from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
-from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.review import (
@@ -47,6 +54,19 @@ from torchliner.tdibc.review import (
 from torchliner.tdibc.review_kernels import frequencies_read, review_tables
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
+LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
+
+
+@dataclasses.dataclass(frozen=True)
+class _Asked:
+    """A plane with what is asked of it, before its data are read."""
+
+    plane: VelocityPlane
+    frequency: Tensor
+    record: Record
+    blocks: Blocks
+    sent: Tensor | None
+    notes: list[str]
 
 
 def prepare(
@@ -55,165 +75,220 @@ def prepare(
     frequency: Any,
     chosen: Choices,
     progress: Progress | None = None,
+    *,
+    every_rule: bool = False,
 ) -> list[Prepared]:
-    """Check the data, survey them once, build levels and kernels, which all planes share.
+    """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
+    Args:
+        planes, liner, frequency, progress: see ``educe``.
+        chosen: all choices.
+        every_rule: keep what any phase rule can be read off; default what the chosen one needs.
     Raises:
         ValueError: see ``educe``.
     """
     model = as_liner(liner)
-    surveyed = [_survey(plane, model, frequency, chosen, progress) for plane in planes]
-    grid = velocity_grid(planes, [each["survey"] for each in surveyed], model, chosen)
-    read = [frequencies_read(each["record"], each["frequency"], chosen) for each in surveyed]
-    band = kernel_band(model, torch.cat(read), chosen)
+    asked = [_ask(plane, model, frequency, chosen) for plane in planes]
+    read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
+    backward = every_rule or phase_rule(chosen.phase).needs_backward
+    basis = None
+    if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
+        basis = choose_basis([model], read)
+    found = [_read(each, model, chosen, basis, backward, progress) for each in asked]
+    grid = velocity_grid(planes, [sums.survey for _, sums, _ in found], model, chosen)
+    band = kernel_band(model, read, chosen)
     made: dict[float, KernelTable] = {}
     prepared = []
-    for known in surveyed:
-        kernels, record, notes = None, known["record"], known.pop("notes")
-        if needs_kernels(record, known["frequency"], chosen):
+    for each, (drive, sums, notes) in zip(asked, found, strict=True):
+        record, kernels, response = each.record, None, response_of(model)
+        if needs_kernels(chosen):
             rate = record.sampling_rate
             if rate not in made:
-                made[rate] = build_kernels(model, grid, rate, kind=chosen.kernel, band=band)
+                levels = grid if basis is None or chosen.engine != "spectral" else basis
+                made[rate] = build_kernels(model, levels, rate, kind=chosen.kernel, band=band)
             kernels = made[rate]
-            kernels.require_band(known["frequency"])
-            notes += review_signal(kernels, chosen, known["sent"])
+            kernels.require_band(each.frequency)
+            notes += review_signal(kernels, chosen, each.sent)
+            if chosen.engine == "spectral":
+                response = _response_of(kernels)
+        reader, error = None, None
+        if basis is not None:
+            lines = reader_lines(record, chosen)
+            reader = LineReader(sums.plan, basis, lines, each.frequency, response, backward)
+            error = _review_basis(basis, model, read, sums.survey, each.plane, chosen)
         ready = Prepared(
-            **known, liner=model, chosen=chosen, grid=grid, kernels=kernels, notes=tuple(notes)
-        )
+            each.plane, model, chosen, each.frequency, record, sums.cells, sums.used,
+            sums.survey.to_frequencies(_places(sums.tones, each.frequency)), drive, sums, reader,
+            error, each.sent, _resampled(each, chosen, notes), grid, kernels, (),
+        )  # fmt: skip
         notes += review_tables(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
 
 
-def _survey(
-    plane: VelocityPlane,
-    liner: LinerModel,
-    frequency: Any,
+def _response_of(kernels: KernelTable) -> Response:
+    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
+    return lambda frequency, _: kernels.response(frequency).T
+
+
+def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]:
+    """Lines of the window under which moments are read."""
+    if chosen.engine != "spectral" or chosen.window == WHOLE_PERIODS:
+        return [(0.0, 1.0)]
+    return window_lines(record.window, record.start, record.sampling_rate)
+
+
+def _review_basis(
+    basis: Basis, model: LinerModel, read: Tensor, seen: Survey, plane: VelocityPlane,
     chosen: Choices,
-    progress: Progress | None,
-) -> dict[str, Any]:
-    """What ``Prepared`` holds of one plane alone."""
-    record = _record(plane, chosen)
+) -> float:  # fmt: skip
+    """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.
+
+    Raises:
+        ValueError: it is too large for any digit that is printed.
+    """
+    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
+    top = min(peak, model.speed_max or peak)
+    error, speed = interpolation_error(basis, response_of(model), read, max(top, 1e-3))
+    if error > LARGEST_MODEL_ERROR:
+        raise ValueError(
+            f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
+            f"(limit {LARGEST_MODEL_ERROR:g}) from its values at {basis.count} speeds: it is not "
+            "smooth in |v| there; give it as a TabulatedLiner with its kinks among the speeds, or "
+            "state speed_max and speed_kinks"
+        )
+    return error
+
+
+def _places(tones: Tensor, frequency: Tensor) -> Tensor:
+    """Where each frequency stands among the tones that were measured, -1 for nowhere, (F,)."""
+    known = tones.tolist()
+    found = []
+    for f in frequency.tolist():
+        near = [i for i, tone in enumerate(known) if abs(tone / f - 1) < SAME_FREQUENCY]
+        found.append(near[0] if near else -1)
+    return torch.tensor(found, dtype=torch.int64)
+
+
+def _measured(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> Tensor:
+    """Frequencies at which v itself is looked at: all if they are few or if something depends on
+    them, else the tone of the data, (n,)."""
+    needed = phase_rule(chosen.phase).needs_velocity or chosen.wall_filter is not None
+    if needed or len(frequency) <= MOST_TONES:
+        return frequency
+    if plane.frequency is None:
+        return frequency[:0]
+    return frequency[(frequency / plane.frequency - 1).abs() < SAME_FREQUENCY]
+
+
+def _ask(plane: VelocityPlane, liner: LinerModel, frequency: Any, chosen: Choices) -> _Asked:
     sent = None
-    if chosen.incident is not None:
-        sent = chosen.incident.sampled(plane.samples, plane.sampling_rate)
-        frequency = _signal_lines(plane, record, chosen) if frequency is None else frequency
-    wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
-    notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
-    cells = sort_into_cells(plane, liner.cell_pitch)
-    blocks = _blocks(plane, wanted, record, chosen, notes)
-    velocity, seen, used, cells, periodic = _first_pass(
-        plane, cells, wanted, record, blocks, chosen, progress, notes
-    )
-    notes += review_survey(plane, seen, used)
-    if periodic is not None:
-        notes += review_coherent(plane, cells, periodic, wanted, liner, chosen)
-        if chosen.oncoming_rms is not None:
-            squares = seen.mean_square[: plane.probes]
-            periodic = periodic.with_oncoming(chosen.oncoming_rms, squares, cells)
-        weights = record.weights(0, plane.samples)
-        seen = with_coherent(seen, periodic, cells, wanted, weights, blocks)
-    running = chosen.running_window or 1 / float(wanted.min())
-    samples = max(1, round(running * plane.sampling_rate))
-    drive = DriveSpeed(velocity, chosen.drive, chosen.mean, seen, samples, periodic)
-    if periodic is not None and not (liner.speed_max is None and chosen.velocity_max is None):
-        seen = drive.with_extremes(seen)
-    return {
-        "plane": plane, "frequency": wanted, "record": record, "cells": cells, "used": used,
-        "survey": seen, "drive": drive, "sent": sent, "blocks": blocks, "notes": notes,
-    }  # fmt: skip
-
-
-def _record(plane: VelocityPlane, chosen: Choices) -> Record:
     start = round(chosen.pre_roll * plane.sampling_rate)
     if start >= plane.samples:
         raise ValueError(
             f"pre_roll is {chosen.pre_roll:g} s, but {plane.name} lasts {plane.duration:g} s"
         )
-    window = make_window(chosen.window, plane.samples - start)
-    return Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
+    if chosen.incident is not None:
+        sent = chosen.incident.sampled(plane.samples, plane.sampling_rate)
+        frequency = _signal_lines(plane, start, chosen) if frequency is None else frequency
+    wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+    period = plane.sampling_rate / (plane.frequency or float(wanted.min()))
+    blocks = plan_blocks(plane.samples, start, period)
+    if chosen.window == WHOLE_PERIODS:
+        whole = plan_blocks(plane.samples, start, period, most=1).borders[-1]
+        end = whole if whole > start else plane.samples
+        window = make_window("boxcar", end - start)
+    else:
+        window = make_window(chosen.window, plane.samples - start)
+    record = Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
+    notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
+    return _Asked(plane, wanted, record, blocks, sent, notes)
 
 
-def _signal_lines(plane: VelocityPlane, record: Record, chosen: Choices) -> Tensor | None:
+def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | None:
+    """Blocks for error bars, of whole periods of the tone in the data, else of the lowest one."""
+    if chosen.interval is None or chosen.incident is not None:
+        return None
+    if can_resample(asked.blocks.count):
+        return asked.blocks
+    plane, tone = asked.plane, asked.plane.frequency or float(asked.frequency.min())
+    notes.append(
+        f"{plane.name}: no error bars, since the record holds {asked.blocks.count} whole periods "
+        f"of {tone:g} Hz; two runs of two periods are the least, and 16 periods give a fair "
+        "interval"
+    )
+    return None
+
+
+def _read(
+    asked: _Asked, liner: LinerModel, chosen: Choices, basis: Chebyshev | Levels | None,
+    backward: bool, progress: Progress | None,
+) -> tuple[DriveSpeed, PlaneSums, list[str]]:  # fmt: skip
+    """One or two readings of a plane."""
+    plane, record, notes = asked.plane, asked.record, list(asked.notes)
+    cells = sort_into_cells(plane, liner.cell_pitch)
+    rate = plane.sampling_rate
+    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
+    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
+                    lines if basis is not None else ())  # fmt: skip
+    harmonics = None
+    if chosen.order == ORDERS[2]:
+        harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)
+    running = chosen.running_window or 1 / float(asked.frequency.min())
+    wanted = Wanted(
+        plan, _measured(plane, asked.frequency, chosen), record.weights(0, plane.samples), basis,
+        chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics, chosen.oncoming_rms,
+        keeps_blocks=chosen.interval is not None and chosen.incident is None,
+        velocity_blocks=phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms",
+        true_extremes=not (liner.speed_max is None and chosen.velocity_max is None),
+    )  # fmt: skip
+    velocity, first, used = _first_reading(plane, cells, wanted, chosen, progress, notes)
+    notes += review_survey(plane, first.survey, used)
+    kept = cells.kept(used)
+    if first.periodic is not None:
+        notes += review_coherent(plane, kept, first.periodic, asked.frequency, liner, chosen)
+    drive, sums, more = read_again(velocity, wanted, first, kept, used, progress)
+    return drive, sums, notes + more
+
+
+def _first_reading(
+    plane: VelocityPlane, cells: Cells, wanted: Wanted, chosen: Choices,
+    progress: Progress | None, notes: list[str],
+) -> tuple[ProbeVelocity, First, Tensor]:  # fmt: skip
+    """Probes with faults are found and left out, (P,), and with them cells that hold no other."""
+    like = plane.velocity
+    device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
+    dtype = chosen.working_dtype(like.dtype)
+
+    def over(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, First]:
+        held = cells.kept(used)
+        velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
+        first, more = read_once(velocity, wanted, held, used, report)
+        notes.extend(more)
+        return velocity, first
+
+    velocity, first = over(torch.ones(plane.probes, dtype=torch.bool), progress)
+    used = (first.survey.bad[: plane.probes] == 0).cpu()
+    if not bool(used.all()):
+        _refuse_bad_probes(plane, first.survey, used, chosen)
+        velocity, first = over(used, None)
+        notes += review_cells(plane, cells, used)
+    return velocity, first, used
+
+
+def _signal_lines(plane: VelocityPlane, start: int, chosen: Choices) -> Tensor | None:
     """Lines of the segments in the incident signal's band, evenly thinned to ``MOST_LINES``."""
     wave = chosen.incident
     if isinstance(wave, Tones):
         return wave.frequency
     if wave.band is None:
         return None
-    _, length = segment_starts(plane.samples, record.start, chosen.segment, plane.sampling_rate)
+    _, length = segment_starts(plane.samples, start, chosen.segment, plane.sampling_rate)
     spacing = plane.sampling_rate / length
     first = math.ceil(wave.band[0] / spacing - 1e-9)
     last = math.floor(wave.band[1] / spacing + 1e-9)
     step = max(1, math.ceil((last - first + 1) / MOST_LINES))
     return spacing * torch.arange(first, last + 1, step, dtype=torch.float64)
-
-
-def _blocks(
-    plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices, notes: list[str]
-) -> Blocks | None:
-    """Blocks of whole periods of the tone in the data, else of the lowest frequency."""
-    if chosen.interval is None or chosen.incident is not None:
-        return None
-    tone = plane.frequency or float(frequency.min())
-    blocks = plan_blocks(record.samples, record.start, record.sampling_rate / tone)
-    if can_resample(blocks.count):
-        return blocks
-    notes.append(
-        f"{plane.name}: no error bars, since the record holds {blocks.count} whole periods of "
-        f"{tone:g} Hz; two runs of two periods are the least, and 16 periods give a fair interval"
-    )
-    return None
-
-
-def _first_pass(
-    plane: VelocityPlane,
-    cells: Cells,
-    frequency: Tensor,
-    record: Record,
-    blocks: Blocks | None,
-    chosen: Choices,
-    progress: Progress | None,
-    notes: list[str],
-) -> tuple[ProbeVelocity, Survey, Tensor, Cells, PeriodicPart | None]:
-    """Over the probes and the cell averages; probes with faults are found and left out, (P,), and
-    with them the cells that hold no other."""
-    like = plane.velocity
-    device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
-    dtype = chosen.working_dtype(like.dtype)
-    weights = record.weights(0, plane.samples)
-    moves = phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms"
-    rate = plane.sampling_rate
-    harmonics = None
-    if chosen.order == ORDERS[2]:
-        harmonics = Harmonics.of(coherent_tones(plane.frequency, frequency), rate)
-
-    def over(
-        used: Tensor, report: Progress | None
-    ) -> tuple[ProbeVelocity, Survey, PeriodicPart | None]:
-        held = cells.kept(used)
-        velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
-        if harmonics is not None:
-            velocity.derived = plane.probes
-
-        def work() -> tuple[Survey, PeriodicPart | None]:
-            sums = None
-            if harmonics is not None:
-                sums = PeriodicSums(harmonics, plane.samples, held, used, device)
-            seen = survey(velocity, frequency, rate, weights, report, blocks, moves, sums)
-            return seen, None if sums is None else sums.result()
-
-        (seen, periodic), more = with_smaller_slabs(velocity, work)
-        notes.extend(more)
-        return velocity, seen, periodic
-
-    velocity, seen, periodic = over(torch.ones(plane.probes, dtype=torch.bool), progress)
-    used = (seen.bad[: plane.probes] == 0).cpu()
-    if not bool(used.all()):
-        _refuse_bad_probes(plane, seen, used, chosen)
-        velocity, seen, periodic = over(used, None)
-        notes += review_cells(plane, cells, used)
-    return velocity, seen, used, cells.kept(used), periodic
 
 
 def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:

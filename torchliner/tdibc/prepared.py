@@ -12,12 +12,15 @@ from torch import Tensor
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.replay.drive import DriveSpeed
+from torchliner.reduction.drive import DriveSpeed
+from torchliner.reduction.line_means import LineReader
+from torchliner.reduction.moments import PlaneSums
+from torchliner.reduction.periodic import PeriodicPart
+from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
+from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.lines import interpolation_error
-from torchliner.replay.survey import Survey
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import WindowSums
 from torchliner.tdibc.choices import Choices
@@ -38,7 +41,10 @@ class Prepared:
             velocity of their cells: N = P + C or 2 P + C.
         used: probes without faults, (P,).
         survey: first pass, over all columns.
-        drive: |v| for the engines.
+        drive: |v| for the engines that form the reflected signal; None for data already reduced.
+        sums: what the readings of the plane left.
+        reader: lines at ``frequency`` from the moments; None without moments.
+        model_error: largest error in R of the interpolation over |v| behind ``reader``.
         sent: incident signal on the record, (n,); None for tones.
         blocks: of the record, for error bars; None where there are none.
         grid: velocity levels.
@@ -54,7 +60,10 @@ class Prepared:
     cells: Cells
     used: Tensor
     survey: Survey
-    drive: DriveSpeed
+    drive: DriveSpeed | None
+    sums: PlaneSums
+    reader: LineReader | None
+    model_error: float | None
     sent: Tensor | None
     blocks: Blocks | None
     grid: VelocityGrid
@@ -67,20 +76,57 @@ class Prepared:
         window = WindowSums.of(
             self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate
         )
-        device = self.drive.device
+        device = self.device
         return WindowSums(window.zero.to(device), window.twice.to(device))
 
     @functools.cached_property
-    def level_error(self) -> float | None:
-        """Largest error in R of the interpolation between levels, where it enters; else None."""
-        if not self.chosen.uses_kernel_response and (
-            self.liner.speed_law(self.frequency) is not None
-        ):
+    def line_sums(self) -> LineSums:
+        """Windowed lines of the replies to complex tones, from the moments, of all columns."""
+        assert self.reader is not None
+        forward = torch.cat([self.reader.forward(group) for group in self.sums.groups])
+        backward = [self.reader.reply_backward(group) for group in self.sums.groups]
+        known = [each for each in backward if each is not None]
+        return LineSums(forward, torch.cat(known) if known else None)
+
+    def block_means(self, columns: slice) -> LineSums | None:
+        """Means of R and R e^{-2 j omega t} over blocks, (S, columns, F); None if not kept."""
+        if self.reader is None:
             return None
-        with torch.no_grad():
-            return max(
-                interpolation_error(self.liner, f, self.grid) for f in self.frequency.tolist()
-            )
+        found, at = [], 0
+        for group in self.sums.groups:
+            width = group.totals.shape[-1]
+            low, high = max(columns.start - at, 0), min(columns.stop - at, width)
+            at += width
+            if low < high:
+                part = self.reader.of_blocks(group.part(slice(low, high)))
+                if part is None:
+                    return None
+                found.append(part)
+        forward, backward = zip(*found, strict=True)
+        turned = None if backward[0] is None else torch.cat(backward, dim=1)
+        return LineSums(torch.cat(forward, dim=1), turned)
+
+    @property
+    def keeps_blocks(self) -> bool:
+        """Whether the moments of blocks are there."""
+        return bool(self.sums.groups) and self.sums.groups[0].of_blocks is not None
+
+    @property
+    def periodic(self) -> PeriodicPart | None:
+        """What was taken off for the order ``coherent first``."""
+        return self.sums.periodic
+
+    @property
+    def device(self) -> torch.device:
+        """Where the sums are."""
+        return self.survey.mean.device
+
+    @property
+    def single(self) -> bool:
+        """Whether the work is done in float32."""
+        if self.drive is not None:
+            return self.drive.dtype == torch.float32
+        return bool(self.sums.groups) and self.sums.groups[0].dtype == torch.float32
 
     @property
     def averaged(self) -> slice:
@@ -99,5 +145,6 @@ class Prepared:
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (N, n), for the reference engine."""
+        assert self.drive is not None
         slabs = self.drive.slabs([(0, self.drive.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T

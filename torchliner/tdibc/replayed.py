@@ -88,18 +88,14 @@ class Replayed:
             return with_closure(prepared, found, series, pressure)
 
     def _keeps_blocks(self, rule: PhaseRule) -> bool:
-        """Whether sums and survey kept the blocks that error bars under this rule need."""
+        """Whether moments and survey kept the blocks that error bars under this rule need."""
         prepared, of_rms = self.prepared, self.prepared.chosen.drive == "rms"
-        missing = self.sums.blocks is None and not of_rms
-        needs_survey = rule.needs_velocity or of_rms
-        return prepared.blocks is not None and not (
-            missing or (needs_survey and prepared.survey.blocks is None)
-        )
+        if prepared.blocks is None or not (of_rms or prepared.keeps_blocks):
+            return False
+        return prepared.survey.blocks is not None or not (rule.needs_velocity or of_rms)
 
     def _deviations(self, rule: PhaseRule) -> Callable[[slice], Tensor]:
-        return functools.partial(
-            block_deviations, self.prepared, self.sums.blocks, rule, self.means
-        )
+        return functools.partial(block_deviations, self.prepared, rule, self.means)
 
 
 def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:
@@ -120,7 +116,7 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
         except RuntimeError:
             continue
         cells = _mean_direction(prepared, psi).angle()
-        coherent = [psi] if prepared.drive.periodic is not None else []
+        coherent = [psi] if prepared.periodic is not None else []
         return torch.cat([psi, cells, *coherent])
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape "

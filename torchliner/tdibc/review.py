@@ -12,8 +12,8 @@ from torchliner.records.cells import Cells
 from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.edges import Record
 from torchliner.replay.kernels import AFTER, BEFORE
-from torchliner.replay.periodic import FEWEST_BLOCKS, PeriodicPart
-from torchliner.replay.survey import Survey
+from torchliner.reduction.periodic import FEWEST_BLOCKS, PeriodicPart
+from torchliner.reduction.survey import Survey
 from torchliner.tdibc.choices import Choices
 
 FEWEST_WEIGHTS = 2  # samples under the window that count
@@ -23,13 +23,9 @@ FLUID_TOLERANCE = 1e-3
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
 
-def needs_kernels(record: Record, frequency: Tensor, chosen: Choices) -> bool:
-    """Whether impulse responses enter at all: wrapped short-cosine windows do without."""
-    return (
-        chosen.engine != "spectral"
-        or chosen.uses_kernel_response
-        or any(record.needs_table(f) for f in frequency.tolist())
-    )
+def needs_kernels(chosen: Choices) -> bool:
+    """Whether impulse responses enter at all."""
+    return chosen.engine != "spectral" or chosen.uses_kernel_response
 
 
 def review_record(
@@ -82,7 +78,7 @@ def review_record(
             f"Hz; |v| has corners, and below {FEWEST_SAMPLES_PER_PERIOD:g} they are not resolved"
         )
     duration = record.samples / record.sampling_rate
-    if needs_kernels(record, frequency, chosen) and duration < BEFORE + AFTER:
+    if needs_kernels(chosen) and duration < BEFORE + AFTER:
         notes.append(
             f"{plane.name} lasts {1e3 * duration:.3g} ms, less than the kernel's "
             f"{1e3 * (BEFORE + AFTER):g} ms: the ends of the record reach all of it"

@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, reflection_at_levels
+from torchliner.replay.kernels import KernelTable, level_error, reflection_at_levels
+from torchliner.replay.levels import VelocityGrid
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
@@ -19,7 +20,7 @@ IN_Z = "Z is off by some |1 + Z|^2/2 times that"
 
 def frequencies_read(record: Record, frequency: Tensor, chosen: Choices) -> Tensor:
     """Where the window reads R around each frequency asked for: f and its side lines, Hz, (n,)."""
-    length, window = record.samples - record.start, record.window
+    length, window = len(record.window.weights), record.window
     if chosen.incident is not None and chosen.segment is not None:
         rate = record.sampling_rate
         _, length = segment_starts(record.samples, record.start, chosen.segment, rate)
@@ -35,13 +36,15 @@ def review_tables(prepared: Prepared) -> list[str]:
     if prepared.kernels is not None:
         with torch.no_grad():
             notes += _review_kernels(prepared, prepared.kernels)
-    error = prepared.level_error
-    if error is not None and error > LARGEST_ERROR:
-        notes.append(
-            f"between velocity levels R is off by up to {error:.2g} (limit {LARGEST_ERROR:g}); "
-            f"{IN_Z}; take more than {chosen.levels} levels, or spacing='sqrt' with "
-            "interpolation='cubic'"
-        )
+    if prepared.kernels is not None and isinstance(prepared.kernels.grid, VelocityGrid):
+        with torch.no_grad():
+            error = level_error(prepared.liner, prepared.frequency, prepared.kernels.grid)
+        if error > LARGEST_ERROR:
+            notes.append(
+                f"between velocity levels R is off by up to {error:.2g} (limit {LARGEST_ERROR:g}); "
+                f"{IN_Z}; take more than {chosen.levels} levels, or spacing='sqrt' with "
+                "interpolation='cubic'"
+            )
     tolerance = chosen.rank_tolerance or 0.0
     if chosen.engine == "unfold" and tolerance > LARGEST_ERROR:
         notes.append(
@@ -70,7 +73,7 @@ def _review_kernels(prepared: Prepared, kernels: KernelTable) -> list[str]:
     known = prepared.liner.frequency_range or (0.0, torch.inf)
     outside = outside[(outside >= known[0]) & (outside <= known[1])]
     if len(outside):
-        wanted = reflection_at_levels(prepared.liner, outside, prepared.grid)
+        wanted = reflection_at_levels(prepared.liner, outside, kernels.grid)
         error = float((kernels.response(outside) - wanted).abs().max())
         if error > max(LARGEST_ERROR, kernels.error):
             notes.append(

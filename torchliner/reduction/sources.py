@@ -18,7 +18,6 @@ from torch import Tensor
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of
 
 BLOCK_ELEMENTS = 1 << 18  # velocities of a block: within the cache, temporaries included
-ROWS_SUMMED = 16
 GPU_ELEMENTS = 1 << 25
 BLOCK_COLUMNS = 1 << 12  # contiguous velocities of a block
 
@@ -27,9 +26,29 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def speed_of(velocity: Tensor, offset: Tensor | None) -> Tensor:
-    """|v|, m/s, of (t, P) less an offset (P,)."""
-    return (velocity if offset is None else velocity - offset).abs()
+@dataclass(frozen=True)
+class Taken:
+    """What is taken off v before the modulus: v* = scale v - rows @ coefficients.
+
+    Args:
+        rows: (t, J).
+        coefficients: m/s, (J, P).
+        scale: (P,); None for 1.
+    """
+
+    rows: Tensor
+    coefficients: Tensor
+    scale: Tensor | None = None
+
+    def part(self, rows: slice, columns: slice) -> Taken:
+        """Of some samples and columns."""
+        scale = None if self.scale is None else self.scale[columns]
+        return Taken(self.rows[rows], self.coefficients[:, columns], scale)
+
+    def off(self, velocity: Tensor) -> Tensor:
+        """v*, (t, P)."""
+        scaled = velocity if self.scale is None else velocity * self.scale
+        return torch.addmm(scaled, self.rows, self.coefficients, alpha=-1)
 
 
 @dataclass(frozen=True)
@@ -38,21 +57,21 @@ class Columns:
 
     Args:
         velocity: m/s, signed, (t, P_g).
-        offset: m/s, (P_g,), taken off before the modulus; None for 0.
+        taken: off it before the modulus; None for nothing.
     """
 
     velocity: Tensor
-    offset: Tensor | None = None
+    taken: Taken | None = None
 
     def part(self, rows: slice, columns: slice) -> Columns:
         """A block of it, a view."""
-        offset = None if self.offset is None else self.offset[columns]
-        return Columns(self.velocity[rows, columns], offset)
+        taken = None if self.taken is None else self.taken.part(rows, columns)
+        return Columns(self.velocity[rows, columns], taken)
 
     @property
     def speed(self) -> Tensor:
-        """|v|, m/s, (t, P_g)."""
-        return speed_of(self.velocity, self.offset)
+        """|v*|, m/s, (t, P_g)."""
+        return (self.velocity if self.taken is None else self.taken.off(self.velocity)).abs()
 
 
 class SpeedSource(Protocol):
@@ -102,18 +121,6 @@ def in_full_precision(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **options)
 
     return run
-
-
-def weighted_sums(weights: Tensor, values: Tensor) -> Tensor:
-    """``weights`` (m, t) times ``values`` (t, P), float64: at most ``ROWS_SUMMED`` samples are
-    added in the precision of the data, so that no digit is lost over a long block."""
-    if values.dtype == torch.float64:
-        return weights @ values
-    whole = len(values) - len(values) % ROWS_SUMMED
-    parts = weights[:, :whole].unflatten(1, (-1, ROWS_SUMMED)).transpose(0, 1)
-    sums = (parts @ values[:whole].unflatten(0, (-1, ROWS_SUMMED))).sum(0, dtype=torch.float64)
-    rest: Tensor = sums + (weights[:, whole:] @ values[whole:])
-    return rest
 
 
 def block_elements(device: torch.device) -> int:

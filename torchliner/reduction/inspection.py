@@ -12,8 +12,8 @@ from torchliner.checks import FEWEST_PERIODS
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 from torchliner.records.unit_checks import plane_unit_warnings
-from torchliner.replay.probe_velocity import ProbeVelocity
-from torchliner.replay.survey import Survey, moments, survey
+from torchliner.reduction.probe_velocity import ProbeVelocity
+from torchliner.reduction.survey import Survey, moments, survey
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
@@ -11,7 +12,7 @@ from torch import Tensor
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, rows_per_slab
-from torchliner.replay.sources import block_elements, blocks
+from torchliner.reduction.sources import block_elements, blocks
 
 NARROW = 1 << 16  # velocities of a slab, at least: few columns get longer slabs
 FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
@@ -66,7 +67,10 @@ class ProbeVelocity:
         longest = max(SLAB_ROWS, tile, NARROW // columns)
         packed = getattr(stored, "tile_bytes", 0)
         most = rows_per_slab(columns, size, self.memory, most=longest, tile=packed)
-        rows = most if tile > most else most - most % tile
+        # Whole tiles; and multiples of the samples that are summed in single precision, so that no
+        # digit depends on the slabs.
+        step = next((n for n in (math.lcm(tile, SLAB_ROWS), tile, SLAB_ROWS) if n <= most), 1)
+        rows = most - most % step
         return bounds_of(self.samples, min(rows, self.most_rows or rows))
 
     def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:

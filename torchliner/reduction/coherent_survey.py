@@ -10,9 +10,8 @@ from torch import Tensor
 
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import bounds_of
-from torchliner.replay.periodic import PeriodicPart
-from torchliner.replay.survey import Survey
-from torchliner.replay.survey_blocks import VelocityBlocks
+from torchliner.reduction.periodic import PeriodicPart
+from torchliner.reduction.survey import Survey, VelocityBlocks
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import BLOCK, line_sums, waves
 

@@ -22,22 +22,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor
 
 from torchliner.records.cells import Cells
-from torchliner.replay.sources import block_elements, weighted_sums
-from torchliner.replay.sources import blocks as cache_blocks
-from torchliner.signals.blocks import plan_blocks
-from torchliner.signals.tones import waves
+from torchliner.records.slabs import bounds_of
+from torchliner.signals.tones import BLOCK, waves
 
 HARMONICS = 8
 MOST_TONES = 3  # whose harmonics make up the periodic part
 APART = 1e-6  # relative: closer lines are one
 FEWEST_BLOCKS = 3  # for how the fit scatters
 BEATS = 2.0  # of the closest two lines in a block
+SLACK_SAMPLES = 1.0  # blocks of whole periods are rounded to samples
 
 
 @dataclass(frozen=True)
@@ -159,10 +157,10 @@ class PeriodicPart:
 
 
 class PeriodicSums:
-    """Running sums over a plane's probes, in one pass."""
+    """From the sums of v times the rows over blocks, in the order of time."""
 
     def __init__(
-        self, harmonics: Harmonics, samples: int, cells: Cells, used: Tensor, device: torch.device
+        self, harmonics: Harmonics, cells: Cells, used: Tensor, device: torch.device
     ) -> None:
         """``used``: probes without faults, (P,)."""
         self.harmonics, self.device = harmonics, device
@@ -173,41 +171,33 @@ class PeriodicSums:
         sizes = torch.bincount(self.labels.cpu(), minlength=cells.count + 1).clamp(min=1)
         self.sizes = sizes.to(device, torch.float64)
         self.inside = inside.to(device)
-        self.blocks = plan_blocks(samples, 0, harmonics.period)
         rows, width = len(harmonics.owner), len(used)
         zeros = torch.zeros(rows, width, dtype=torch.float64, device=device)
         self.current, self.total, self.of_blocks = zeros, zeros.clone(), zeros.clone()
         self.square = torch.zeros(rows, cells.count + 1, dtype=torch.float64, device=device)
         self.gram = torch.zeros(rows, rows, dtype=torch.float64)
         self.current_gram = self.gram.clone()
+        self.blocks = 0
 
-    def add(self, begin: int, slab: Tensor) -> None:
-        """Samples from ``begin`` on, (t, P)."""
-        end = begin + len(slab)
-        inner = [border for border in self.blocks.borders if begin < border < end]
-        edges = [begin, *inner, end]
-        for low, high in pairwise(edges):
-            rows = self.harmonics.rows(low, high)
+    def add(self, low: int, high: int, sums: Tensor) -> None:
+        """Those of samples ``low`` .. ``high`` - 1, (K, P); a block is as long as tells all lines
+        apart."""
+        for begin, end in bounds_of(high - low, BLOCK):
+            rows = self.harmonics.rows(low + begin, low + end)
             self.current_gram += rows @ rows.T
-            piece, weights = slab[low - begin : high - begin], rows.to(slab.device, slab.dtype)
-            for part, columns in cache_blocks(
-                len(piece), piece.shape[1], block_elements(slab.device)
-            ):
-                block = piece[part, columns]
-                if not bool(torch.isfinite(block).all()):  # refused, or read again without these
-                    block = block.nan_to_num(0.0, 0.0, 0.0)
-                self.current[:, columns] += weighted_sums(weights[:, part], block)
-            if high in self.blocks.borders[1:]:
-                self._close(in_block=True)
+        self.current += sums
+        if float(self.current_gram[0, 0]) >= self.harmonics.period - SLACK_SAMPLES:
+            self._close(in_block=True)
 
     def _close(self, *, in_block: bool) -> None:
-        """Add the block that is complete to the totals."""
+        """Add what is complete to the totals."""
         self.total += self.current
         self.gram += self.current_gram
         if in_block:
             away = self._away(self._solve(self.current_gram, self.current))
             self.of_blocks += away
             self.square.index_add_(1, self.labels, away**2)
+            self.blocks += 1
         self.current.zero_()
         self.current_gram.zero_()
 
@@ -231,7 +221,7 @@ class PeriodicSums:
         deviation = share[self.harmonics.owner.to(self.device)][:, self.labels] * away
         return PeriodicPart(
             self.harmonics, fit, deviation, share[:, : self.count],
-            self.blocks.count >= FEWEST_BLOCKS, torch.ones_like(fit[0]), self.total,
+            self.blocks >= FEWEST_BLOCKS, torch.ones_like(fit[0]), self.total,
             self.gram.to(self.device),
         )  # fmt: skip
 
@@ -240,7 +230,7 @@ class PeriodicSums:
         owner = self.harmonics.owner.to(self.device)
         lines = int(owner.max()) + 1
         shares = away.new_ones(lines, self.count + 1)
-        count = self.blocks.count
+        count = self.blocks
         if count < FEWEST_BLOCKS:
             return shares
 

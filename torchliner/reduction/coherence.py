@@ -1,0 +1,114 @@
+"""Coherence of v with a steady tone, |sum V_s|^2 / (S sum |V_s|^2) over segments of two periods."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.sums import add_lines
+from torchliner.signals.tones import waves
+
+PERIODS_PER_SEGMENT = 2.0
+
+
+class ToneCoherence:
+    """Running sums of one group of columns; only unfinished segments are held.
+
+    Args:
+        plan: of the pass; the whole record counts.
+        tones: Hz, (F,). Each has segments of two of its own periods, under Hann windows, so that
+            no other frequency matters to it. Without a tone the mean of the coherence is 1/S.
+    """
+
+    def __init__(self, plan: PassPlan, tones: Tensor, width: int, device: torch.device) -> None:
+        lengths = PERIODS_PER_SEGMENT * plan.sampling_rate / tones
+        self.lengths = [min(max(round(length), 1), plan.samples) for length in lengths.tolist()]
+        self.each = [
+            _Segments(plan, float(tone), length, width, device)
+            for tone, length in zip(tones, self.lengths, strict=True)
+        ]
+        self.counts = tuple(plan.samples // length for length in self.lengths)
+        self.width = width
+
+    def add(self, begin: int, slab: Tensor) -> None:
+        """Samples from ``begin`` on, (t, P), in order."""
+        for each in self.each:
+            each.add(begin, slab)
+
+    def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
+        """Of v without its mean, (F, P)."""
+        found = [each.result(mean, mean_square) for each in self.each]
+        return torch.stack(found) if found else mean.new_zeros(0, self.width)
+
+
+class _Segments:
+    """Segments of one tone."""
+
+    def __init__(
+        self, plan: PassPlan, tone: float, length: int, width: int, device: torch.device
+    ) -> None:
+        self.plan, self.length, self.count = plan, length, plan.samples // length
+        self.tone = torch.tensor([tone], dtype=torch.float64)
+        steps = torch.arange(length, dtype=torch.float64)
+        self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / length)
+        # Line and power of whole segments, their product with the window's own line, for the mean
+        # that is known only at the end; the window's lines themselves.
+        self.line = torch.zeros(width, dtype=torch.complex128, device=device)
+        self.power = torch.zeros(width, dtype=torch.float64, device=device)
+        self.cross = self.power.clone()
+        self.window, self.window_power = 0j, 0.0
+        self.open = torch.zeros(2, width, dtype=torch.float64, device=device)
+        self.open_window = 0j
+        self.rounding = 1e-12
+
+    def add(self, begin: int, slab: Tensor) -> None:
+        """Samples from ``begin`` on; those beyond the last whole segment count for nothing."""
+        end = min(begin + len(slab), self.count * self.length)
+        if begin >= end:
+            return
+        self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
+        steps = torch.arange(begin, end)
+        rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
+        rows = rows * self.hann[steps % self.length]
+        first = begin // self.length
+        borders = list(range((first + 1) * self.length, end, self.length))
+        edges = [begin, *borders, end]
+        cuts = sorted({*edges, *(low + begin for low, _, _ in self.plan.pieces(
+            begin, end, weighed=False))})  # fmt: skip
+        pieces = [
+            (low - begin, high - begin, low // self.length - first)
+            for low, high in zip(cuts, cuts[1:], strict=False)
+        ]
+        sums = torch.zeros(
+            len(edges) - 1, *self.open.shape, dtype=torch.float64, device=slab.device
+        )
+        both = torch.stack([rows.real, rows.imag]).to(slab.device, slab.dtype)
+        add_lines(slab, pieces, both, sums, None, None, None)
+        sums[0] += self.open
+        windows = torch.stack([rows[low - begin : high - begin].sum()
+                               for low, high in zip(edges, edges[1:], strict=False)])  # fmt: skip
+        windows[0] += self.open_window
+        whole = len(sums) - (end % self.length != 0)
+        self._close(sums[:whole], windows[:whole].to(slab.device))
+        done = whole == len(sums)
+        self.open = torch.zeros_like(self.open) if done else sums[-1]
+        self.open_window = 0j if done else complex(windows[-1])
+
+    def _close(self, sums: Tensor, windows: Tensor) -> None:
+        """Whole segments, (S, 2, P), and their windows' lines, (S,)."""
+        real, imaginary = sums.unbind(1)
+        self.line += torch.complex(real.sum(0), imaginary.sum(0))
+        self.power += sums.square().sum((0, 1))
+        self.cross += windows.real @ real + windows.imag @ imaginary
+        self.window += complex(windows.sum())
+        self.window_power += float(windows.abs().square().sum())
+
+    def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
+        """(P,)."""
+        line = self.line - mean * self.window
+        power = self.power - 2 * mean * self.cross + mean**2 * self.window_power
+        power = self.count * power
+        # A constant probe leaves rounding behind, which would be coherent with itself.
+        floor = (self.count * self.length * self.rounding) ** 2 * mean_square
+        return torch.where(power > floor, line.abs() ** 2 / power.clamp(min=1e-300), 0.0)

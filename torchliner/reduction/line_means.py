@@ -1,0 +1,155 @@
+r"""From moments to what the phase rules take: lines of the reflected tone at any frequency.
+
+With the window :math:`w = \sum_q c_q e^{2\pi jqk/N}` over N samples the line f of the reply to
+:math:`e^{j\omega t}` is :math:`\sum_q c_q \sum_k e^{2\pi jqk/N} R(f - q f_s/N, |v_k|)`, that of the
+reply to :math:`e^{-j\omega t}` has :math:`e^{-2j\omega t_k}` beside. With weight 1 over whole
+periods, the default, q is 0 alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from torchliner.reduction.basis import Basis, Response
+from torchliner.reduction.plan import PassPlan, index_of, merged
+from torchliner.reduction.speed_sums import GroupMoments
+from torchliner.signals.windows import Window
+
+
+def window_lines(
+    window: Window, start: int, sampling_rate: float
+) -> list[tuple[float, complex]]:
+    """Hz and coefficient, phase counted from sample 0, of each wave of which a window is made.
+
+    Raises:
+        ValueError: a window that is no sum of few cosines.
+    """
+    if not window.lines:
+        raise ValueError(
+            f"window {window.name!r} is no sum of few cosines over {len(window.weights)} samples, "
+            "which alone engine 'spectral' weighs exactly; choose 'hann', 'hamming', 'blackman', "
+            "'boxcar' or another such, or engine='unfold'"
+        )
+    step = 1 / len(window.weights)
+    turn = torch.exp(-2j * torch.pi * torch.tensor(step * start, dtype=torch.float64))
+    return [(q * step * sampling_rate, c * complex(turn) ** q) for q, c in window.lines]
+
+
+def lines_needed(
+    window: list[tuple[float, complex]], frequency: Tensor, backward: bool
+) -> tuple[float, ...]:
+    """Rows that a pass has to sum, Hz."""
+    found = [line for line, _ in window]
+    if backward:
+        found += [2 * f - line for f in frequency.tolist() for line, _ in window]
+    return merged(found)
+
+
+class LineReader:
+    """Lines at some frequencies (Hz) of a liner, from the moments of any columns.
+
+    Args:
+        plan, basis: of the moments.
+        window: its lines, of ``window_lines``.
+        frequency: Hz, (F,).
+        response: R of frequency and |v|.
+        backward: whether the reply to e^{-j omega t} is asked for.
+    """
+
+    def __init__(
+        self, plan: PassPlan, basis: Basis, window: list[tuple[float, complex]],
+        frequency: Tensor, response: Response, backward: bool,
+    ) -> None:  # fmt: skip
+        self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
+        self.frequency = frequency
+        read = (frequency[:, None] - torch.tensor([line for line, _ in window])).flatten()
+        if float(read.min()) <= 0:
+            raise ValueError(
+                f"the window's lines reach down to {float(read.min()):g} Hz around "
+                f"{float(frequency.min()):g} Hz; take a longer record, or leave window out"
+            )
+        values = response(read, basis.speeds)
+        self.coefficients = basis.coefficients(values).unflatten(0, (len(frequency), len(window)))
+        for line in lines_needed(window, frequency, backward):
+            if index_of(plan.lines, line) is None:
+                raise ValueError(
+                    f"the moments hold no sums of waves of {line:.9g} Hz, which the phase rule or "
+                    f"the window needs (there are: {', '.join(f'{each:.6g}' for each in plan.lines)}"
+                    f"{'' if plan.lines else 'none'}); reduce the data again with that phase rule, "
+                    "frequency and window, or choose phase='averaged'"
+                )
+
+    def _moment(self, sums: Tensor, line: float) -> tuple[Tensor, Tensor | None]:
+        """Real and imaginary part of the sums of T_k e^{-2 pi j line t}, (..., K, P) each."""
+        place = index_of(self.plan.lines, abs(line)) if line else None
+        if place is None:
+            return sums[..., 0, :, :], None
+        sign = -1.0 if line > 0 else 1.0
+        count = len(self.plan.lines)
+        return sums[..., 1 + place, :, :], sign * sums[..., 1 + count + place, :, :]
+
+    def _sum(self, sums: Tensor, parts: list[tuple[Tensor, float]]) -> Tensor:
+        """sum over parts of c_k times the moment at a line, (P, F or 1)."""
+        total: Tensor | None = None
+        for coefficients, line in parts:
+            real, imaginary = self._moment(sums, line)
+            found = _product(coefficients, real)
+            if imaginary is not None:
+                found = found + 1j * _product(coefficients, imaginary)
+            total = found if total is None else total + found
+        assert total is not None
+        return total
+
+    def forward(self, group: GroupMoments) -> Tensor:
+        """Lines of the reply to e^{j omega t}, complex128, (P, F)."""
+        parts = [
+            (c * self.coefficients[:, i], -line) for i, (line, c) in enumerate(self.window)
+        ]
+        return self._sum(group.totals, parts)
+
+    def reply_backward(self, group: GroupMoments) -> Tensor | None:
+        """Lines of the reply to e^{-j omega t}, (P, F); None unless asked for."""
+        if not self.backward:
+            return None
+        return torch.cat(
+            [
+                self._sum(
+                    group.totals,
+                    [(c * self.coefficients[f : f + 1, i], 2 * value - line)
+                     for i, (line, c) in enumerate(self.window)],
+                )
+                for f, value in enumerate(self.frequency.tolist())
+            ],
+            dim=1,
+        )  # fmt: skip
+
+    def of_blocks(self, group: GroupMoments) -> tuple[Tensor, Tensor | None] | None:
+        """Means of R and of R e^{-2 j omega t} over each block, (S, P, F); None without blocks."""
+        if group.of_blocks is None:
+            return None
+        sums = group.of_blocks[: self.plan.rest]
+        lengths = self.plan.blocks.lengths.to(sums.device)[:, None, None]
+        middle = next(i for i, (line, _) in enumerate(self.window) if line == 0)
+        own = self.coefficients[:, middle].detach()
+
+        def means(read: Callable[[Tensor], Tensor]) -> Tensor:
+            return torch.stack([read(block) for block in sums]) / lengths
+
+        forward = means(lambda block: self._sum(block, [(own, 0.0)]))
+        if not self.backward:
+            return forward, None
+        backward = [
+            means(lambda block, f=f, value=value: self._sum(block, [(own[f : f + 1], 2 * value)]))
+            for f, value in enumerate(self.frequency.tolist())
+        ]
+        return forward, torch.cat(backward, dim=-1)
+
+
+def _product(coefficients: Tensor, sums: Tensor) -> Tensor:
+    """c_k, complex, (F, K), times real moments, (K, P): (P, F)."""
+    coefficients = coefficients.to(sums.device)
+    wide = sums.T.to(torch.float64)
+    return torch.complex(wide @ coefficients.real.T, wide @ coefficients.imag.T)

@@ -1,0 +1,205 @@
+"""The one or two readings of a plane: survey and moments, and moments that need the survey."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.records.cells import Cells
+from torchliner.reduction.basis import Chebyshev, Levels
+from torchliner.reduction.coherent_survey import with_coherent
+from torchliner.reduction.drive import DriveSpeed
+from torchliner.reduction.moments import PlaneSums
+from torchliner.reduction.periodic import Harmonics, PeriodicPart, PeriodicSums
+from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
+from torchliner.reduction.sources import Columns, in_full_precision
+from torchliner.reduction.speed_sums import SpeedSums, constant_moments
+from torchliner.reduction.survey import Survey, SurveySums
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of the readings.
+
+    Args:
+        plan: pieces, blocks and rows.
+        tones: Hz, whose lines in v and coherence are measured, (F,).
+        weights: window of these lines, float64, (n,).
+        basis: functions of |v|; None for a survey alone.
+        drive, mean: see ``DriveSpeed``.
+        running_samples: of the drive ``running-rms``.
+        harmonics: of the periodic part, for the order ``coherent first``; else None.
+        oncoming_rms: m/s, see ``PeriodicPart.with_oncoming``.
+        keeps_blocks: whether sums over blocks are kept, for error bars.
+        velocity_blocks: whether those of v too, of all columns rather than of cells alone.
+        true_extremes: whether those of v* are wanted, not bounds of them.
+    """
+
+    plan: PassPlan
+    tones: Tensor
+    weights: Tensor
+    basis: Chebyshev | Levels | None
+    drive: str = "instantaneous"
+    mean: str = "kept"
+    running_samples: int = 1
+    harmonics: Harmonics | None = None
+    oncoming_rms: float | None = None
+    keeps_blocks: bool = True
+    velocity_blocks: bool = False
+    true_extremes: bool = False
+
+    @property
+    def needs_survey(self) -> bool:
+        """Whether |v| of the probes follows from the survey or from neighbouring samples."""
+        return self.drive != "instantaneous" or self.mean == "removed"
+
+
+@dataclass(frozen=True)
+class First:
+    """What the first reading leaves.
+
+    Args:
+        survey: of probes and cells.
+        periodic: of the probes, or None.
+        sums: moments of probes and cells; none where they need the survey.
+    """
+
+    survey: Survey
+    periodic: PeriodicPart | None
+    sums: list[SpeedSums]
+
+
+def read_once(
+    velocity: ProbeVelocity, wanted: Wanted, cells: Cells, used: Tensor, progress: Progress | None
+) -> tuple[First, list[str]]:
+    """First reading: survey, periodic part and, unless they need the survey, moments.
+
+    Args:
+        velocity: probes and averages over cells.
+        wanted: what for.
+        cells: of the averages.
+        used: probes without faults, (P,).
+        progress: called with numbers of samples done.
+    Returns:
+        What was summed; a note if memory ran out and slabs were made smaller.
+    """
+
+    def work() -> First:
+        periodic = None
+        if wanted.harmonics is not None:
+            periodic = PeriodicSums(wanted.harmonics, cells, used, velocity.device)
+        last = len(velocity.widths) - 1
+        surveys = [
+            SurveySums(
+                wanted.plan, wanted.tones, wanted.weights, width, velocity.device,
+                wanted.keeps_blocks and (wanted.velocity_blocks or i == last),
+                periodic if i == 0 else None,
+            )
+            for i, width in enumerate(velocity.widths)
+        ]  # fmt: skip
+        sums = [] if wanted.needs_survey else _speed_sums(velocity, wanted, velocity.widths)
+        _first(velocity, surveys, sums, progress)
+        found = [each.result() for each in surveys]
+        joined = Survey.join(found)
+        if not wanted.velocity_blocks:
+            joined = dataclasses.replace(joined, blocks=None)
+        joined = dataclasses.replace(joined, cell_blocks=found[-1].blocks)
+        return First(joined, None if periodic is None else periodic.result(), sums)
+
+    return with_smaller_slabs(velocity, work)
+
+
+def _speed_sums(
+    velocity: ProbeVelocity, wanted: Wanted, widths: tuple[int, ...]
+) -> list[SpeedSums]:
+    if wanted.basis is None:
+        return []
+    return [
+        SpeedSums(
+            wanted.plan, wanted.basis, width, velocity.dtype, velocity.device, wanted.keeps_blocks
+        )
+        for width in widths
+    ]
+
+
+@in_full_precision
+def _first(
+    velocity: ProbeVelocity, surveys: list[SurveySums], sums: list[SpeedSums],
+    progress: Progress | None,
+) -> None:  # fmt: skip
+    bounds = velocity.bounds()
+    for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
+        for survey, slab in zip(surveys, slabs, strict=True):
+            survey.add(begin, slab)
+        for each, slab in zip(sums, slabs, strict=bool(sums)):
+            each.add(begin, Columns(slab))
+        if progress is not None:
+            progress(end - begin)
+
+
+def read_again(
+    velocity: ProbeVelocity,
+    wanted: Wanted,
+    first: First,
+    cells: Cells,
+    used: Tensor,
+    progress: Progress | None,
+) -> tuple[DriveSpeed, PlaneSums, list[str]]:
+    """What needs the survey: v* of ``coherent first``, and |v| that a statistic enters.
+
+    Args:
+        velocity, wanted, cells, used, progress: as for ``read_once``.
+        first: of ``read_once``.
+    Returns:
+        |v| for the other engines; all sums; notes.
+    """
+    seen, periodic = first.survey, first.periodic
+    if periodic is not None:
+        if wanted.oncoming_rms is not None:
+            squares = seen.mean_square[: len(used)]
+            periodic = periodic.with_oncoming(wanted.oncoming_rms, squares, cells)
+        blocks = wanted.plan.blocks if wanted.keeps_blocks else None
+        seen = with_coherent(seen, periodic, cells, wanted.tones, wanted.weights, blocks)
+    drive = DriveSpeed(
+        velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic
+    )
+    if periodic is not None and wanted.true_extremes:
+        seen = drive.with_extremes(seen)
+    groups, notes = [each.result() for each in first.sums], []
+    if wanted.basis is not None and wanted.drive == "rms":
+        groups = [constant_moments(wanted.plan, wanted.basis, rms.double()) for rms in drive.rms]
+    elif wanted.basis is not None and len(groups) < len(drive.widths):
+        missing = range(len(groups), len(drive.widths))
+
+        def work() -> list[SpeedSums]:
+            sums = _speed_sums(velocity, wanted, tuple(drive.widths[i] for i in missing))
+            _second(drive, missing, sums, progress)
+            return sums
+
+        more, notes = with_smaller_slabs(velocity, work)
+        groups += [each.result() for each in more]
+    elif progress is not None:
+        progress(velocity.samples)
+    found = PlaneSums(
+        wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, tuple(groups)
+    )
+    return drive, found, notes
+
+
+@in_full_precision
+def _second(
+    drive: DriveSpeed, groups: range, sums: list[SpeedSums], progress: Progress | None
+) -> None:
+    bounds = drive.bounds()
+    for (begin, end), slabs in zip(bounds, drive.slabs(bounds, groups), strict=True):
+        for each, columns in zip(sums, slabs, strict=True):
+            each.add(begin, columns)
+        if progress is not None:
+            progress(end - begin)

@@ -1,0 +1,246 @@
+"""The first pass over a plane: what must be known of the whole record before it is replayed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.records import VelocityPlane
+from torchliner.records.slabs import slab_bounds
+from torchliner.reduction.coherence import ToneCoherence
+from torchliner.reduction.periodic import PeriodicSums
+from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.sums import add_lines
+from torchliner.signals.tones import line_sums, waves
+
+
+@dataclass(frozen=True)
+class VelocityBlocks:
+    """Means over S blocks of the record.
+
+    Args:
+        mean: of v, m/s, (S, P).
+        mean_square: of v, m2/s2, (S, P).
+        line: of v e^{-j omega t}, m/s, complex128, (S, P, F).
+    """
+
+    mean: Tensor
+    mean_square: Tensor
+    line: Tensor
+
+    @classmethod
+    def join(cls, parts: Sequence[VelocityBlocks]) -> VelocityBlocks:
+        """Groups of columns side by side."""
+        return cls(*(torch.cat([getattr(p, n) for p in parts], dim=1) for n in vars(parts[0])))
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Sums over a whole record, float64 or complex128.
+
+    Args:
+        mean: m/s, (P,).
+        mean_square: of v, m2/s2, (P,).
+        smallest, largest: of v, m/s, (P,).
+        bad: number of samples that are nan or inf, (P,); the other sums of such a column are nan.
+        first_bad: time index of the first of them, -1 if none, (P,).
+        line: sum of w (v - mean) e^{-j omega t}, (P, F); nan where no tone was asked for.
+        coherence: of v with a steady tone, 0 to 1, (P, F).
+        segments: behind ``coherence`` at each frequency, F of them.
+        blocks, cell_blocks: means over blocks of the record, of all columns where they were asked
+            for, of the cells, the last group, wherever there are blocks.
+    """
+
+    mean: Tensor
+    mean_square: Tensor
+    smallest: Tensor
+    largest: Tensor
+    bad: Tensor
+    first_bad: Tensor
+    line: Tensor
+    coherence: Tensor
+    segments: tuple[int, ...]
+    blocks: VelocityBlocks | None = None
+    cell_blocks: VelocityBlocks | None = None
+
+    @property
+    def rms(self) -> Tensor:
+        """rms of v with its mean removed, eq. (3.6), (P,)."""
+        return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+    @classmethod
+    def join(cls, parts: Sequence[Survey]) -> Survey:
+        """Groups of columns side by side."""
+        columns = set(vars(parts[0])) - {"segments", "blocks", "cell_blocks"}
+        joined: Any = {name: torch.cat([getattr(p, name) for p in parts]) for name in columns}
+        blocks = [part.blocks for part in parts if part.blocks is not None]
+        kept = VelocityBlocks.join(blocks) if blocks else None
+        return dataclasses.replace(parts[0], **joined, blocks=kept)
+
+    def to_frequencies(self, place: Tensor) -> Survey:
+        """With the lines at ``place``, int64, (F,), of those that were measured; -1: nan."""
+        missing = place < 0
+
+        def pick(values: Tensor) -> Tensor:
+            if values.shape[-1] == 0:
+                return torch.full((*values.shape[:-1], len(place)), torch.nan).to(values)
+            return torch.where(missing.to(values.device), torch.nan, values[..., place.clamp(min=0)])
+
+        def of_blocks(blocks: VelocityBlocks | None) -> VelocityBlocks | None:
+            return None if blocks is None else dataclasses.replace(blocks, line=pick(blocks.line))
+
+        return dataclasses.replace(
+            self, line=pick(self.line), coherence=pick(self.coherence),
+            segments=tuple(self.segments[i] if i >= 0 else 0 for i in place.tolist()),
+            blocks=of_blocks(self.blocks), cell_blocks=of_blocks(self.cell_blocks),
+        )  # fmt: skip
+
+
+class SurveySums:
+    """Running sums of one group of columns.
+
+    Args:
+        plan: pieces and blocks.
+        tones: Hz, whose lines and coherence are wanted, (F,).
+        weights: window over the n samples, float64, (n,).
+        width: P.
+        keeps_blocks: whether the means over blocks are kept.
+        periodic: to be given the harmonics' sums.
+    """
+
+    def __init__(
+        self, plan: PassPlan, tones: Tensor, weights: Tensor, width: int, device: torch.device,
+        keeps_blocks: bool, periodic: PeriodicSums | None = None,
+    ) -> None:  # fmt: skip
+        self.plan, self.tones, self.weights, self.periodic = plan, tones.cpu(), weights, periodic
+        self.flat = bool((weights[plan.begin : plan.end] == weights[plan.begin]).all())
+        self.harmonics = 0 if periodic is None else len(periodic.harmonics.owner) - 1
+        count = 1 + (2 if self.flat else 4) * len(tones) + self.harmonics
+        zeros = torch.zeros(count, width, dtype=torch.float64, device=device)
+        self.current, self.total = zeros, zeros.clone()
+        self.weighed = zeros[1 : 1 + 2 * len(tones)].clone()
+        self.current_square = torch.zeros(width, dtype=torch.float64, device=device)
+        self.square = self.current_square.clone()
+        self.smallest = torch.full_like(self.square, torch.inf)
+        self.largest = torch.full_like(self.square, -torch.inf)
+        self.bad = torch.zeros(width, dtype=torch.int64, device=device)
+        self.first_bad = torch.full_like(self.bad, -1)
+        self.coherence = ToneCoherence(plan, self.tones, width, device)
+        self.means: list[tuple[Tensor, Tensor]] | None = [] if keeps_blocks else None
+        self.open: tuple[int, int, int] | None = None  # block, its first sample and the next
+
+    def _rows(self, low: int, high: int) -> Tensor:
+        """Ones; waves; the same under the window if it is not flat; harmonics: (R, t)."""
+        turning = waves(self.tones, self.plan.sampling_rate, low, high)
+        parts = [torch.ones(1, high - low, dtype=torch.float64), turning.real, turning.imag]
+        if not self.flat:
+            weighed = turning * self.weights[low:high]
+            parts += [weighed.real, weighed.imag]
+        if self.periodic is not None:
+            parts.append(self.periodic.harmonics.rows(low, high)[1:])
+        return torch.cat(parts)
+
+    def add(self, begin: int, slab: Tensor) -> None:
+        """Samples from ``begin`` on, (t, P), in order."""
+        end = begin + len(slab)
+        rows = self._rows(begin, end).to(slab.device, slab.dtype)
+        for number, pieces in _by_block(self.plan.pieces(begin, end, weighed=False)):
+            low, high = begin + pieces[0][0], begin + pieces[-1][1]
+            if self.open is not None and self.open[0] != number:
+                self._close()
+            first = low if self.open is None else self.open[1]
+            self.open = number, first, high
+            add_lines(
+                slab, [(a, b, 0) for a, b, _ in pieces], rows, self.current[None],
+                self.current_square[None], self.smallest, self.largest,
+            )  # fmt: skip
+        self.coherence.add(begin, slab)
+        wrong = ~torch.isfinite(self.current[0] + self.total[0])
+        if bool(wrong.any()):
+            self._find_faults(begin, slab, wrong.nonzero()[:, 0])
+
+    def _find_faults(self, begin: int, slab: Tensor, columns: Tensor) -> None:
+        wrong = ~torch.isfinite(slab[:, columns])
+        new = wrong.any(0) & (self.first_bad[columns] < 0)
+        where = columns[new]
+        self.first_bad[where] = begin + wrong[:, new].to(torch.int8).argmax(0)
+        self.bad[columns] += wrong.sum(0)
+
+    def _close(self) -> None:
+        """The block that is open is complete."""
+        assert self.open is not None
+        number, low, high = self.open
+        count = 2 * len(self.tones)
+        self.total += self.current
+        self.square += self.current_square
+        if number <= self.plan.rest:
+            self.weighed += self.current[1 : 1 + count]
+        if self.means is not None and number < self.plan.rest:
+            self.means.append(
+                (self.current[: 1 + count] / (high - low), self.current_square / (high - low))
+            )
+        if self.periodic is not None:
+            own = torch.cat([self.current[:1], self.current[len(self.current) - self.harmonics :]])
+            self.periodic.add(low, high, own)
+        self.current.zero_()
+        self.current_square.zero_()
+        self.open = None
+
+    def result(self) -> Survey:
+        """After the last sample."""
+        if self.open is not None:
+            self._close()
+        n, count = self.plan.samples, len(self.tones)
+        mean = self.total[0] / n
+        begin, end = self.plan.begin, self.plan.end
+        if self.flat:
+            of_window = self.plan.wave_sums(self.tones) * self.weights[begin]
+            lines = torch.complex(*self.weighed.chunk(2)) * self.weights[begin]
+        else:
+            of_window = line_sums(self.weights, self.tones, self.plan.sampling_rate)
+            lines = torch.complex(*self.total[1 + 2 * count : 1 + 4 * count].chunk(2))
+        lines = lines - of_window.to(mean.device)[:, None] * mean
+        return Survey(
+            mean, self.square / n, self.smallest, self.largest, self.bad, self.first_bad, lines.T,
+            self.coherence.result(mean, self.square / n).T, self.coherence.counts, self._blocks(),
+        )  # fmt: skip
+
+    def _blocks(self) -> VelocityBlocks | None:
+        if self.means is None:
+            return None
+        linear, square = (torch.stack(each) for each in zip(*self.means, strict=True))
+        line = torch.complex(*linear[:, 1:].chunk(2, dim=1))
+        return VelocityBlocks(linear[:, 0], square, line.movedim(1, 2))
+
+
+def _by_block(
+    pieces: Sequence[tuple[int, int, int]],
+) -> Iterator[tuple[int, list[tuple[int, int, int]]]]:
+    """Runs of pieces of one block."""
+    run: list[tuple[int, int, int]] = []
+    for piece in pieces:
+        if run and piece[2] != run[0][2]:
+            yield run[0][2], run
+            run = []
+        run.append(piece)
+    if run:
+        yield run[0][2], run
+
+
+def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), by slabs in float64."""
+    total = torch.zeros(plane.probes, dtype=torch.float64)
+    square = torch.zeros_like(total)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().to(torch.float64)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+    return total / plane.samples, square / plane.samples
+
+
+Progress = Callable[[int], None]
