@@ -1,0 +1,154 @@
+"""The two inner sums of one pass over a plane, in torch alone: the reference, on any device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+ROWS = 256  # of a piece, at most: float32 sums of more lose digits
+DIGIT = 2.0**32
+
+
+class Taken(Protocol):
+    """What is taken off the velocity, v* = scale v - rows @ coefficients; in the slab's precision.
+
+    Args:
+        rows: (t, J).  coefficients: (J, P), m/s.  scale: (P,), dimensionless, or None for 1.
+    """
+
+    rows: Tensor
+    coefficients: Tensor
+    scale: Tensor | None
+
+
+Pieces = Sequence[tuple[int, int, int]]
+
+
+def add_moments(
+    slab: Tensor,
+    pieces: Pieces,
+    count: int,
+    centre: float,
+    rows: Tensor | None,
+    taken: Taken | None,
+    totals: Tensor,
+    of_blocks: Tensor | None,
+) -> None:
+    r"""Add the moments of :math:`|v^*|` of some rows of a plane, piece by piece.
+
+    The moment k of a piece is :math:`\sum_n w_n T_k(x_n)`, :math:`x = (|v^*| - c)/(|v^*| + c)`,
+    with Chebyshev's :math:`T_k`. The sum of a piece, made in the slab's precision, is rounded to a
+    multiple of :math:`2^{-32}` before it is added: float64 holds sums of such numbers exactly below
+    :math:`2^{21}`, so totals do not depend on the order, or the slabs, in which pieces are added.
+
+    Args:
+        slab: (t, P), v in m/s, float32 or float64.
+        pieces: (low, high, block): rows low to high - 1, at most 256, belong to a block of time;
+            rows in no piece are left out.
+        count: K >= 2, orders 0 to K - 1.  centre: c > 0, m/s.
+        rows: (R - 1, t), weights of the further rows, or None; row 0 has weight 1.
+        taken: what is taken off v first, or None.
+        totals: (R, K, P), float64, added to.  of_blocks: (S, R, K, P), added to, or None.
+    A nan or inf makes the moments of its own column nan, but order 0, the sum of the weights.
+    """
+    known = weight_sums(slab, pieces, rows)
+    signs, turns = _signs(count)
+    for left, right in _tiles(slab, 1024):
+        columns = slice(left, right)
+        for (low, high, block), weight in zip(pieces, known, strict=True):
+            v = slab[low:high, columns]
+            if taken is not None:
+                v = v * taken.scale[columns] if taken.scale is not None else v.clone()
+                v.addmm_(taken.rows[low:high], taken.coefficients[:, columns], alpha=-1)
+            w = slab.new_ones((len(weight), high - low))
+            if rows is not None:
+                w[1:] = rows[:, low:high]
+            sums = slab.new_empty((count, len(weight), right - left))
+            speed = v.abs()
+            twice = (speed - centre).mul_(2).div_(speed.add_(centre))
+            before, now = speed.fill_(1), twice / 2
+            for k in range(1, count):
+                if k > 1:
+                    torch.addcmul(before, twice, now, value=turns[k], out=before)
+                    before, now = now, before
+                torch.mm(w, now, out=sums[k])
+            exact = rounded(sums.double() * signs.to(slab.device)[:, None, None])
+            exact[0] = weight[:, None].to(slab.device)
+            totals[:, :, columns] += exact.transpose(0, 1)
+            if of_blocks is not None:
+                of_blocks[block, :, :, columns] += exact.transpose(0, 1).to(slab.dtype)
+
+
+def add_lines(
+    slab: Tensor,
+    pieces: Pieces,
+    rows: Tensor,
+    sums: Tensor,
+    squares: Tensor | None,
+    smallest: Tensor | None,
+    largest: Tensor | None,
+) -> None:
+    """Add weighted sums of v over the rows of each piece to those of its block.
+
+    Args:
+        slab, pieces: see ``add_moments``.  rows: (R, t), weights in the slab's precision.
+        sums: (B, R, P), float64, added to; m/s.
+        squares: (B, P), float64, sums of v^2 added to, (m/s)^2, or None.
+        smallest, largest: (P,), float64, extremes of v so far, m/s, or None.
+    A nan or inf spoils the sums and extremes of its own column alone.
+    """
+    for left, right in _tiles(slab, 4096):
+        columns = slice(left, right)
+        for low, high, block in pieces:
+            v = slab[low:high, columns]
+            sums[block, :, columns] += rows[:, low:high] @ v
+            if squares is not None:
+                squares[block, columns] += v.square().sum(0)
+            if smallest is not None:
+                torch.minimum(smallest[columns], v.amin(0), out=smallest[columns])
+            if largest is not None:
+                torch.maximum(largest[columns], v.amax(0), out=largest[columns])
+
+
+def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:
+    """Moments of order 0, the sums of the weights of each piece: (pieces, R), float64, on the CPU.
+
+    Raises:
+        ValueError: if a piece has no row, more than 256, or rows that the slab has not.
+    """
+    known = torch.empty(len(pieces), 1 if rows is None else 1 + len(rows), dtype=torch.float64)
+    for weight, (low, high, _) in zip(known, pieces, strict=True):
+        if not (0 <= low < high <= len(slab) and high - low <= ROWS):
+            raise ValueError(f"a piece is 1 to {ROWS} of the {len(slab)} rows, not {low} to {high}")
+        weight[0] = high - low
+        if rows is not None:
+            weight[1:] = rows[:, low:high].sum(1, dtype=torch.float64)
+    return rounded(known)
+
+
+def rounded(sums: Tensor) -> Tensor:
+    """float64 to the nearest multiple of 2^-32, half to even."""
+    return (sums * DIGIT).round_().div_(DIGIT)
+
+
+def _tiles(slab: Tensor, width: int) -> list[tuple[int, int]]:
+    """Columns that stay in the cache of a CPU while they are worked on; else few launches."""
+    width = width if slab.device.type == "cpu" else 1 << 16
+    columns = slab.shape[1]
+    return [(left, min(left + width, columns)) for left in range(0, columns, width)]
+
+
+def _signs(count: int) -> tuple[Tensor, list[int]]:
+    """Signs s_k for which the recurrence of s_k T_k is one ``addcmul``, and its factors.
+
+    T_k = 2 x T_{k-1} - T_{k-2} takes its last term away; with s_k = -s_{k-2} it is added:
+    s_k T_k = s_{k-2} T_{k-2} + (s_k s_{k-1}) 2 x s_{k-1} T_{k-1}.
+    """
+    signs = [1, 1]
+    for k in range(2, count):
+        signs.append(-signs[k - 2])
+    turns = [0, 0] + [signs[k] * signs[k - 1] for k in range(2, count)]
+    return torch.tensor(signs[:count], dtype=torch.float64), turns

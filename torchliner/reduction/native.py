@@ -1,0 +1,298 @@
+"""The sums of ``eager`` by a C++ file that is built on first use, where there is a compiler.
+
+``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.reduction.eager import Pieces, Taken, weight_sums
+
+SOURCE = Path(__file__).with_name("sums.cpp")
+# Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
+FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
+SECONDS = 120.0  # that a compiler may take
+TILE = 64  # columns; the ranges of threads begin at multiples of it
+
+reason: str | None = None  # why it could not be had, after `available()`
+
+
+def available() -> bool:
+    """Whether the compiled sums can be used here; builds them the first time.
+
+    Raises:
+        ValueError: if ``TORCHLINER_SUMS`` is neither empty, ``torch`` nor ``native``.
+        RuntimeError: with the reason, if it is ``native`` and they cannot be had.
+    """
+    wanted = os.environ.get("TORCHLINER_SUMS", "")
+    if wanted not in ("", "torch", "native"):
+        raise ValueError(f"TORCHLINER_SUMS is {wanted!r}; use 'torch', 'native' or leave it unset")
+    if wanted == "torch":
+        return False
+    there = _library() is not None
+    if wanted == "native" and not there:
+        raise RuntimeError(f"TORCHLINER_SUMS=native, but the compiled sums failed: {reason}")
+    return there
+
+
+def add_moments(
+    slab: Tensor,
+    pieces: Pieces,
+    count: int,
+    centre: float,
+    rows: Tensor | None,
+    taken: Taken | None,
+    totals: Tensor,
+    of_blocks: Tensor | None,
+) -> None:
+    """``eager.add_moments`` on a CPU, to the same bits for any threads and any order of columns.
+
+    Raises:
+        ValueError, IndexError: where a tensor or a block does not fit; nothing is added then.
+    """
+    known = weight_sums(slab, pieces, rows)
+    further, dtype, (length, columns) = known.shape[1], slab.dtype, slab.shape
+    weights = None if rows is None else rows.contiguous()
+    slab_of, kept = _slab(slab, pieces, taken, of_blocks)
+    moments = _Moments(
+        _address(weights, (further - 1, length), dtype),
+        length,
+        further,
+        count,
+        centre,
+        _address(known, known.shape),
+        _address(totals, (further, count, columns)),
+        _address(of_blocks, (-1, further, count, columns), dtype),
+    )
+    _over_columns("moments", slab, slab_of, moments)
+    del kept  # till here: what the addresses point to
+
+
+def add_lines(
+    slab: Tensor,
+    pieces: Pieces,
+    rows: Tensor,
+    sums: Tensor,
+    squares: Tensor | None,
+    smallest: Tensor | None,
+    largest: Tensor | None,
+) -> None:
+    """``eager.add_lines`` on a CPU; see ``add_moments``."""
+    weight_sums(slab, pieces, None)
+    count, columns = len(rows), slab.shape[1]
+    if rows.dtype != slab.dtype or rows.shape[1:] != slab.shape[:1]:
+        raise ValueError(f"weights {tuple(rows.shape)} {rows.dtype} of a slab {tuple(slab.shape)}")
+    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % 4))
+    slab_of, kept = _slab(slab, pieces, None, sums)
+    lines = _Lines(
+        weights.data_ptr(),
+        len(slab),
+        count,
+        _address(sums, (-1, count, columns)),
+        _address(squares, (len(sums), columns)),
+        _address(smallest, (columns,)),
+        _address(largest, (columns,)),
+    )
+    _over_columns("lines", slab, slab_of, lines)
+    del kept
+
+
+class _Slab(ctypes.Structure):
+    _fields_ = [
+        ("v", ctypes.c_void_p),
+        ("row_stride", ctypes.c_int64),
+        ("column_stride", ctypes.c_int64),
+        ("columns", ctypes.c_int64),
+        ("pieces", ctypes.c_void_p),
+        ("piece_count", ctypes.c_int64),
+        ("taken_rows", ctypes.c_void_p),
+        ("taken_coefficients", ctypes.c_void_p),
+        ("scale", ctypes.c_void_p),
+        ("taken_count", ctypes.c_int64),
+    ]
+
+
+class _Moments(ctypes.Structure):
+    _fields_ = [
+        ("weights", ctypes.c_void_p),
+        ("weight_stride", ctypes.c_int64),
+        ("rows", ctypes.c_int64),
+        ("count", ctypes.c_int64),
+        ("centre", ctypes.c_double),
+        ("known", ctypes.c_void_p),
+        ("totals", ctypes.c_void_p),
+        ("of_blocks", ctypes.c_void_p),
+    ]
+
+
+class _Lines(ctypes.Structure):
+    _fields_ = [
+        ("weights", ctypes.c_void_p),
+        ("weight_stride", ctypes.c_int64),
+        ("rows", ctypes.c_int64),
+        ("sums", ctypes.c_void_p),
+        ("squares", ctypes.c_void_p),
+        ("smallest", ctypes.c_void_p),
+        ("largest", ctypes.c_void_p),
+    ]
+
+
+def _slab(
+    slab: Tensor, pieces: Pieces, taken: Taken | None, of_blocks: Tensor | None
+) -> tuple[_Slab, list[Any]]:
+    """What the C++ file knows of a slab, and what must live as long."""
+    table = torch.tensor(list(pieces), dtype=torch.int64).reshape(-1, 3)
+    if of_blocks is not None and len(table):
+        first, last = int(table[:, 2].min()), int(table[:, 2].max())
+        if first < 0 or last >= len(of_blocks):
+            raise IndexError(f"blocks {first} to {last}, but room for {len(of_blocks)}")
+    length, columns = slab.shape
+    rows = coefficients = scale = None
+    if taken is not None:
+        rows, coefficients = taken.rows.contiguous(), taken.coefficients.contiguous()
+        scale = None if taken.scale is None else taken.scale.contiguous()
+    of = 0 if rows is None else rows.shape[1]
+    return _Slab(
+        slab.data_ptr(),
+        slab.stride(0),
+        slab.stride(1),
+        columns,
+        table.data_ptr(),
+        len(table),
+        _address(rows, (length, of), slab.dtype),
+        _address(coefficients, (of, columns), slab.dtype),
+        _address(scale, (columns,), slab.dtype),
+        of,
+    ), [table, rows, coefficients, scale]
+
+
+def _address(
+    tensor: Tensor | None, shape: Sequence[int], dtype: torch.dtype = torch.float64
+) -> int | None:
+    """Where a tensor lies, once it is what C++ takes it for; -1 in the shape: any length."""
+    if tensor is None:
+        return None
+    fits = len(tensor.shape) == len(shape) and all(
+        want in (-1, have) for have, want in zip(tensor.shape, shape, strict=True)
+    )
+    if not (fits and tensor.dtype == dtype and tensor.is_contiguous() and tensor.is_cpu):
+        have = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
+        raise ValueError(f"{have}, but a contiguous {tuple(shape)} {dtype} on a CPU is needed")
+    return tensor.data_ptr()
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "torchliner-sums")
+
+
+if hasattr(os, "register_at_fork"):  # the child has none of its parent's threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def _over_columns(name: str, slab: Tensor, *structures: ctypes.Structure) -> None:
+    """Call a function of the library over ranges of columns, one a thread of torch."""
+    library = _library()
+    kind = str(slab.dtype).removeprefix("torch.")
+    if library is None or kind not in ("float32", "float64") or not slab.is_cpu:
+        raise ValueError(f"no compiled sums of {slab.dtype} on {slab.device}: {reason}")
+    function = library[f"{name}_{kind}"]
+    columns = slab.shape[1]
+    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
+    given = [ctypes.byref(each) for each in structures]
+
+    def over(left: int) -> None:
+        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, columns)))
+
+    lefts = range(0, columns, max(share, 1))
+    others = [_pool().submit(over, left) for left in lefts[1:]]
+    for left in lefts[:1]:
+        over(left)
+    for other in others:
+        other.result()
+
+
+@functools.cache
+def _library() -> ctypes.CDLL | None:
+    """The compiled file, from the cache or built; None where that fails, and ``reason``."""
+    global reason
+    try:
+        library = ctypes.CDLL(str(_built()))
+        for function in ("moments_float32", "moments_float64", "lines_float32", "lines_float64"):
+            library[function].restype = None
+    except (OSError, AttributeError, subprocess.TimeoutExpired, RuntimeError) as problem:
+        reason = str(problem)
+        return None
+    reason = None
+    return library
+
+
+def _built() -> Path:
+    """The compiled file's path; its name holds all that it depends on.
+
+    Home directories are shared in clusters of unlike machines: the macros that the compiler
+    defines say its version and the instructions of this machine.
+    """
+    found = [path for name in ("g++", "clang++") if (path := shutil.which(name))]
+    compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
+    if not compiler:
+        raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
+    macros = _output([*compiler, *FLAGS, "-dM", "-E", "-x", "c++", os.devnull])
+    content = [SOURCE.read_bytes(), " ".join(FLAGS).encode(), macros]
+    key = hashlib.sha256(b"\0".join(content)).hexdigest()[:16]
+    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    folder = Path(home) / "torchliner"
+    target = folder / f"sums-{key}.so"
+    if not target.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        # Several workers may build at once: each into a name of its own, the last one stays.
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".sums-") as own:
+            part = Path(own) / target.name
+            _output([*compiler, *FLAGS, "-shared", "-o", str(part), str(SOURCE)])
+            part.replace(target)
+    return target
+
+
+def _output(command: Sequence[str]) -> bytes:
+    """What a compiler prints.
+
+    Raises:
+        RuntimeError: with its message, where it fails; subprocess.TimeoutExpired after SECONDS.
+    """
+    # A file, not a pipe, and a session of its own: a compiler's children, which outlive it when it
+    # is stopped, would hold a pipe open.
+    with tempfile.TemporaryFile() as printed:
+        with subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=printed,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        ) as process:
+            try:
+                failed = process.wait(SECONDS)
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+        printed.seek(0)
+        text = printed.read()
+    if failed:
+        last = text.decode(errors="replace").strip()[-500:]
+        raise RuntimeError(f"{shlex.join(command)} failed with code {failed}: {last}")
+    return text

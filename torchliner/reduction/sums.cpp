@@ -1,0 +1,273 @@
+// The sums of eager.py, which says what they mean, for columns first..last-1 of a slab of v.
+// A tile of columns and a chunk of rows are copied into the cache (transposed where need be, padded
+// with zeros to whole vectors, what is taken off them removed) and all sums are made there: so no
+// column knows its place, its neighbours or the number of threads.
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+
+#if defined(__AVX512F__)
+#define BYTES 64
+#elif defined(__AVX__)
+#define BYTES 32
+#else
+#define BYTES 16
+#endif
+#define UNROLL _Pragma("GCC unroll 8")
+
+extern "C" {
+struct Slab {
+  const void* v;
+  int64_t row_stride, column_stride, columns;
+  const int64_t* pieces;  // low, high, block of each
+  int64_t piece_count;
+  const void *taken_rows, *taken_coefficients, *scale;  // (t, J), (J, P), (P,), or null
+  int64_t taken_count;
+};
+struct Moments {
+  const void* weights;  // (R - 1, t)
+  int64_t weight_stride, rows, count;
+  double centre;
+  const double* known;  // (pieces, R): the sums of order 0
+  double* totals;       // (R, K, P)
+  void* of_blocks;      // (S, R, K, P) or null
+};
+struct Lines {
+  const void* weights;  // (R rounded up to a multiple of 4, t), the rows added being zero
+  int64_t weight_stride, rows;
+  double *sums, *squares, *smallest, *largest;  // (B, R, P), (B, P), (P,), (P,); the last three or null
+};
+}
+
+namespace {
+// Rows that are summed before they are added to the sum of a piece: few enough that float32 sums
+// of equal terms keep their digits, and that a chunk stays in the first cache.
+constexpr int CHUNK = 32;
+
+template <class T>
+struct Vector {
+  typedef T type __attribute__((vector_size(BYTES)));
+  static constexpr int lanes = BYTES / sizeof(T);
+};
+template <class T>
+using V = typename Vector<T>::type;
+template <class T>
+inline V<T> load(const T* p) {
+  V<T> v;
+  memcpy(&v, p, BYTES);
+  return v;
+}
+template <class T>
+inline void store(T* p, V<T> v) {
+  memcpy(p, &v, BYTES);
+}
+
+// Where to work: freed with the call, aligned to cache lines.
+template <class T>
+struct Scratch {
+  T* at;
+  explicit Scratch(size_t n) : at((T*)aligned_alloc(64, (n * sizeof(T) + 63) / 64 * 64)) {}
+  ~Scratch() { free(at); }
+};
+
+// What is taken off one tile of columns: coefficients (J, W) and scale (W), padded with zeros.
+template <class T>
+void take_tile(const Slab& s, long left, int n, int W, T* out) {
+  long J = s.taken_count;
+  std::fill(out, out + (J + 1) * W, T(0));
+  for (long j = 0; j < J; j++)
+    memcpy(out + j * W, (const T*)s.taken_coefficients + j * s.columns + left, n * sizeof(T));
+  for (int i = 0; i < n; i++) out[J * W + i] = s.scale ? ((const T*)s.scale)[left + i] : T(1);
+}
+
+// Rows t..t+rows-1 of columns left..left+n-1, as (rows, W); columns n..W-1 stay as they are (zero).
+template <class T>
+void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const T* taken, T* out) {
+  constexpr int N = Vector<T>::lanes;
+  const T* v = (const T*)s.v + t * s.row_stride + left * s.column_stride;
+  if (s.column_stride == 1)
+    for (int i = 0; i < rows; i++) memcpy(out + i * W, v + i * s.row_stride, n * sizeof(T));
+  else
+    for (int j = 0; j < n; j++)
+      for (int i = 0; i < rows; i++) out[i * W + j] = v[i * s.row_stride + j * s.column_stride];
+  if (!s.taken_rows) return;
+  const long J = s.taken_count;
+  for (int i = 0; i < rows; i += 4) {
+    const T* row[4];  // the last of fewer than four rows is done again
+    T* to[4];
+    for (int k = 0; k < 4; k++) {
+      row[k] = (const T*)s.taken_rows + (t + std::min(i + k, rows - 1)) * J;
+      to[k] = out + std::min(i + k, rows - 1) * W;
+    }
+    for (int j = 0; j < W; j += N) {
+      V<T> a[4];
+      UNROLL for (int k = 0; k < 4; k++) a[k] = load(to[k] + j) * load(taken + J * W + j);
+      for (long c = 0; c < J; c++) {
+        V<T> b = load(taken + c * W + j);
+        UNROLL for (int k = 0; k < 4; k++) a[k] -= row[k][c] * b;
+      }
+      UNROLL for (int k = 0; k < 4; k++) store(to[k] + j, a[k]);
+    }
+  }
+}
+
+// acc[k][r][j] += weighted sums of T_k over the rows, Q of them at once; R = 0: any number of rows.
+template <class T, int R, int Q>
+void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* acc) {
+  constexpr int N = Vector<T>::lanes;
+  const T c = m.centre;
+  const int K = m.count, all = R ? R : m.rows;
+  for (int t = 0; t < rows; t += Q)
+    for (int j = 0; j < W; j += N) {
+      V<T> x2[Q], p[Q], q[Q];
+      UNROLL for (int i = 0; i < Q; i++) {
+        V<T> a = load(v + (t + i) * W + j);
+        a = a > -a ? a : -a;
+        x2[i] = (2 * a - 2 * c) / (a + c);
+        q[i] = x2[i] * T(0.5);
+        p[i] = V<T>{} + T(1);
+      }
+      T* to = acc + all * W + j;
+      auto step = [&](const V<T>* f) {
+        V<T> s = f[0];
+        UNROLL for (int i = 1; i < Q; i++) s += f[i];
+        store(to, load(to) + s);
+        UNROLL for (int r = 1; r < all; r++) {
+          V<T> b = load(to + r * W);
+          UNROLL for (int i = 0; i < Q; i++) b += w[(r - 1) * m.weight_stride + t + i] * f[i];
+          store(to + r * W, b);
+        }
+        to += all * W;
+      };
+      int k = 1;
+      for (; k + 1 < K; k += 2) {
+        step(q);
+        UNROLL for (int i = 0; i < Q; i++) p[i] = x2[i] * q[i] - p[i];
+        step(p);
+        UNROLL for (int i = 0; i < Q; i++) q[i] = x2[i] * p[i] - q[i];
+      }
+      if (k < K) step(q);
+    }
+}
+
+template <class T, int R>
+void moments(const Slab& s, const Moments& m, long first, long last) {
+  const int K = m.count, all = m.rows;
+  // Running sums must stay in the first cache: narrower tiles where there are many.
+  const int W = (K * all > 64 ? 128 : 256) / sizeof(T);
+  const size_t size = (size_t)K * all * W;
+  Scratch<T> acc(size), piece(size), chunk(CHUNK * W), taken((s.taken_count + 1) * W);
+  for (long left = first; left < last; left += W) {
+    const int n = std::min<long>(W, last - left);
+    std::fill(chunk.at, chunk.at + CHUNK * W, T(0));
+    if (s.taken_rows) take_tile(s, left, n, W, taken.at);
+    for (long g = 0; g < s.piece_count; g++) {
+      const long low = s.pieces[3 * g], high = s.pieces[3 * g + 1], block = s.pieces[3 * g + 2];
+      std::fill(piece.at, piece.at + size, T(0));
+      for (long t = low; t < high; t += CHUNK) {
+        const int rows = std::min<long>(CHUNK, high - t), four = rows - rows % 4;
+        const T* w = (const T*)m.weights + t;
+        std::fill(acc.at, acc.at + size, T(0));
+        form_chunk(s, t, rows, left, n, W, taken.at, chunk.at);
+        add_orders<T, R, 4>(chunk.at, W, four, w, m, acc.at);
+        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at);
+        for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
+      }
+      for (int r = 0; r < all; r++)
+        for (int k = 0; k < K; k++) {
+          const T* from = piece.at + ((size_t)k * all + r) * W;
+          double* to = m.totals + ((long)r * K + k) * s.columns + left;
+          T* part = m.of_blocks
+                        ? (T*)m.of_blocks + ((block * all + r) * K + k) * s.columns + left
+                        : nullptr;
+          for (int j = 0; j < n; j++) {
+            // 3 * 2**19 has 2**-32 as its last digit: the sum is rounded there, half to even.
+            const double x = k ? (from[j] + 1572864.0) - 1572864.0 : m.known[g * all + r];
+            to[j] += x;
+            if (part) part[j] += T(x);
+          }
+        }
+    }
+  }
+}
+
+template <class T>
+void lines(const Slab& s, const Lines& l, long first, long last) {
+  constexpr int W = 256 / sizeof(T), N = Vector<T>::lanes;
+  const int four = (l.rows + 3) / 4 * 4;
+  Scratch<T> chunk(CHUNK * W);
+  Scratch<double> piece((four + 1) * W);
+  T part[4 * W];
+  V<T> low_v[W / N], high_v[W / N];
+  for (long left = first; left < last; left += W) {
+    const int n = std::min<long>(W, last - left);
+    std::fill(chunk.at, chunk.at + CHUNK * W, T(0));
+    UNROLL for (int j = 0; j < W / N; j++) low_v[j] = V<T>{} + T(1) / T(0), high_v[j] = -low_v[j];
+    for (long g = 0; g < s.piece_count; g++) {
+      const long low = s.pieces[3 * g], high = s.pieces[3 * g + 1], block = s.pieces[3 * g + 2];
+      std::fill(piece.at, piece.at + (four + 1) * W, 0.0);
+      for (long t = low; t < high; t += CHUNK) {
+        const int rows = std::min<long>(CHUNK, high - t);
+        form_chunk<T>(s, t, rows, left, n, W, nullptr, chunk.at);
+        for (int r = 0; r < four; r += 4) {
+          const T* w = (const T*)l.weights + r * l.weight_stride + t;
+          for (int j = 0; j < W; j += 2 * N) {
+            V<T> a[8] = {};
+            for (int i = 0; i < rows; i++) {
+              const V<T> x = load(chunk.at + i * W + j), y = load(chunk.at + i * W + j + N);
+              UNROLL for (int k = 0; k < 4; k++) {
+                a[2 * k] += w[k * l.weight_stride + i] * x;
+                a[2 * k + 1] += w[k * l.weight_stride + i] * y;
+              }
+            }
+            UNROLL for (int k = 0; k < 8; k++) store(part + k / 2 * W + j + k % 2 * N, a[k]);
+          }
+          for (int j = 0; j < 4 * W; j++) piece.at[r * W + j] += part[j];
+        }
+        for (int j = 0; j < W; j += N) {
+          V<T> square = {}, small = low_v[j / N], large = high_v[j / N];
+          for (int i = 0; i < rows; i++) {
+            const V<T> x = load(chunk.at + i * W + j);
+            square += x * x;
+            small = x < small ? x : small;
+            large = x > large ? x : large;
+          }
+          low_v[j / N] = small, high_v[j / N] = large;
+          store(part + j, square);
+        }
+        for (int j = 0; j < W; j++) piece.at[four * W + j] += part[j];
+      }
+      for (int r = 0; r < l.rows; r++)
+        for (int j = 0; j < n; j++)
+          l.sums[(block * l.rows + r) * s.columns + left + j] += piece.at[r * W + j];
+      for (int j = 0; l.squares && j < n; j++)
+        l.squares[block * s.columns + left + j] += piece.at[four * W + j];
+    }
+    for (int j = 0; l.smallest && j < n; j++)
+      l.smallest[left + j] = std::min(l.smallest[left + j], (double)low_v[j / N][j % N]);
+    for (int j = 0; l.largest && j < n; j++)
+      l.largest[left + j] = std::max(l.largest[left + j], (double)high_v[j / N][j % N]);
+  }
+}
+
+template <class T>
+void any_moments(const Slab& s, const Moments& m, long first, long last) {
+  (m.rows == 1 ? moments<T, 1> : m.rows == 3 ? moments<T, 3> : moments<T, 0>)(s, m, first, last);
+}
+}  // namespace
+
+extern "C" {
+void moments_float32(const Slab* s, const Moments* m, int64_t first, int64_t last) {
+  any_moments<float>(*s, *m, first, last);
+}
+void moments_float64(const Slab* s, const Moments* m, int64_t first, int64_t last) {
+  any_moments<double>(*s, *m, first, last);
+}
+void lines_float32(const Slab* s, const Lines* l, int64_t first, int64_t last) {
+  lines<float>(*s, *l, first, last);
+}
+void lines_float64(const Slab* s, const Lines* l, int64_t first, int64_t last) {
+  lines<double>(*s, *l, first, last);
+}
+}
