@@ -12,7 +12,7 @@ from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, tu
 
 import torchliner as tl
 from torchliner.names import ORDERS
-from torchliner.replay import periodic
+from torchliner.reduction import periodic
 
 PROBES, PITCH = 8, 12.44e-3
 PERIODS = 20

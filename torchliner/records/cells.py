@@ -60,10 +60,13 @@ class Cells:
         self, reflection: Tensor, used: Tensor, wall: Tensor | None = None
     ) -> Tensor:
         """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
-        open_there = used[:, None] if wall is None else used[:, None] & ~wall
-        clean = torch.where(open_there, admittance_from_reflection(reflection), 0)
-        average = self.membership(used.cpu()).T.to(clean) @ clean
-        return reflection_from_admittance(average)
+        inside = (self.labels >= 0).to(used.device) & used
+        open_there = inside[:, None] if wall is None else inside[:, None] & ~wall
+        clean = torch.where(open_there, admittance_from_reflection(reflection), 0)[inside]
+        labels = self.labels.to(used.device)[inside]
+        total = clean.new_zeros(self.count, clean.shape[1]).index_add(0, labels, clean)
+        sizes = torch.bincount(labels, minlength=self.count).clamp(min=1)[:, None]
+        return reflection_from_admittance(total / sizes)
 
 
 def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:

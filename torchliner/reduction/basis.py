@@ -22,13 +22,14 @@ from torch import Tensor
 
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
+from torchliner.reduction.threads import one_thread
 
-TOLERANCE = 1e-6  # in R, at each speed
 TOP_SPEED = 100.0  # m/s, up to which it holds
 COUNTS = (16, 20, 24, 28, 32, 40, 48, 64, 96, 128)
 CENTRES = tuple(0.1 * 2 ** (0.4 * i) for i in range(16))  # m/s, to 6.4
 ANY_LINER = (64, 1.5)  # K and c for liners that are not known yet
 CHECKED = 500  # speeds at which R is compared
+MOST_ASKED = 9  # frequencies of which K and c are chosen; the error is stated over all
 PARTS = (4, 8, 16, 32)  # of a table's step
 STENCIL = 4
 STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
@@ -209,8 +210,9 @@ def interpolation_error(
     return float(away[worst]), float(speed[worst])
 
 
+@one_thread()
 def choose_basis(
-    liners: Sequence[LinerModel], frequency: Tensor, tolerance: float = TOLERANCE
+    liners: Sequence[LinerModel], frequency: Tensor, tolerance: float
 ) -> Chebyshev | Levels:
     """The smallest K, and the best c, with which R is known to ``tolerance``; no data are asked.
 
@@ -233,6 +235,10 @@ def choose_basis(
         candidates = (Levels(rising, parts) for parts in PARTS)
     else:
         candidates = (Chebyshev(count, centre) for count in COUNTS for centre in CENTRES)
+    if len(frequency) > MOST_ASKED:
+        rising = frequency.sort().values
+        places = torch.linspace(0, len(rising) - 1, MOST_ASKED).round().to(torch.int64)
+        frequency = rising[places]
     speed = _checked(top)
     best, least = None, float("inf")
     with torch.no_grad():

@@ -84,7 +84,7 @@ class _Segments:
             len(edges) - 1, *self.open.shape, dtype=torch.float64, device=slab.device
         )
         both = torch.stack([rows.real, rows.imag]).to(slab.device, slab.dtype)
-        add_lines(slab, pieces, both, sums, None, None, None)
+        add_lines(slab[: end - begin], pieces, both, sums, None, None, None)
         sums[0] += self.open
         windows = torch.stack([rows[low - begin : high - begin].sum()
                                for low, high in zip(edges, edges[1:], strict=False)])  # fmt: skip

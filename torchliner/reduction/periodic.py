@@ -157,24 +157,15 @@ class PeriodicPart:
 
 
 class PeriodicSums:
-    """From the sums of v times the rows over blocks, in the order of time."""
+    """Of one group of columns, from the sums of v times the rows over blocks, in order of time."""
 
-    def __init__(
-        self, harmonics: Harmonics, cells: Cells, used: Tensor, device: torch.device
-    ) -> None:
-        """``used``: probes without faults, (P,)."""
-        self.harmonics, self.device = harmonics, device
-        inside = (cells.labels >= 0) & used
-        self.count = cells.count
-        # Probes of no cell keep their own velocity: they are in a cell that is dropped.
-        self.labels = torch.where(inside, cells.labels, cells.count).to(device)
-        sizes = torch.bincount(self.labels.cpu(), minlength=cells.count + 1).clamp(min=1)
-        self.sizes = sizes.to(device, torch.float64)
-        self.inside = inside.to(device)
-        rows, width = len(harmonics.owner), len(used)
+    def __init__(self, harmonics: Harmonics, width: int, device: torch.device) -> None:
+        self.harmonics = harmonics
+        rows = len(harmonics.owner)
         zeros = torch.zeros(rows, width, dtype=torch.float64, device=device)
-        self.current, self.total, self.of_blocks = zeros, zeros.clone(), zeros.clone()
-        self.square = torch.zeros(rows, cells.count + 1, dtype=torch.float64, device=device)
+        self.current, self.total = zeros, zeros.clone()
+        # Coefficients of all blocks, and their squares.
+        self.fitted, self.squares = zeros.clone(), zeros.clone()
         self.gram = torch.zeros(rows, rows, dtype=torch.float64)
         self.current_gram = self.gram.clone()
         self.blocks = 0
@@ -187,62 +178,80 @@ class PeriodicSums:
             self.current_gram += rows @ rows.T
         self.current += sums
         if float(self.current_gram[0, 0]) >= self.harmonics.period - SLACK_SAMPLES:
-            self._close(in_block=True)
+            found = solved(self.current_gram, self.current)
+            self.fitted += found
+            self.squares.addcmul_(found, found)
+            self.blocks += 1
+            self._close()
 
-    def _close(self, *, in_block: bool) -> None:
-        """Add what is complete to the totals."""
+    def _close(self) -> None:
         self.total += self.current
         self.gram += self.current_gram
-        if in_block:
-            away = self._away(self._solve(self.current_gram, self.current))
-            self.of_blocks += away
-            self.square.index_add_(1, self.labels, away**2)
-            self.blocks += 1
         self.current.zero_()
         self.current_gram.zero_()
 
-    def _solve(self, gram: Tensor, sums: Tensor) -> Tensor:
-        inverse = torch.linalg.pinv(gram / gram[0, 0], hermitian=True, rtol=1e-9) / gram[0, 0]
-        return inverse.to(self.device) @ sums
-
-    def _away(self, coefficients: Tensor) -> Tensor:
-        """Less the mean over the probes of each cell; 0 for probes of none."""
-        sums = coefficients.new_zeros(len(coefficients), self.count + 1)
-        sums.index_add_(1, self.labels, coefficients)
-        away = coefficients - (sums / self.sizes)[:, self.labels]
-        return torch.where(self.inside, away, 0)
-
-    def result(self) -> PeriodicPart:
+    def finish(self) -> None:
         """After the last sample."""
-        self._close(in_block=False)
-        fit = self._solve(self.gram, self.total)
-        away = self._away(fit)
-        share = self._shares(away)
-        deviation = share[self.harmonics.owner.to(self.device)][:, self.labels] * away
-        return PeriodicPart(
-            self.harmonics, fit, deviation, share[:, : self.count],
-            self.blocks >= FEWEST_BLOCKS, torch.ones_like(fit[0]), self.total,
-            self.gram.to(self.device),
-        )  # fmt: skip
+        self._close()
 
-    def _shares(self, away: Tensor) -> Tensor:
-        """g, (1 + H, C + 1); 1 where there are too few blocks to know better."""
-        owner = self.harmonics.owner.to(self.device)
-        lines = int(owner.max()) + 1
-        shares = away.new_ones(lines, self.count + 1)
-        count = self.blocks
-        if count < FEWEST_BLOCKS:
-            return shares
 
-        def by_line(values: Tensor) -> Tensor:
-            return values.new_zeros(lines, self.count + 1).index_add_(0, owner, values)
+def solved(gram: Tensor, sums: Tensor) -> Tensor:
+    """Coefficients of a fit, (K, P)."""
+    inverse = torch.linalg.pinv(gram / gram[0, 0], hermitian=True, rtol=1e-9) / gram[0, 0]
+    return inverse.to(sums.device) @ sums
 
-        mean_square = torch.zeros_like(self.square).index_add_(
-            1, self.labels, (self.of_blocks / count) ** 2
-        )
-        noise = by_line((self.square / count - mean_square).clamp(min=0)) / (count - 1)
-        power = by_line(torch.zeros_like(self.square).index_add_(1, self.labels, away**2))
-        return (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
+
+def periodic_part(
+    probes: PeriodicSums, of_cells: PeriodicSums, cells: Cells, used: Tensor
+) -> PeriodicPart:
+    """What has to be taken off each probe.
+
+    Args:
+        probes, of_cells: sums of v, and of its averages over cells.
+        cells: of the probes; those of no cell keep their own velocity.
+        used: probes without faults, (P,).
+    """
+    device = probes.total.device
+    inside = ((cells.labels >= 0) & used).to(device)
+    labels = torch.where(inside, cells.labels.to(device), 0)
+    fit = solved(probes.gram, probes.total)
+    away = torch.where(inside, fit - solved(probes.gram, of_cells.total)[:, labels], 0)
+    share = _shares(probes, of_cells, labels, inside, cells.count)
+    owner = probes.harmonics.owner.to(device)
+    return PeriodicPart(
+        probes.harmonics, fit, share[owner][:, labels] * away, share,
+        probes.blocks >= FEWEST_BLOCKS, torch.ones_like(fit[0]), probes.total,
+        probes.gram.to(device),
+    )  # fmt: skip
+
+
+def _shares(
+    probes: PeriodicSums, of_cells: PeriodicSums, labels: Tensor, inside: Tensor, count: int
+) -> Tensor:
+    """g, (1 + H, C); 1 where there are too few blocks to know better.
+
+    Over the probes of a cell the squares of what deviates from its mean are those of the probes
+    less those of the mean, so that no block has to be looked at twice.
+    """
+    owner = probes.harmonics.owner.to(labels.device)
+    lines, blocks = int(owner.max()) + 1, probes.blocks
+    if blocks < FEWEST_BLOCKS:
+        return probes.total.new_ones(lines, count)
+    sizes = torch.bincount(labels[inside], minlength=count)
+
+    def over_cells(of_probes: Tensor, of_means: Tensor) -> Tensor:
+        """Sums over the probes of each cell, and over the rows of a line, (1 + H, C)."""
+        own = of_probes.T[inside]
+        total = own.new_zeros(count, len(owner)).index_add_(0, labels[inside], own)
+        rows = total.T - sizes * of_means
+        return rows.new_zeros(lines, count).index_add_(0, owner, rows).clamp(min=0)
+
+    square = over_cells(probes.squares, of_cells.squares) / blocks
+    mean_square = over_cells((probes.fitted / blocks) ** 2, (of_cells.fitted / blocks) ** 2)
+    fit, mean = (solved(probes.gram, each.total) for each in (probes, of_cells))
+    noise = (square - mean_square).clamp(min=0) / (blocks - 1)
+    power = over_cells(fit**2, mean**2)
+    return (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
 
 
 def coherent_tones(tone: float | None, asked: Tensor) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from torchliner.reduction.basis import Chebyshev, Levels
 from torchliner.reduction.coherent_survey import with_coherent
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.moments import PlaneSums
-from torchliner.reduction.periodic import Harmonics, PeriodicPart, PeriodicSums
+from torchliner.reduction.periodic import Harmonics, PeriodicPart, PeriodicSums, periodic_part
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.reduction.sources import Columns, in_full_precision
@@ -92,15 +92,17 @@ def read_once(
     """
 
     def work() -> First:
-        periodic = None
+        periodic: list[PeriodicSums | None] = [None] * len(velocity.widths)
         if wanted.harmonics is not None:
-            periodic = PeriodicSums(wanted.harmonics, cells, used, velocity.device)
+            periodic = [
+                PeriodicSums(wanted.harmonics, width, velocity.device) for width in velocity.widths
+            ]
         last = len(velocity.widths) - 1
         surveys = [
             SurveySums(
                 wanted.plan, wanted.tones, wanted.weights, width, velocity.device,
                 wanted.keeps_blocks and (wanted.velocity_blocks or i == last),
-                periodic if i == 0 else None,
+                periodic[i],
             )
             for i, width in enumerate(velocity.widths)
         ]  # fmt: skip
@@ -111,7 +113,11 @@ def read_once(
         if not wanted.velocity_blocks:
             joined = dataclasses.replace(joined, blocks=None)
         joined = dataclasses.replace(joined, cell_blocks=found[-1].blocks)
-        return First(joined, None if periodic is None else periodic.result(), sums)
+        probes, of_cells = periodic[0], periodic[-1]
+        part = None
+        if probes is not None and of_cells is not None:
+            part = periodic_part(probes, of_cells, cells, used)
+        return First(joined, part, sums)
 
     return with_smaller_slabs(velocity, work)
 

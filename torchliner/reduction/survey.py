@@ -195,6 +195,8 @@ class SurveySums:
         """After the last sample."""
         if self.open is not None:
             self._close()
+        if self.periodic is not None:
+            self.periodic.finish()
         n, count = self.plan.samples, len(self.tones)
         mean = self.total[0] / n
         begin, end = self.plan.begin, self.plan.end

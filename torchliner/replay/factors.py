@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.replay.kernels import KernelTable, one_thread
+from torchliner.reduction.threads import one_thread
+from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid, carries_gradient
 
 # In float64 the table's own rounding (1e-16 over the fit's Tikhonov parameter of 1e-7) keeps its

@@ -10,9 +10,7 @@ already costs gains of tens to hundreds outside the band, so it would amplify an
 
 from __future__ import annotations
 
-import contextlib
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -24,6 +22,7 @@ from torchliner.liners.response import reflection_of
 from torchliner.names import KERNELS
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.reduction.basis import Basis
+from torchliner.reduction.threads import one_thread
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero
@@ -87,18 +86,6 @@ def level_error(liner: Liner, frequency: Tensor, grid: VelocityGrid) -> float:
     middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
     found = interpolate(reflection_at_levels(liner, frequency, grid), *grid.locate(middle))
     return float((found - reflection_of(liner, frequency, middle[:, None])).abs().max())
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra of tables in one thread: several add in another order, and the least squares,
-    whose normal matrix is near singular, makes 1e-9 of that."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @one_thread()

@@ -36,6 +36,7 @@ NAMED = {
     "resample": RESAMPLED, "order": ORDERS,
 }  # fmt: skip
 CALLED = {"phase": "phase rule", "edge": "edge rule", "order": "order of averaging"}
+TOLERANCES = {torch.float32: 1e-6, torch.float64: 1e-9}  # of R
 PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
@@ -102,6 +103,8 @@ class Choices:
             a run without sound has it at the same height; the incoherent velocity of each cell is
             brought down to it. For strong sound in weak flow, whose jets leave debris above the
             liner that is no oncoming turbulence. Default: as measured.
+        tolerance: error in R, at each |v|, allowed to its interpolation over |v| in ``spectral`` and
+            in error bars; default 1e-6 in float32, 1e-9 in float64. The result states what it is.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -127,6 +130,7 @@ class Choices:
     device: str | torch.device | None = None
     dtype: str | torch.dtype | None = None
     memory: int | str | None = None
+    tolerance: float | None = None
     rank_tolerance: float | None = None
     incident: Any = None
     segment: float | None = None
@@ -167,7 +171,8 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms"):
+        for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms",
+                     "tolerance"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if self.engine == "spectral" and self.edge == "silent":
@@ -326,6 +331,10 @@ class Choices:
         if self.engine == "direct":
             return torch.float64
         return default if wanted is None else wanted
+
+    def model_tolerance(self, dtype: torch.dtype) -> float:
+        """``tolerance``, or its default."""
+        return self.tolerance or TOLERANCES[self.working_dtype(dtype)]
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""

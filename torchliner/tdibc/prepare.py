@@ -93,7 +93,8 @@ def prepare(
     backward = every_rule or phase_rule(chosen.phase).needs_backward
     basis = None
     if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
-        basis = choose_basis([model], read)
+        tolerance = min(chosen.model_tolerance(plane.velocity.dtype) for plane in planes)
+        basis = choose_basis([model], read, tolerance)
     found = [_read(each, model, chosen, basis, backward, progress) for each in asked]
     grid = velocity_grid(planes, [sums.survey for _, sums, _ in found], model, chosen)
     band = kernel_band(model, read, chosen)
