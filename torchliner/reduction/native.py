@@ -28,6 +28,7 @@ SOURCE = Path(__file__).with_name("sums.cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
 SECONDS = 120.0  # that a compiler may take
+GROUP = 5  # rows of weights that `add_lines` takes at once, as in the C++ file
 TILE = 64  # columns; the ranges of threads begin at multiples of it
 
 reason: str | None = None  # why it could not be had, after `available()`
@@ -98,7 +99,7 @@ def add_lines(
     count, columns = len(rows), slab.shape[1]
     if rows.dtype != slab.dtype or rows.shape[1:] != slab.shape[:1]:
         raise ValueError(f"weights {tuple(rows.shape)} {rows.dtype} of a slab {tuple(slab.shape)}")
-    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % 4))
+    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % GROUP))
     slab_of, kept = _slab(slab, pieces, None, sums)
     lines = _Lines(
         weights.data_ptr(),
