@@ -170,7 +170,7 @@ template <class T, int R>
 void moments(const Slab& s, const Moments& m, long first, long last) {
   const int K = m.count, all = m.rows;
   // Running sums must stay in the first cache: narrower tiles where there are many.
-  const int W = (K * all > 128 ? 64 : K * all > 64 ? 128 : 256) / sizeof(T);
+  const int W = (K * all > 64 ? 128 : 256) / sizeof(T);
   const int half = summed(K);
   const size_t size = (size_t)(2 * half + 1) * all * W;
   Scratch<T> acc(size), piece(size), chunk(CHUNK * W), taken((s.taken_count + 1) * W);
