@@ -222,6 +222,16 @@ def test_sums_of_pieces_are_exact(way):
 
 
 @pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(("pieces", "columns"), [([], 5), ([(0, 9, 0)], 0)])
+def test_nothing_adds_nothing(way, pieces, columns):
+    totals = torch.ones(3, 24, columns, dtype=torch.float64)
+    v, rows = plane(9, columns), weight_rows(9)
+    way.add_moments(v, pieces, 24, CENTRE, rows, None, totals, None)
+    way.add_lines(v, pieces, rows, totals[:1, :2].contiguous(), None, None, None)
+    assert (totals == 1).all()
+
+
+@pytest.mark.parametrize("way", WAYS)
 def test_order_zero_is_the_sum_of_the_weights(way):
     totals, of_blocks = moments(way, plane(300, 70), rows=weight_rows(300))
     assert (totals[0, 0] == 300).all()

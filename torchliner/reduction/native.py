@@ -158,11 +158,10 @@ def _slab(
     slab: Tensor, pieces: Pieces, taken: Taken | None, of_blocks: Tensor | None
 ) -> tuple[_Slab, list[Any]]:
     """What the C++ file knows of a slab, and what must live as long."""
-    table = torch.tensor(list(pieces), dtype=torch.int64).reshape(-1, 3)
-    if of_blocks is not None and len(table):
-        first, last = int(table[:, 2].min()), int(table[:, 2].max())
-        if first < 0 or last >= len(of_blocks):
-            raise IndexError(f"blocks {first} to {last}, but room for {len(of_blocks)}")
+    blocks = [block for *_, block in pieces]
+    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
+        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
+    table = (ctypes.c_int64 * (3 * len(blocks)))(*(each for piece in pieces for each in piece))
     length, columns = slab.shape
     rows = coefficients = scale = None
     if taken is not None:
@@ -174,8 +173,8 @@ def _slab(
         slab.stride(0),
         slab.stride(1),
         columns,
-        table.data_ptr(),
-        len(table),
+        ctypes.addressof(table),
+        len(blocks),
         _address(rows, (length, of), slab.dtype),
         _address(coefficients, (of, columns), slab.dtype),
         _address(scale, (columns,), slab.dtype),
