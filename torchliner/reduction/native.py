@@ -253,8 +253,9 @@ def _built() -> Path:
     compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
-    macros = _output([*compiler, *FLAGS, "-dM", "-E", "-x", "c++", os.devnull])
-    content = [SOURCE.read_bytes(), " ".join(FLAGS).encode(), macros]
+    command = [*compiler, *FLAGS]
+    macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
+    content = [SOURCE.read_bytes(), shlex.join(command).encode(), macros]
     key = hashlib.sha256(b"\0".join(content)).hexdigest()[:16]
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     folder = Path(home) / "torchliner"
@@ -264,7 +265,7 @@ def _built() -> Path:
         # Several workers may build at once: each into a name of its own, the last one stays.
         with tempfile.TemporaryDirectory(dir=folder, prefix=".sums-") as own:
             part = Path(own) / target.name
-            _output([*compiler, *FLAGS, "-shared", "-o", str(part), str(SOURCE)])
+            _output([*command, "-shared", "-o", str(part), str(SOURCE)])
             part.replace(target)
     return target
 

@@ -16,7 +16,6 @@
 #endif
 #define UNROLL _Pragma("GCC unroll 16")
 
-extern "C" {
 struct Slab {
   const void* v;
   int64_t row_stride, column_stride, columns;
@@ -36,9 +35,8 @@ struct Moments {
 struct Lines {
   const void* weights;  // (R rounded up to a multiple of GROUP, t), the rows added being zero
   int64_t weight_stride, rows;
-  double *sums, *squares, *smallest, *largest;  // (B, R, P), (B, P), (P,), (P,); the last three or null
+  double *sums, *squares, *smallest, *largest;  // (B, R, P); (B, P), (P,), (P,) or null
 };
-}
 
 namespace {
 // Rows that are summed before they are added to the sum of a piece: few enough that float32 sums
@@ -117,6 +115,13 @@ void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const 
   }
 }
 
+// The chunk after this one, to be fetched while this one is summed.
+template <class T>
+const T* ahead(const Slab& s, long t, long left, long* stride) {
+  *stride = s.column_stride == 1 ? s.row_stride : 0;
+  return (const T*)s.v + (*stride ? (t + CHUNK) * s.row_stride + left : 0);
+}
+
 // Orders up to `summed` are summed as they are; of T_{m+n} = 2 T_m T_n - T_{|m-n|} only T_m T_n is
 // summed for the orders above (n = m or m - 1), which halves the recurrence and its chain.
 inline int summed(int count) { return (count / 2 + 3) / 4 * 4; }
@@ -128,6 +133,7 @@ void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* ac
   constexpr int N = Vector<T>::lanes;
   const T c = m.centre;
   const int half = summed(m.count), all = R ? R : m.rows;
+  const long along = m.weight_stride;
   for (int t = 0; t < rows; t += Q)
     for (int j = 0; j < W; j += N) {
       V<T> x2[Q], p[Q], q[Q];
@@ -135,7 +141,7 @@ void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* ac
         V<T> a = load(v + (t + i) * W + j);
         a = a > -a ? a : -a;
         __builtin_prefetch(next + (t + i) * stride + j);
-        x2[i] = (2 * a - 2 * c) / (a + c);
+        x2[i] = (T(2) * a - T(2) * c) / (a + c);
         q[i] = x2[i] * T(0.5);
         p[i] = V<T>{} + T(1);
       }
@@ -145,7 +151,7 @@ void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* ac
         store(to, load(to) + s);
         UNROLL for (int r = 1; r < all; r++) {
           V<T> b = load(to + r * W);
-          UNROLL for (int i = 0; i < Q; i++) b += w[(r - 1) * m.weight_stride + t + i] * f(i);
+          UNROLL for (int i = 0; i < Q; i++) b += w[(r - 1) * along + t + i] * f(i);
           store(to + r * W, b);
         }
       };
@@ -170,8 +176,7 @@ template <class T, int R>
 void moments(const Slab& s, const Moments& m, long first, long last) {
   const int K = m.count, all = m.rows;
   // Running sums must stay in the first cache: narrower tiles where there are many.
-  const int W = (K * all > 64 ? 128 : 256) / sizeof(T);
-  const int half = summed(K);
+  const int W = (K * all > 64 ? 128 : 256) / sizeof(T), half = summed(K);
   const size_t size = (size_t)(2 * half + 1) * all * W;
   Scratch<T> acc(size), piece(size), chunk(CHUNK * W), taken((s.taken_count + 1) * W);
   for (long left = first; left < last; left += W) {
@@ -186,10 +191,11 @@ void moments(const Slab& s, const Moments& m, long first, long last) {
         const T* w = (const T*)m.weights + t;
         std::fill(acc.at, acc.at + size, T(0));
         form_chunk(s, t, rows, left, n, W, taken.at, chunk.at);
-        const long stride = s.column_stride == 1 ? s.row_stride : 0;
-        const T* next = (const T*)s.v + (stride ? (t + CHUNK) * stride + left : 0);
+        long stride;
+        const T* next = ahead<T>(s, t, left, &stride);
         add_orders<T, R, 4>(chunk.at, W, four, w, m, acc.at, next, stride);
-        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at, next + four * stride, stride);
+        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at,
+                            next + four * stride, stride);
         for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
       }
       for (int r = 0; r < all; r++)
@@ -232,8 +238,8 @@ void lines(const Slab& s, const Lines& l, long first, long last) {
       for (long t = low; t < high; t += CHUNK) {
         const int rows = std::min<long>(CHUNK, high - t);
         form_chunk<T>(s, t, rows, left, n, W, nullptr, chunk.at);
-        const long stride = s.column_stride == 1 ? s.row_stride : 0;
-        const T* next = (const T*)s.v + (stride ? (t + CHUNK) * stride + left : 0);
+        long stride;
+        const T* next = ahead<T>(s, t, left, &stride);
         for (int r = 0; r < padded; r += GROUP) {
           const T* w = (const T*)l.weights + r * l.weight_stride + t;
           for (int j = 0; j < W; j += 2 * N) {
@@ -245,13 +251,15 @@ void lines(const Slab& s, const Lines& l, long first, long last) {
                 a[2 * k + 1] += w[k * l.weight_stride + i] * y;
               }
             }
-            UNROLL for (int k = 0; k < 2 * GROUP; k++) store(part + k / 2 * W + j + k % 2 * N, a[k]);
+            UNROLL for (int k = 0; k < 2 * GROUP; k++)
+              store(part + k / 2 * W + j + k % 2 * N, a[k]);
           }
           for (int j = 0; j < GROUP * W; j++) piece.at[r * W + j] += part[j];
         }
         for (int j = 0; j < W; j += 4 * N) {
           V<T> square[4] = {}, small[4], large[4];
-          UNROLL for (int k = 0; k < 4; k++) small[k] = lows[j / N + k], large[k] = highs[j / N + k];
+          UNROLL for (int k = 0; k < 4; k++)
+            small[k] = lows[j / N + k], large[k] = highs[j / N + k];
           for (int i = 0; i < rows; i++)
             UNROLL for (int k = 0; k < 4; k++) {
               const V<T> x = load(chunk.at + i * W + j + k * N);
@@ -280,23 +288,15 @@ void lines(const Slab& s, const Lines& l, long first, long last) {
   }
 }
 
-template <class T>
-void any_moments(const Slab& s, const Moments& m, long first, long last) {
-  (m.rows == 1 ? moments<T, 1> : m.rows == 3 ? moments<T, 3> : moments<T, 0>)(s, m, first, last);
-}
 }  // namespace
 
-extern "C" {
-void moments_float32(const Slab* s, const Moments* m, int64_t first, int64_t last) {
-  any_moments<float>(*s, *m, first, last);
-}
-void moments_float64(const Slab* s, const Moments* m, int64_t first, int64_t last) {
-  any_moments<double>(*s, *m, first, last);
-}
-void lines_float32(const Slab* s, const Lines* l, int64_t first, int64_t last) {
-  lines<float>(*s, *l, first, last);
-}
-void lines_float64(const Slab* s, const Lines* l, int64_t first, int64_t last) {
-  lines<double>(*s, *l, first, last);
-}
-}
+#define EXPORTED(T, name)                                                                      \
+  extern "C" void moments_##name(const Slab* s, const Moments* m, int64_t from, int64_t to) { \
+    (m->rows == 1 ? moments<T, 1> : m->rows == 3 ? moments<T, 3> : moments<T, 0>)(             \
+        *s, *m, from, to);                                                                     \
+  }                                                                                            \
+  extern "C" void lines_##name(const Slab* s, const Lines* l, int64_t from, int64_t to) {      \
+    lines<T>(*s, *l, from, to);                                                                \
+  }
+EXPORTED(float, float32)
+EXPORTED(double, float64)
