@@ -25,9 +25,9 @@ from torchliner.conversions import (
     reflection_from_impedance,
 )
 from torchliner.liners.model import LinerModel
+from torchliner.liners.response import impedance_of
 from torchliner.names import ORDERS
 from torchliner.replay.incident import Means
-from torchliner.liners.response import impedance_of
 from torchliner.tdibc.engines import tone_sums, with_liner
 from torchliner.tdibc.prepared import Prepared
 

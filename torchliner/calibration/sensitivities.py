@@ -25,13 +25,13 @@ from torchliner.forward_mode import dual_level
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
+from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.edges import EdgeTable, Reach
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import impedance_of, reflection_at_levels
 from torchliner.replay.levels import interpolate
 from torchliner.replay.lines import Line, plan_lines
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import with_liner

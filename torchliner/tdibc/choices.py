@@ -103,8 +103,8 @@ class Choices:
             a run without sound has it at the same height; the incoherent velocity of each cell is
             brought down to it. For strong sound in weak flow, whose jets leave debris above the
             liner that is no oncoming turbulence. Default: as measured.
-        tolerance: error in R, at each |v|, allowed to its interpolation over |v| in ``spectral`` and
-            in error bars; default 1e-6 in float32, 1e-9 in float64. The result states what it is.
+        tolerance: error in R at each |v| allowed to its interpolation over |v|, in ``spectral``
+            and in error bars; default 1e-6 in float32, 1e-9 in float64. The result states it.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -171,8 +171,14 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms",
-                     "tolerance"):
+        for name in (
+            "velocity_max",
+            "running_window",
+            "rank_tolerance",
+            "segment",
+            "oncoming_rms",
+            "tolerance",
+        ):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if self.engine == "spectral" and self.edge == "silent":
