@@ -32,6 +32,7 @@ from torchliner.signals.resampling import (
     Resampling,
     impedance_interval,
 )
+from torchliner.tdibc.groups import Groups, admittance_slope
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -135,6 +136,7 @@ def test_tiles_of_independent_rows():
     tiled = how.over_tiles(copies, torch.tensor([0.2 + 0.1j]), 2)
     over_time = how.over_time(copies.mean(1), torch.tensor([0.2 + 0.1j]))
     assert tiled.standard_error.real >= 0.999 * over_time.standard_error.real
+    assert float(tiled.runs) == float(over_time.runs)  # copies are no further observations
 
 
 def test_runs_grow_with_the_integral_scale():
@@ -297,6 +299,31 @@ def test_scaling_and_turning():
     ohms, unit = plain.over_time(413 * series, 413 * value), plain.over_time(series, value)
     torch.testing.assert_close(ohms.low, 413 * unit.low)
     torch.testing.assert_close(ohms.standard_error, 413 * unit.standard_error)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.6])
+def test_the_variance_of_the_mean_is_met(rho):
+    """First-order processes of 32 blocks: in the mean over 5000 it is that of their means, and up
+    to a tenth more (a correlation below 0 counts as none)."""
+    series = noise(72, 5000)
+    for k in range(1, 72):
+        series[k] += rho * series[k - 1]
+    series = series[40:]
+    power, _, _ = Resampling(equal(32), 0.95).moments(series - series.mean(0))
+    assert 0.99 < float(power.mean() / series.mean(0).abs().square().mean()) < 1.12
+
+
+def test_a_group_may_have_no_bounds():
+    """Where the scatter reaches the pole the bounds of a group are infinite, not unknown; those of
+    one without members are unknown."""
+    value = torch.tensor([[0.9], [0.9]], dtype=torch.complex128)
+    groups = Groups(torch.tensor([0, 0]), 2, admittance_from_reflection(value), 8)
+    series = noise(8, 1, 1).expand(-1, 2, -1)
+    groups.add(slice(0, 2), admittance_slope(value) * series, torch.zeros_like(value))
+    found = groups.interval(Resampling(equal(8), 0.95))
+    assert found.low[0].real == found.low[0].imag == -math.inf
+    assert found.high[0].real == found.high[0].imag == math.inf
+    assert found.high[1].isnan().all()
 
 
 def test_gaussian_means_are_covered():

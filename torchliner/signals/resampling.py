@@ -119,7 +119,7 @@ class Resampling:
         """Tiles of time and of rows that are alike.
 
         What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
-        more, the tiles' scatter is raised to that.
+        more, the tiles' scatter is raised to that, which rests on the runs of time alone.
 
         Args:
             series: deviation of R in each block and row, complex128, (S, G, F).
@@ -132,8 +132,8 @@ class Resampling:
         power, square = tile_moments(series, self.weights, (long, wide))
         together, _ = tile_moments(series.mean(1, keepdim=True), self.weights, (long, 1))
         factor = (together / power.clamp(min=1e-300)).clamp(min=1)
+        runs = count / long * torch.where(factor > 1, 1.0, rows / wide)
         factor = factor * mean_factor(count, long) * beyond_runs(rho, torch.full_like(rho, long))
-        runs = torch.full_like(power, count / long * (rows / wide))
         return impedance_interval(
             reflection, power * factor, square * factor, runs, self.level, self.conversion
         )
