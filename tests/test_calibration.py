@@ -12,7 +12,7 @@ from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulen
 
 import torchliner as tl
 from torchliner.calibration.calibrate import calibrate
-from torchliner.calibration.level_weights import level_weights, responses_of
+from torchliner.calibration.speed_weights import responses_of, speed_weights
 from torchliner.calibration.misfit import FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main

@@ -54,6 +54,11 @@ class Basis(Protocol):
         """c_k, (..., K), from values at ``speeds``, (..., K)."""
         ...
 
+    def weights(self, moments: Tensor) -> Tensor:
+        """What values at ``speeds`` are weighed with, (..., K, P), from moments, (..., K, P): the
+        adjoint of ``coefficients``, sum_k c_k m_k = sum_k w_k R(v_k)."""
+        ...
+
     def functions(self, speed: Tensor) -> Tensor:
         """phi_k at some |v|, m/s, (N,): float64, (N, K)."""
         ...
@@ -103,6 +108,10 @@ class Chebyshev:
         """By the discrete cosine transform."""
         return values @ self._transform.to(values)
 
+    def weights(self, moments: Tensor) -> Tensor:
+        """By its transpose."""
+        return self._transform.to(moments) @ moments
+
     def functions(self, speed: Tensor) -> Tensor:
         """T_k."""
         place = (speed.to(torch.float64) - self.centre) / (speed + self.centre)
@@ -147,6 +156,10 @@ class Levels:
     def coefficients(self, values: Tensor) -> Tensor:
         """The values themselves."""
         return values
+
+    def weights(self, moments: Tensor) -> Tensor:
+        """The moments themselves."""
+        return moments
 
     def locate(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """First level of each stencil (int64) and its weights, (4, ...), for |v| of any shape."""
@@ -198,16 +211,19 @@ def response_of(liner: LinerModel) -> Response:
 
 
 def interpolation_error(
-    basis: Basis, response: Response, frequency: Tensor, top: float
+    basis: Basis, response: Response, frequency: Tensor, top: float, *, relative: bool = False
 ) -> tuple[float, float]:
-    """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands."""
+    """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands.
+
+    ``relative``: to the largest |R| there, for responses that are no reflections.
+    """
     speed = _checked(top)
     with torch.no_grad():
         wanted = response(frequency, speed)
         found = basis.coefficients(response(frequency, basis.speeds))
         away = (found @ basis.functions(speed).T.to(found) - wanted).abs().amax(0)
-    worst = int(away.argmax())
-    return float(away[worst]), float(speed[worst])
+    worst, scale = int(away.argmax()), wanted.abs().max().clamp(1e-300) if relative else 1.0
+    return float(away[worst] / scale), float(speed[worst])
 
 
 @one_thread()

@@ -19,7 +19,6 @@ from torchliner.reduction.basis import (
     Basis,
     Chebyshev,
     Levels,
-    Response,
     choose_basis,
     interpolation_error,
     response_of,
@@ -42,7 +41,7 @@ from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
-from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
@@ -77,6 +76,7 @@ def prepare(
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
+    basis: Chebyshev | Levels | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -84,6 +84,8 @@ def prepare(
         planes, liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
+        basis: functions of |v|, for liners that are read later; default the least that this one
+            needs.
     Raises:
         ValueError: see ``educe``.
     """
@@ -91,8 +93,9 @@ def prepare(
     asked = [_ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
     backward = every_rule or phase_rule(chosen.phase).needs_backward
-    basis = None
-    if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
+    if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
+        basis = None
+    elif basis is None:
         tolerance = min(chosen.model_tolerance(plane.velocity.dtype) for plane in planes)
         basis = choose_basis([model], read, tolerance)
     found = [_read(each, model, chosen, basis, backward, progress) for each in asked]
@@ -111,7 +114,7 @@ def prepare(
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
-                response = _response_of(kernels)
+                response = kernel_response(kernels)
         reader, error = None, None
         if basis is not None:
             lines = reader_lines(record, chosen)
@@ -125,11 +128,6 @@ def prepare(
         notes += review_tables(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
-
-
-def _response_of(kernels: KernelTable) -> Response:
-    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
-    return lambda frequency, _: kernels.response(frequency).T
 
 
 def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]:
@@ -148,9 +146,8 @@ def _review_basis(
     Raises:
         ValueError: it is too large for any digit that is printed.
     """
-    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
-    top = min(peak, model.speed_max or peak)
-    error, speed = interpolation_error(basis, response_of(model), read, max(top, 1e-3))
+    top = top_speed(seen, model)
+    error, speed = interpolation_error(basis, response_of(model), read, top)
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(
             f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
