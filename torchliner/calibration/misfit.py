@@ -8,10 +8,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from torchliner.calibration.speed_weights import SpeedWeights, responses_of
-from torchliner.forward_mode import dual_level
 from torchliner.liners.model import LinerModel
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
@@ -113,14 +111,16 @@ class Misfit(FreeLiners):
 
     def slopes(self, share: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals (m,) and their derivatives in the place in the box, (m, n)."""
-        rows, columns = torch.zeros(0), []
-        for along in torch.eye(len(share), dtype=share.dtype):
-            with dual_level():
-                values = self.values(forward_ad.make_dual(share, along))
-                found = forward_ad.unpack_dual(self.residuals(values, self.impedance(values)))
-                rows, slope = found.primal, found.tangent
-                columns.append(torch.zeros_like(rows) if slope is None else slope)
-        return rows, torch.stack(columns, dim=1)
+        at = share.detach().clone().requires_grad_()
+        values = self.values(at)
+        rows = self.residuals(values, self.impedance(values))
+        # The backward pass is linear in what it starts from. Differentiated in that it gives a
+        # column of the Jacobian, n passes in all however many data there are.
+        start = torch.zeros_like(rows, requires_grad=True)
+        pulled = torch.autograd.grad(rows, at, start, create_graph=True)[0]
+        unit = torch.eye(len(at), dtype=at.dtype)
+        columns = torch.autograd.grad(pulled, start, unit, is_grads_batched=True)[0]
+        return rows.detach(), columns.T
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import require_choice, tell
-from torchliner.forward_mode import dual_level
-from torchliner.liners.model import Liner, LinerModel, Number, as_liner, named_numbers
+from torchliner.forward_mode import dual_level, tangent_of
+from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.basis import interpolation_error, response_of
@@ -180,15 +180,10 @@ def sensitivities(
             found = again.map(chosen.phase, reference_phase)
             for each, field in FIELDS.items():
                 if (part := getattr(found, field)) is not None:
-                    rows[each].append(_tangent(part))
+                    rows[each].append(tangent_of(part))
     stacked = {name: torch.stack(each) for name, each in rows.items() if each}
     tell(nominal.notes)
     return Sensitivities(numbers, **stacked, level_error=torch.tensor(errors), found=nominal)
-
-
-def _tangent(dual: Tensor) -> Tensor:
-    found = forward_ad.unpack_dual(dual).tangent
-    return torch.zeros_like(dual) if found is None else found
 
 
 def _slope_error(ready: Prepared, moved: LinerModel, name: str) -> float:
@@ -207,7 +202,7 @@ def _slope_error(ready: Prepared, moved: LinerModel, name: str) -> float:
                 f"{type(moved).__name__}.impedance passes no derivative in {name}; compute it "
                 "with torch from the number as with_numbers stores it, without float()"
             )
-        return _tangent(found)
+        return tangent_of(found)
 
     lines = ready.reader.read.flatten()
     return interpolation_error(ready.reader.basis, slope, lines, ready.top_speed, relative=True)[0]

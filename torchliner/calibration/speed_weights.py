@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, mean_impedance
+from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 from torchliner.reduction.basis import interpolation_error, response_of
@@ -33,11 +33,13 @@ class SpeedWeights:
         ready: prepared plane.
         order: of averaging.
         weights: W, complex128, (C, Q K) for C columns.
+        share: of each column in the mean, complex128, (C,).
     """
 
     ready: Prepared
     order: str
     weights: Tensor
+    share: Tensor
 
     @property
     def reader(self) -> LineReader:
@@ -51,8 +53,8 @@ class SpeedWeights:
 
     def impedance(self, values: Tensor) -> Tensor:
         """Z of the liner, (..., F), from the model's R at lines and speeds, (..., F, Q, K)."""
-        weights = self.ready.cells.weight if self.order == ORDERS[1] else None
-        return mean_impedance(admittance_from_reflection(self.reflection(values)), -1, weights)
+        admittance = admittance_from_reflection(self.reflection(values))
+        return impedance_from_admittance(admittance @ self.share)
 
     def model_error(self, liner: LinerModel) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest of the data."""
@@ -84,9 +86,14 @@ def _columns(ready: Prepared, order: str) -> Tensor:
 def speed_weights(ready: Prepared, order: str) -> SpeedWeights:
     """W of the columns that an order averages over, one of ``ORDERS``; no data are read."""
     assert ready.reader is not None
-    group = ready.sums.groups[ORDERS.index(order)]
-    found = ready.reader.weights(group)[..., _columns(ready, order).to(group.totals.device)]
-    return SpeedWeights(ready, order, (found.flatten(0, 1) / ready.window_sums.zero).T.cpu())
+    group, columns = ready.sums.groups[ORDERS.index(order)], _columns(ready, order)
+    found = ready.reader.weights(group)[..., columns.to(group.totals.device)]
+    size = ready.cells.weight if order == ORDERS[1] else None
+    size = torch.ones(found.shape[-1], dtype=torch.float64) if size is None else size
+    return SpeedWeights(
+        ready, order, (found.flatten(0, 1) / ready.window_sums.zero).T.cpu(),
+        (size / size.sum()).to(torch.complex128),
+    )  # fmt: skip
 
 
 def driving_speed(ready: Prepared, order: str) -> float:
