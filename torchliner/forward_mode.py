@@ -28,12 +28,6 @@ def dual_level() -> Iterator[None]:
         yield
 
 
-def tangent_of(dual: Tensor) -> Tensor:
-    """Derivative that a number carries; zero where it carries none."""
-    found = forward_ad.unpack_dual(dual).tangent
-    return torch.zeros_like(dual) if found is None else found
-
-
 class _ZeroTangents(TorchFunctionMode):
     def __torch_function__(
         self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None

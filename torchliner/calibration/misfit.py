@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchliner.calibration.speed_weights import SpeedWeights, responses_of
 from torchliner.liners.model import LinerModel
+from torchliner.two_backward_passes import slopes_of
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 
@@ -111,16 +112,11 @@ class Misfit(FreeLiners):
 
     def slopes(self, share: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals (m,) and their derivatives in the place in the box, (m, n)."""
-        at = share.detach().clone().requires_grad_()
-        values = self.values(at)
+        at = [each.clone().requires_grad_() for each in share.detach()]
+        values = self.values(torch.stack(at))
         rows = self.residuals(values, self.impedance(values))
-        # The backward pass is linear in what it starts from. Differentiated in that it gives a
-        # column of the Jacobian, n passes in all however many data there are.
-        start = torch.zeros_like(rows, requires_grad=True)
-        pulled = torch.autograd.grad(rows, at, start, create_graph=True)[0]
-        unit = torch.eye(len(at), dtype=at.dtype)
-        columns = torch.autograd.grad(pulled, start, unit, is_grads_batched=True)[0]
-        return rows.detach(), columns.T
+        columns = [torch.zeros_like(rows) if c is None else c for c in slopes_of(rows, at)]
+        return rows.detach(), torch.stack(columns, dim=1)
 
 
 @dataclass(frozen=True, eq=False)

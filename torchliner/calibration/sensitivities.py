@@ -19,16 +19,19 @@ from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import require_choice, tell
-from torchliner.forward_mode import dual_level, tangent_of
-from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
+from torchliner.forward_mode import dual_level
+from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
-from torchliner.reduction.basis import interpolation_error, response_of
+from torchliner.reduction.basis import Response, checked_speeds, response_of
+from torchliner.replay.incident import LineSums
+from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared, Progress
-from torchliner.tdibc.replayed import Replayed
+from torchliner.tdibc.replayed import Replayed, find_walls
+from torchliner.two_backward_passes import slopes_of
 
 FIELDS = {  # of the sensitivities, by that of the map which they differentiate
     "probes": "impedance",
@@ -167,42 +170,59 @@ def sensitivities(
             "and incident out"
         )
     ready = prepare([plane], model, frequency, chosen, progress)[0]
-    nominal = replay(ready).map(chosen.phase, reference_phase)
+    replayed = replay(ready)
+    nominal = replayed.map(chosen.phase, reference_phase)
+    slopes, errors = _model_slopes(ready, numbers)
+    rule, wall = replayed.rule(chosen.phase, reference_phase), find_walls(ready)[0]
     rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
-    errors = []
-    for name, number in numbers.items():
+    for slope in slopes:
+        # Sums are linear in R, averages and phase rules are not.
+        moved = ready.read_with(lambda *_, slope=slope: slope)
         with dual_level():
-            value = torch.tensor(number.value, dtype=torch.float64)
-            moved = model.with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
-            errors.append(_slope_error(ready, moved, name))
-            # Without blocks: intervals have no derivative.
-            again = Replayed(dataclasses.replace(ready, blocks=None), ready.read_with(moved))
-            found = again.map(chosen.phase, reference_phase)
-            for each, field in FIELDS.items():
+            along = Replayed(ready, LineSums(
+                forward_ad.make_dual(replayed.sums.forward, moved.forward),
+                None if moved.backward is None else
+                forward_ad.make_dual(replayed.sums.backward, moved.backward),
+            ))  # fmt: skip
+            reflection = rule.reflection(along.means)
+            peak = 2 * ready.velocity_amplitude
+            found = assemble(ready, chosen.phase, reflection, rule.held, peak, [], wall=wall)
+            for name, field in FIELDS.items():
                 if (part := getattr(found, field)) is not None:
-                    rows[each].append(tangent_of(part))
+                    tangent = forward_ad.unpack_dual(part).tangent
+                    rows[name].append(torch.zeros_like(part) if tangent is None else tangent)
     stacked = {name: torch.stack(each) for name, each in rows.items() if each}
     tell(nominal.notes)
-    return Sensitivities(numbers, **stacked, level_error=torch.tensor(errors), found=nominal)
+    return Sensitivities(numbers, **stacked, level_error=errors, found=nominal)
 
 
-def _slope_error(ready: Prepared, moved: LinerModel, name: str) -> float:
-    """Largest relative error of dR/dp from its interpolation over |v|.
+def _model_slopes(ready: Prepared, numbers: Mapping[str, Number]) -> tuple[Tensor, Tensor]:
+    """dR/dp at the reader's lines and speeds, (n, lines, K), and its relative error between, (n,).
 
     Raises:
         ValueError: no derivative passes the liner's formula.
     """
     assert ready.reader is not None
-    response = response_of(moved)
+    values = [torch.tensor(n.value, dtype=torch.float64).requires_grad_() for n in numbers.values()]
+    moved = ready.liner.with_numbers(dict(zip(numbers, values, strict=True)))
+    lines, basis = ready.reader.read.flatten(), ready.reader.basis
+    speed = checked_speeds(ready.top_speed)
 
-    def slope(frequency: Tensor, speed: Tensor) -> Tensor:
-        found = response(frequency, speed)
-        if forward_ad.unpack_dual(found).tangent is None:
-            raise ValueError(
-                f"{type(moved).__name__}.impedance passes no derivative in {name}; compute it "
-                "with torch from the number as with_numbers stores it, without float()"
-            )
-        return tangent_of(found)
+    def slopes(response: Response, speeds: Tensor) -> Tensor:
+        found = slopes_of(response(lines, speeds), values)
+        for name, each in zip(numbers, found, strict=True):
+            if each is None:
+                raise ValueError(
+                    f"{type(moved).__name__}.impedance passes no derivative in {name}; compute it "
+                    "with torch from the number as with_numbers stores it, without float()"
+                )
+        return torch.stack([each for each in found if each is not None])
 
-    lines = ready.reader.read.flatten()
-    return interpolation_error(ready.reader.basis, slope, lines, ready.top_speed, relative=True)[0]
+    at_nodes, wanted = slopes(response_of(moved), torch.cat([basis.speeds, speed])).tensor_split(
+        [basis.count], dim=-1
+    )
+    between = basis.coefficients(at_nodes) @ basis.functions(speed).T.to(wanted)
+    away, scale = (each.abs().amax((1, 2)) for each in (between - wanted, wanted))
+    if ready.kernels is not None:
+        at_nodes = slopes(ready.response(moved), basis.speeds)
+    return at_nodes, away / scale.clamp(1e-300)

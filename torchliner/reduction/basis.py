@@ -211,19 +211,16 @@ def response_of(liner: LinerModel) -> Response:
 
 
 def interpolation_error(
-    basis: Basis, response: Response, frequency: Tensor, top: float, *, relative: bool = False
+    basis: Basis, response: Response, frequency: Tensor, top: float
 ) -> tuple[float, float]:
-    """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands.
-
-    ``relative``: to the largest |R| there, for responses that are no reflections.
-    """
-    speed = _checked(top)
+    """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands."""
+    speed = checked_speeds(top)
     with torch.no_grad():
         wanted = response(frequency, speed)
         found = basis.coefficients(response(frequency, basis.speeds))
         away = (found @ basis.functions(speed).T.to(found) - wanted).abs().amax(0)
-    worst, scale = int(away.argmax()), wanted.abs().max().clamp(1e-300) if relative else 1.0
-    return float(away[worst] / scale), float(speed[worst])
+    worst = int(away.argmax())
+    return float(away[worst]), float(speed[worst])
 
 
 @one_thread()
@@ -255,7 +252,7 @@ def choose_basis(
         rising = frequency.sort().values
         places = torch.linspace(0, len(rising) - 1, MOST_ASKED).round().to(torch.int64)
         frequency = rising[places]
-    speed = _checked(top)
+    speed = checked_speeds(top)
     best, least = None, float("inf")
     with torch.no_grad():
         wanted = torch.cat([response(frequency, speed) for response in responses])
@@ -271,5 +268,6 @@ def choose_basis(
     return best
 
 
-def _checked(top: float) -> Tensor:
+def checked_speeds(top: float) -> Tensor:
+    """Where an interpolation is compared, 0 to ``top``, m/s."""
     return top * torch.linspace(0, 1, CHECKED, dtype=torch.float64) ** 2

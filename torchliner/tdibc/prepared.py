@@ -86,11 +86,10 @@ class Prepared:
             build_kernels(liner, old.grid, old.sampling_rate, kind=old.kind, band=old.band)
         )
 
-    def read_with(self, liner: LinerModel) -> LineSums:
-        """``line_sums`` of another liner on the same moments, differentiable in its parameters."""
+    def read_with(self, response: Response) -> LineSums:
+        """``line_sums`` of another response on the same moments."""
         assert self.reader is not None
-        reader = self.reader.of(self.response(liner))
-        return dataclasses.replace(self, reader=reader).line_sums
+        return dataclasses.replace(self, reader=self.reader.of(response)).line_sums
 
     @functools.cached_property
     def window_sums(self) -> WindowSums:
