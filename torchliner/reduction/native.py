@@ -28,6 +28,7 @@ SOURCE = Path(__file__).with_name("sums.cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
 SECONDS = 120.0  # that a compiler may take
+GROUP = 5  # rows of weights that `add_lines` takes at once, as in the C++ file
 TILE = 64  # columns; the ranges of threads begin at multiples of it
 
 reason: str | None = None  # why it could not be had, after `available()`
@@ -98,7 +99,7 @@ def add_lines(
     count, columns = len(rows), slab.shape[1]
     if rows.dtype != slab.dtype or rows.shape[1:] != slab.shape[:1]:
         raise ValueError(f"weights {tuple(rows.shape)} {rows.dtype} of a slab {tuple(slab.shape)}")
-    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % 4))
+    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % GROUP))
     slab_of, kept = _slab(slab, pieces, None, sums)
     lines = _Lines(
         weights.data_ptr(),
@@ -157,11 +158,10 @@ def _slab(
     slab: Tensor, pieces: Pieces, taken: Taken | None, of_blocks: Tensor | None
 ) -> tuple[_Slab, list[Any]]:
     """What the C++ file knows of a slab, and what must live as long."""
-    table = torch.tensor(list(pieces), dtype=torch.int64).reshape(-1, 3)
-    if of_blocks is not None and len(table):
-        first, last = int(table[:, 2].min()), int(table[:, 2].max())
-        if first < 0 or last >= len(of_blocks):
-            raise IndexError(f"blocks {first} to {last}, but room for {len(of_blocks)}")
+    blocks = [block for *_, block in pieces]
+    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
+        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
+    table = (ctypes.c_int64 * (3 * len(blocks)))(*(each for piece in pieces for each in piece))
     length, columns = slab.shape
     rows = coefficients = scale = None
     if taken is not None:
@@ -173,8 +173,8 @@ def _slab(
         slab.stride(0),
         slab.stride(1),
         columns,
-        table.data_ptr(),
-        len(table),
+        ctypes.addressof(table),
+        len(blocks),
         _address(rows, (length, of), slab.dtype),
         _address(coefficients, (of, columns), slab.dtype),
         _address(scale, (columns,), slab.dtype),
@@ -253,8 +253,9 @@ def _built() -> Path:
     compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
-    macros = _output([*compiler, *FLAGS, "-dM", "-E", "-x", "c++", os.devnull])
-    content = [SOURCE.read_bytes(), " ".join(FLAGS).encode(), macros]
+    command = [*compiler, *FLAGS]
+    macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
+    content = [SOURCE.read_bytes(), shlex.join(command).encode(), macros]
     key = hashlib.sha256(b"\0".join(content)).hexdigest()[:16]
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     folder = Path(home) / "torchliner"
@@ -264,7 +265,7 @@ def _built() -> Path:
         # Several workers may build at once: each into a name of its own, the last one stays.
         with tempfile.TemporaryDirectory(dir=folder, prefix=".sums-") as own:
             part = Path(own) / target.name
-            _output([*compiler, *FLAGS, "-shared", "-o", str(part), str(SOURCE)])
+            _output([*command, "-shared", "-o", str(part), str(SOURCE)])
             part.replace(target)
     return target
 
