@@ -27,9 +27,9 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.reduction.drive import DriveSpeed
+from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.incident import LineSums
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.closure import closure_ratio

@@ -32,6 +32,7 @@ from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.reduction.basis import ANY_LINER, Chebyshev
+from torchliner.reduction.moments import Moments
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
@@ -109,12 +110,12 @@ class Calibration:
         return self.liners[0]
 
     def predict(
-        self, plane: VelocityPlane, liner: Liner | None = None, frequency: Any = None
+        self, plane: VelocityPlane | Moments, liner: Liner | None = None, frequency: Any = None
     ) -> Prediction:
         """Z of another plane with the spread of the posterior.
 
         Args:
-            plane: wall-normal velocity.
+            plane: wall-normal velocity, or its moments.
             liner: its liner, whose other numbers are kept; default that of the fit.
             frequency: Hz; default the plane's tone.
         Warns:
@@ -126,7 +127,7 @@ class Calibration:
         weights = _weights([plane], [best], frequency, self.choices)
         free, ready = FreeLiners(weights, [base], self.parameters), weights[0].ready
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
-        notes = self._beyond(plane, driving_speed(ready, self.order))
+        notes = self._beyond(ready.plane, driving_speed(ready, self.order))
         tell(notes, depth=2)
         best_z = free.impedance(self.values)
         return Prediction(ready.frequency, best_z, draws, self.posterior, tuple(notes))
@@ -145,7 +146,7 @@ class Calibration:
 
 
 def calibrate(
-    planes: VelocityPlane | Sequence[VelocityPlane],
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liners: Liner | Sequence[Liner],
     references: Any,
     parameters: Mapping[str, tuple[float, float]],
@@ -211,7 +212,10 @@ def calibrate(
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(None if noise is None else nepers_of(noise), counts)
     else:
-        wanted, spread = references_of(several, references, counts), noise_of(noise, counts)
+        wanted, spread = (
+            references_of([one.plane for one in ready], references, counts),
+            noise_of(noise, counts),
+        )
     about = (weights, models, names, low, high, wanted, spread, known)
     misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)
     if misfit.data + len(known) < len(names):
@@ -230,9 +234,9 @@ def calibrate(
     return result
 
 
-def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[LinerModel]]:
+def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane | Moments], list[LinerModel]]:
     """Planes, and the liner of each."""
-    several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
+    several = [planes] if isinstance(planes, (VelocityPlane, Moments)) else list(planes)
     models = list(liners) if isinstance(liners, (list, tuple)) else [liners] * len(several)
     if not several or len(models) != len(several):
         raise ValueError(
@@ -242,7 +246,10 @@ def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[LinerMod
 
 
 def _weights(
-    planes: Sequence[VelocityPlane], liners: Sequence[LinerModel], frequency: Any, chosen: Choices
+    planes: Sequence[VelocityPlane | Moments],
+    liners: Sequence[LinerModel],
+    frequency: Any,
+    chosen: Choices,
 ) -> list[SpeedWeights]:
     """Each plane read once, for its liner with any numbers; tables have their own speeds."""
     any_liner = Chebyshev(*ANY_LINER)

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from torchliner.calibration.speed_weights import SpeedWeights, responses_of
+from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel
-from torchliner.two_backward_passes import slopes_of
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 

@@ -19,11 +19,12 @@ from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import require_choice, tell
-from torchliner.forward_mode import dual_level
+from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.basis import Response, checked_speeds, response_of
+from torchliner.reduction.moments import Moments
 from torchliner.replay.incident import LineSums
 from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.choices import Choices
@@ -31,7 +32,6 @@ from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.replayed import Replayed, find_walls
-from torchliner.two_backward_passes import slopes_of
 
 FIELDS = {  # of the sensitivities, by that of the map which they differentiate
     "probes": "impedance",
@@ -128,7 +128,7 @@ class Sensitivities(OfParameters):
 
 
 def sensitivities(
-    plane: VelocityPlane,
+    plane: VelocityPlane | Moments,
     liner: Liner,
     frequency: Any = None,
     parameters: Sequence[str] | None = None,
@@ -140,7 +140,7 @@ def sensitivities(
     """dZ/dp of the liner, its cells and every probe, for all parameters from one reading.
 
     Args:
-        plane: wall-normal velocity, (..., T) m/s.
+        plane: wall-normal velocity, (..., T) m/s, or its moments.
         liner: one that states ``numbers``, as SDoF liners do.
         frequency: Hz, one or several; default the plane's tone.
         parameters: names of ``liner.numbers()``; default all. ``temperature`` and
@@ -157,7 +157,7 @@ def sensitivities(
         DataWarning: as ``educe``.
     Source: Roncen et al. (2026), section 3, differentiated.
     """
-    if not isinstance(plane, VelocityPlane):
+    if not isinstance(plane, (VelocityPlane, Moments)):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     model = as_liner(liner)
     numbers = named_numbers(model, parameters)

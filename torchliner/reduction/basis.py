@@ -5,9 +5,9 @@ m_k`, where the moments :math:`m_k = \sum_n w_n \varphi_k(|v_n|)` know neither f
 and :math:`c_k` comes from R at K speeds.
 
 ``Chebyshev`` serves all smooth R: :math:`\varphi_k = T_k(x)`, x = (|v| - c)/(|v| + c), so that no
-largest speed has to be known beforehand. |v|^2.5 of eq. (2.4) at rest bounds the convergence; K = 20
-gives 1e-6 at one frequency, K = 64 some 1e-6 for any liner up to 6 kHz. ``Levels`` serves tables,
-whose R has a kink at each of their speeds: cubics between levels that no kink parts.
+largest speed has to be known beforehand. |v|^2.5 of eq. (2.4) at rest bounds the convergence:
+K = 24 gives 1e-6 at one frequency, K = 64 some 1e-5 for any liner up to 6 kHz. ``Levels`` serves
+tables, whose R has a kink at each of their speeds: cubics between levels that no kink parts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,7 +26,8 @@ from torchliner.reduction.threads import one_thread
 
 TOP_SPEED = 100.0  # m/s, up to which it holds
 COUNTS = (16, 20, 24, 28, 32, 40, 48, 64, 96, 128)
-CENTRES = tuple(0.1 * 2 ** (0.4 * i) for i in range(16))  # m/s, to 6.4
+# m/s, 0.09 to 6.4, exact in float32: a rounded c would shift all orders alike.
+CENTRES = tuple(round(6.4 * 2 ** (0.4 * i)) / 64 for i in range(16))
 ANY_LINER = (64, 1.5)  # K and c for liners that are not known yet
 CHECKED = 500  # speeds at which R is compared
 FIRST_CHECKED = 150  # in the search for a basis
@@ -34,39 +35,6 @@ MOST_ASKED = 31  # frequencies of which K and c are chosen; the error is stated 
 PARTS = (4, 8, 16, 32)  # of a table's step
 STENCIL = 4
 STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
-
-
-class Basis(Protocol):
-    """K functions of |v|."""
-
-    count: int
-
-    @property
-    def speeds(self) -> Tensor:
-        """Where R has to be known, m/s, float64, (K,)."""
-        ...
-
-    @property
-    def levels(self) -> int:
-        """K."""
-        ...
-
-    def coefficients(self, values: Tensor) -> Tensor:
-        """c_k, (..., K), from values at ``speeds``, (..., K)."""
-        ...
-
-    def weights(self, moments: Tensor) -> Tensor:
-        """What values at ``speeds`` are weighed with, (..., K, P), from moments, (..., K, P): the
-        adjoint of ``coefficients``, sum_k c_k m_k = sum_k w_k R(v_k)."""
-        ...
-
-    def functions(self, speed: Tensor) -> Tensor:
-        """phi_k at some |v|, m/s, (N,): float64, (N, K)."""
-        ...
-
-    def describe(self) -> dict[str, Any]:
-        """Plain values for a file."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -110,7 +78,8 @@ class Chebyshev:
         return values @ self._transform.to(values)
 
     def weights(self, moments: Tensor) -> Tensor:
-        """By its transpose."""
+        """What values at ``speeds`` are weighed with, (..., K, P), from moments, (..., K, P): the
+        adjoint of ``coefficients``, sum_k c_k m_k = sum_k w_k R(v_k)."""
         return self._transform.to(moments) @ moments
 
     def functions(self, speed: Tensor) -> Tensor:
@@ -192,7 +161,10 @@ class Levels:
         return {"kind": "levels", "kinks": list(self.kinks), "parts": self.parts}
 
 
-def basis_of(described: dict[str, Any]) -> Chebyshev | Levels:
+Basis = Chebyshev | Levels  # K functions of |v|
+
+
+def basis_of(described: dict[str, Any]) -> Basis:
     """From ``describe``."""
     if described["kind"] == "chebyshev":
         return Chebyshev(int(described["count"]), float(described["centre"]))
@@ -225,9 +197,7 @@ def interpolation_error(
 
 
 @one_thread()
-def choose_basis(
-    liners: Sequence[LinerModel], frequency: Tensor, tolerance: float
-) -> Chebyshev | Levels:
+def choose_basis(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Basis:
     """The smallest K, and the best c, with which R is known to ``tolerance``; no data are asked.
 
     Args:

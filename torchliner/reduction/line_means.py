@@ -8,8 +8,6 @@ periods, the default, q is 0 alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
@@ -74,11 +72,11 @@ class LineReader:
         self.coefficients = basis.coefficients(values).unflatten(0, self.read.shape)
         for line in lines_needed(window, frequency, backward):
             if index_of(plan.lines, line) is None:
+                there = ", ".join(f"{each:.6g} Hz" for each in plan.lines) or "none"
                 raise ValueError(
                     f"the moments hold no sums of waves of {line:.9g} Hz, which the phase rule or "
-                    f"the window needs (there are: {', '.join(f'{each:.6g}' for each in plan.lines)}"
-                    f"{'' if plan.lines else 'none'}); reduce the data again with that phase rule, "
-                    "frequency and window, or choose phase='averaged'"
+                    f"the window needs (there are: {there}); reduce the data again with that phase "
+                    "rule, frequency and window, or choose phase='averaged'"
                 )
 
     def of(self, response: Response) -> LineReader:
@@ -148,17 +146,28 @@ class LineReader:
         middle = next(i for i, (line, _) in enumerate(self.window) if line == 0)
         own = self.coefficients[:, middle].detach()
 
-        def means(read: Callable[[Tensor], Tensor]) -> Tensor:
-            return torch.stack([read(block) for block in sums]) / lengths
+        def means(coefficients: Tensor, line: float) -> Tensor:
+            """In the precision of the sums, (S, P, F)."""
+            real, imaginary = self._moment(sums, line)
+            found = _products(coefficients, real)
+            if imaginary is not None:
+                found = found + 1j * _products(coefficients, imaginary)
+            return found / lengths
 
-        forward = means(lambda block: self._sum(block, [(own, 0.0)]))
+        forward = means(own, 0.0)
         if not self.backward:
             return forward, None
         backward = [
-            means(lambda block, f=f, value=value: self._sum(block, [(own[f : f + 1], 2 * value)]))
-            for f, value in enumerate(self.frequency.tolist())
+            means(own[f : f + 1], 2 * value) for f, value in enumerate(self.frequency.tolist())
         ]
         return forward, torch.cat(backward, dim=-1)
+
+
+def _products(coefficients: Tensor, sums: Tensor) -> Tensor:
+    """c_k, complex, (F, K), times real moments of blocks, (S, K, P): (S, P, F)."""
+    both = torch.cat([coefficients.real, coefficients.imag]).to(sums)
+    real, imaginary = (both @ sums).transpose(1, 2).chunk(2, dim=2)
+    return torch.complex(real.contiguous(), imaginary.contiguous())
 
 
 def _product(coefficients: Tensor, sums: Tensor) -> Tensor:

@@ -6,11 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from torchliner.records.cells import Cells
-from torchliner.reduction.basis import Chebyshev, Levels
+from torchliner.reduction.basis import Basis
 from torchliner.reduction.coherent_survey import with_coherent
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.moments import PlaneSums
@@ -45,7 +44,7 @@ class Wanted:
     plan: PassPlan
     tones: Tensor
     weights: Tensor
-    basis: Chebyshev | Levels | None
+    basis: Basis | None
     drive: str = "instantaneous"
     mean: str = "kept"
     running_samples: int = 1
@@ -173,12 +172,11 @@ def read_again(
             periodic = periodic.with_oncoming(wanted.oncoming_rms, squares, cells)
         blocks = wanted.plan.blocks if wanted.keeps_blocks else None
         seen = with_coherent(seen, periodic, cells, wanted.tones, wanted.weights, blocks)
-    drive = DriveSpeed(
-        velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic
-    )
+    drive = DriveSpeed(velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic)
     if periodic is not None and wanted.true_extremes:
         seen = drive.with_extremes(seen)
-    groups, notes = [each.result() for each in first.sums], []
+    groups = [each.result() for each in first.sums]
+    notes: list[str] = []
     if wanted.basis is not None and wanted.drive == "rms":
         groups = [constant_moments(wanted.plan, wanted.basis, rms.double()) for rms in drive.rms]
     elif wanted.basis is not None and len(groups) < len(drive.widths):

@@ -17,15 +17,13 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.reduction.basis import (
     Basis,
-    Chebyshev,
-    Levels,
     choose_basis,
     interpolation_error,
     response_of,
 )
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
-from torchliner.reduction.moments import PlaneSums
+from torchliner.reduction.moments import Moments, PlaneSums
 from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
@@ -42,6 +40,7 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
+from torchliner.tdibc.reduced import check_settings, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
@@ -57,7 +56,7 @@ LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
 
 
 @dataclasses.dataclass(frozen=True)
-class _Asked:
+class Asked:
     """A plane with what is asked of it, before its data are read."""
 
     plane: VelocityPlane
@@ -66,60 +65,67 @@ class _Asked:
     blocks: Blocks
     sent: Tensor | None
     notes: list[str]
+    known: Moments | None = None
 
 
 def prepare(
-    planes: Sequence[VelocityPlane],
+    planes: Sequence[VelocityPlane | Moments],
     liner: Liner,
     frequency: Any,
     chosen: Choices,
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
-    basis: Chebyshev | Levels | None = None,
+    basis: Basis | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
     Args:
-        planes, liner, frequency, progress: see ``educe``.
+        planes: those that are reduced already are not read.
+        liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
-        basis: functions of |v|, for liners that are read later; default the least that this one
+        basis: functions of |v|, for liners that are read later; default the fewest that this one
             needs.
     Raises:
         ValueError: see ``educe``.
     """
     model = as_liner(liner)
-    asked = [_ask(plane, model, frequency, chosen) for plane in planes]
+    asked = [ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
     backward = every_rule or phase_rule(chosen.phase).needs_backward
     if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
         basis = None
-    elif basis is None:
-        tolerance = min(chosen.model_tolerance(plane.velocity.dtype) for plane in planes)
+    elif basis is None and any(each.known is None for each in asked):
+        tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
         basis = choose_basis([model], read, tolerance)
-    found = [_read(each, model, chosen, basis, backward, progress) for each in asked]
-    grid = velocity_grid(planes, [sums.survey for _, sums, _ in found], model, chosen)
+    found = [
+        read_plane(each, model, chosen, basis, backward=backward, progress=progress)
+        for each in asked
+    ]
+    surveys = [sums.survey for _, sums, _ in found]
+    grid = velocity_grid([each.plane for each in asked], surveys, model, chosen)
     band = kernel_band(model, read, chosen)
-    made: dict[float, KernelTable] = {}
+    made: dict[tuple[float, Basis | None], KernelTable] = {}
     prepared = []
     for each, (drive, sums, notes) in zip(asked, found, strict=True):
         record, kernels, response = each.record, None, response_of(model)
         if needs_kernels(chosen):
             rate = record.sampling_rate
-            if rate not in made:
-                levels = grid if basis is None or chosen.engine != "spectral" else basis
-                made[rate] = build_kernels(model, levels, rate, kind=chosen.kernel, band=band)
-            kernels = made[rate]
+            key = rate, sums.basis
+            if key not in made:
+                levels = grid if sums.basis is None or chosen.engine != "spectral" else sums.basis
+                made[key] = build_kernels(model, levels, rate, kind=chosen.kernel, band=band)
+            kernels = made[key]
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
                 response = kernel_response(kernels)
         reader, error = None, None
-        if basis is not None:
+        if sums.basis is not None:
             lines = reader_lines(record, chosen)
-            reader = LineReader(sums.plan, basis, lines, each.frequency, response, backward)
-            error = _review_basis(basis, model, read, sums.survey, each.plane, chosen)
+            reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, backward)
+            error = _review_basis(sums.basis, model, read, sums.survey, each.plane, chosen)
         ready = Prepared(
             each.plane, model, chosen, each.frequency, record, sums.cells, sums.used,
             sums.survey.to_frequencies(_places(sums.tones, each.frequency)), drive, sums, reader,
@@ -179,8 +185,22 @@ def _measured(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> Tenso
     return frequency[(frequency / plane.frequency - 1).abs() < SAME_FREQUENCY]
 
 
-def _ask(plane: VelocityPlane, liner: LinerModel, frequency: Any, chosen: Choices) -> _Asked:
-    sent = None
+def ask(
+    given: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices
+) -> Asked:
+    """What is asked of a plane: frequencies, record, blocks, and the first doubts.
+
+    Raises:
+        ValueError: it cannot be answered from such a record, or from such moments.
+    """
+    if isinstance(given, Moments):
+        check_settings(given, chosen, liner)
+        plane, plan = given.plane, given.sums.plan
+        wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        record = record_of(given, chosen)
+        notes = [*given.notes, *review_record(plane, wanted, record, chosen)]
+        return Asked(plane, wanted, record, plan.blocks, None, notes, given)
+    plane, sent = given, None
     start = round(chosen.pre_roll * plane.sampling_rate)
     if start >= plane.samples:
         raise ValueError(
@@ -200,10 +220,10 @@ def _ask(plane: VelocityPlane, liner: LinerModel, frequency: Any, chosen: Choice
         window = make_window(chosen.window, plane.samples - start)
     record = Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
-    return _Asked(plane, wanted, record, blocks, sent, notes)
+    return Asked(plane, wanted, record, blocks, sent, notes)
 
 
-def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | None:
+def _resampled(asked: Asked, chosen: Choices, notes: list[str]) -> Blocks | None:
     """Blocks for error bars, of whole periods of the tone in the data, else of the lowest one."""
     if chosen.interval is None or chosen.incident is not None:
         return None
@@ -218,11 +238,27 @@ def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | Non
     return None
 
 
-def _read(
-    asked: _Asked, liner: LinerModel, chosen: Choices, basis: Chebyshev | Levels | None,
-    backward: bool, progress: Progress | None,
-) -> tuple[DriveSpeed, PlaneSums, list[str]]:  # fmt: skip
-    """One or two readings of a plane."""
+def read_plane(
+    asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
+    backward: bool | None = None, progress: Progress | None = None,
+) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
+    """One or two readings of a plane.
+
+    Args:
+        asked: of ``ask``.
+        liner: whose cells and largest |v| count.
+        chosen: all choices.
+        basis: functions of |v| that are summed; None for a survey alone.
+        backward: whether the rows of all phase rules are summed; default if the chosen one needs
+            them.
+        progress: called with numbers of samples done.
+    Returns:
+        |v| for the other engines, the sums, notes.
+    """
+    if backward is None:
+        backward = phase_rule(chosen.phase).needs_backward
+    if asked.known is not None:
+        return None, asked.known.sums, list(asked.notes)
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate

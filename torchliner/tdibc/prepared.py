@@ -150,6 +150,12 @@ class Prepared:
         return bool(self.sums.groups) and self.sums.groups[0].dtype == torch.float32
 
     @property
+    def driving(self) -> DriveSpeed:
+        """|v| for the engines that form the reflected signal."""
+        assert self.drive is not None  # ``reduced`` refuses these engines for moments
+        return self.drive
+
+    @property
     def averaged(self) -> slice:
         """The columns of the cell averages."""
         return slice(self.plane.probes, self.plane.probes + self.cells.count)
@@ -166,8 +172,7 @@ class Prepared:
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (N, n), for the reference engine."""
-        assert self.drive is not None
-        slabs = self.drive.slabs([(0, self.drive.samples)])
+        slabs = self.driving.slabs([(0, self.driving.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T
 
 
