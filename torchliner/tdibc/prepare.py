@@ -17,7 +17,6 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.reduction.basis import (
     Basis,
-    Response,
     choose_basis,
     interpolation_error,
     response_of,
@@ -40,7 +39,7 @@ from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
-from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.reduced import check_settings, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
@@ -77,6 +76,7 @@ def prepare(
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
+    basis: Basis | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -85,6 +85,8 @@ def prepare(
         liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
+        basis: functions of |v|, for liners that are read later; default the fewest that this one
+            needs.
     Raises:
         ValueError: see ``educe``.
     """
@@ -92,11 +94,11 @@ def prepare(
     asked = [ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
     backward = every_rule or phase_rule(chosen.phase).needs_backward
-    basis = None
-    if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
+    if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
+        basis = None
+    elif basis is None and any(each.known is None for each in asked):
         tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
-        if any(each.known is None for each in asked):
-            basis = choose_basis([model], read, tolerance)
+        basis = choose_basis([model], read, tolerance)
     found = [
         read_plane(each, model, chosen, basis, backward=backward, progress=progress)
         for each in asked
@@ -118,7 +120,7 @@ def prepare(
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
-                response = _response_of(kernels)
+                response = kernel_response(kernels)
         reader, error = None, None
         if sums.basis is not None:
             lines = reader_lines(record, chosen)
@@ -132,11 +134,6 @@ def prepare(
         notes += review_tables(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
-
-
-def _response_of(kernels: KernelTable) -> Response:
-    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
-    return lambda frequency, _: kernels.response(frequency).T
 
 
 def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]:
@@ -155,9 +152,8 @@ def _review_basis(
     Raises:
         ValueError: it is too large for any digit that is printed.
     """
-    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
-    top = min(peak, model.speed_max or peak)
-    error, speed = interpolation_error(basis, response_of(model), read, max(top, 1e-3))
+    top = top_speed(seen, model)
+    error, speed = interpolation_error(basis, response_of(model), read, top)
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(
             f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
