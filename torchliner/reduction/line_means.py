@@ -64,7 +64,7 @@ class LineReader:
         frequency: Tensor, response: Response, backward: bool,
     ) -> None:  # fmt: skip
         self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
-        self.frequency = frequency
+        self.frequency, self.response = frequency, response
         read = (frequency[:, None] - torch.tensor([line for line, _ in window])).flatten()
         if float(read.min()) <= 0:
             raise ValueError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import torch
@@ -28,7 +28,7 @@ from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
 from torchliner.reduction.moments import PlaneSums
 from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
-from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.plan import PassPlan, merged
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, read_again, read_once
 from torchliner.reduction.survey import Survey
@@ -77,6 +77,8 @@ def prepare(
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
+    liners: Sequence[LinerModel] = (),
+    further_lines: Callable[[Record], Iterable[float]] | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -84,6 +86,8 @@ def prepare(
         planes, liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
+        liners: others that will be read off the same moments.
+        further_lines: Hz, waves to be summed beside those of window and phase rule.
     Raises:
         ValueError: see ``educe``.
     """
@@ -94,8 +98,16 @@ def prepare(
     basis = None
     if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
         tolerance = min(chosen.model_tolerance(plane.velocity.dtype) for plane in planes)
-        basis = choose_basis([model], read, tolerance)
-    found = [_read(each, model, chosen, basis, backward, progress) for each in asked]
+        basis = choose_basis([model, *liners], read, tolerance)
+    rows = [
+        (*lines_needed(reader_lines(each.record, chosen), each.frequency, backward),
+         *(further_lines(each.record) if further_lines else ()))
+        for each in asked
+    ]  # fmt: skip
+    found = [
+        _read(each, model, chosen, basis, merged(lines), progress)
+        for each, lines in zip(asked, rows, strict=True)
+    ]
     grid = velocity_grid(planes, [sums.survey for _, sums, _ in found], model, chosen)
     band = kernel_band(model, read, chosen)
     made: dict[float, KernelTable] = {}
@@ -111,7 +123,7 @@ def prepare(
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
-                response = _response_of(kernels)
+                response = kernel_response(kernels)
         reader, error = None, None
         if basis is not None:
             lines = reader_lines(record, chosen)
@@ -127,7 +139,7 @@ def prepare(
     return prepared
 
 
-def _response_of(kernels: KernelTable) -> Response:
+def kernel_response(kernels: KernelTable) -> Response:
     """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
     return lambda frequency, _: kernels.response(frequency).T
 
@@ -223,13 +235,12 @@ def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | Non
 
 def _read(
     asked: _Asked, liner: LinerModel, chosen: Choices, basis: Chebyshev | Levels | None,
-    backward: bool, progress: Progress | None,
+    lines: tuple[float, ...], progress: Progress | None,
 ) -> tuple[DriveSpeed, PlaneSums, list[str]]:  # fmt: skip
     """One or two readings of a plane."""
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate
-    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
     plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
                     lines if basis is not None else ())  # fmt: skip
     harmonics = None
