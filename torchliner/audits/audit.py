@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.audits.rows import Audit, AuditRow

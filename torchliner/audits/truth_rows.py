@@ -109,9 +109,7 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
     # The rms of the record is known after one reading, and its error bars keep blocks of v.
     chosen = Choices(drive="rms", allow_short=True)
     (of_rms,) = prepare([plane], liner, None, chosen, every_rule=True)
-    others = dataclasses.replace(
-        of_rms, survey=dataclasses.replace(of_rms.survey, blocks=None)
-    )
+    others = dataclasses.replace(of_rms, survey=dataclasses.replace(of_rms.survey, blocks=None))
     for drive, mean in DRIVES:
         of_drive = of_rms
         if drive != "rms":

@@ -150,7 +150,8 @@ class Variants:
         for kind, words in (("two-sided", ""), ("causal", ", the paper to the letter")):
             if kind != self.kind:
                 reader = self._read(self.reader.window, self._of_kernel(self.ready.liner, kind))
-                yield Variant("kernel", kind + words, dataclasses.replace(self.ready, reader=reader))
+                ready = dataclasses.replace(self.ready, reader=reader)
+                yield Variant("kernel", kind + words, ready)
 
     def _liners(self) -> Iterator[Variant]:
         for factor, name, liner in self.liners:
@@ -175,13 +176,10 @@ class Variants:
                 f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}"
             )
         if not ready.keeps_blocks or half == 0:
-            raise CannotApply("no moments of its blocks are kept: |v| is constant, or interval None")
+            raise CannotApply("no moments of blocks are kept: |v| is constant, or interval None")
         for name, first in (("first", 0), ("second", blocks.count - half)):
-            own = [
-                GroupMoments(group.of_blocks[first : first + half].sum(0, dtype=torch.float64), None)
-                for group in groups
-                if group.of_blocks is not None
-            ]
+            parts = [group.of_blocks[first : first + half] for group in groups]
+            own = [GroupMoments(part.sum(0, dtype=torch.float64), None) for part in parts]
             begin, end = blocks.borders[first], blocks.borders[first + half]
             window = make_window("boxcar", end - begin)
             record = dataclasses.replace(ready.record, start=begin, window=window)

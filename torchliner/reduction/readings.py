@@ -175,7 +175,9 @@ def read_again(
     if periodic is not None and wanted.true_extremes:
         seen = drive.with_extremes(seen)
     known = [each.result() for each in first.sums]
-    groups, notes = moments_of(drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress)
+    groups, notes = moments_of(
+        drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
+    )
     found = PlaneSums(
         wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, groups
     )
