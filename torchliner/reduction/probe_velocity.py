@@ -45,6 +45,7 @@ class ProbeVelocity:
         self.memory = memory
         self.most_rows: int | None = None  # set where a device turned out to be too small
         self.derived = 0  # columns that are formed of these beside them
+        self.samples_read = 0
         if cells is None:
             return
         self.widths = (plane.probes, cells.count)
@@ -83,6 +84,7 @@ class ProbeVelocity:
         else:
             source = (self.plane.read(*each).to(self.device) for each in bounds)
         for slab in source:
+            self.samples_read += len(slab)
             if self.used is not None:
                 slab = torch.where(self.used, slab, torch.zeros((), dtype=slab.dtype))
             found = [slab.to(self.dtype)]
