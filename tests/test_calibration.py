@@ -77,6 +77,18 @@ def test_known_parameters_are_recovered(order, window):
     assert found.on_bound == found.unseen == ()
 
 
+def test_liners_of_their_own_share_the_parameters():
+    """Two cavities, one vena contracta and offset; rms |v| is that of the columns averaged over."""
+    deep = [start(), start().replace(cavity_depth=30e-3)]
+    wanted = [complex(impedance(each, liner.with_numbers(TRUE)))
+              for each, liner in zip(planes(), deep, strict=True)]  # fmt: skip
+    found = calibrate(planes(), deep, wanted, BOUNDS, draws=0)
+    assert found.values.tolist() == pytest.approx(list(TRUE.values()), abs=1e-7)
+    assert [each.cavity_depth for each in found.liners] == [each.cavity_depth for each in deep]
+    cells = [each.velocity.unflatten(0, (2, 4)).mean(1) for each in planes()]
+    assert found.speeds == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
+
+
 def test_data_are_read_once(monkeypatch):
     """Fit, Jacobian, posterior: one preparation a plane, whatever is asked of it afterwards."""
     wanted, read = references(), []
