@@ -134,8 +134,8 @@ class Levels:
     def locate(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """First level of each stencil (int64) and its weights, (4, ...), for |v| of any shape."""
         ends = torch.tensor(self.kinks, dtype=speed.dtype, device=speed.device)
-        step = torch.bucketize(speed.contiguous(), ends, right=True).sub_(1)
-        step = step.clamp_(0, len(ends) - 2)
+        step = torch.bucketize(speed.contiguous(), ends, right=True)
+        step = step.sub_(1).clamp_(0, len(ends) - 2)
         place = self.parts * (speed - ends[step]) / (ends[step + 1] - ends[step])
         first = (place.floor() - 1).clamp(0, self.parts + 1 - STENCIL).nan_to_num(0)
         t = place - first

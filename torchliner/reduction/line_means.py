@@ -60,7 +60,7 @@ class LineReader:
         frequency: Tensor, response: Response, backward: bool,
     ) -> None:  # fmt: skip
         self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
-        self.frequency = frequency
+        self.frequency, self.response = frequency, response
         shift = torch.tensor([line for line, _ in window], dtype=torch.float64)
         self.read = frequency[:, None] - shift  # Hz, where R is asked for, (F, lines)
         if float(self.read.min()) <= 0:

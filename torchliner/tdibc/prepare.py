@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import torch
@@ -25,7 +25,7 @@ from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
 from torchliner.reduction.moments import Moments, PlaneSums
 from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
-from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.plan import PassPlan, merged
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, read_again, read_once
 from torchliner.reduction.survey import Survey
@@ -77,6 +77,8 @@ def prepare(
     *,
     every_rule: bool = False,
     basis: Basis | None = None,
+    liners: Sequence[LinerModel] = (),
+    further_lines: Callable[[Record], Iterable[float]] | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -87,6 +89,8 @@ def prepare(
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
         basis: functions of |v|, for liners that are read later; default the fewest that this one
             needs.
+        liners: others that will be read off the same moments.
+        further_lines: Hz, waves to be summed beside those of window and phase rule.
     Raises:
         ValueError: see ``educe``.
     """
@@ -98,11 +102,14 @@ def prepare(
         basis = None
     elif basis is None and any(each.known is None for each in asked):
         tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
-        basis = choose_basis([model], read, tolerance)
+        basis = choose_basis([model, *liners], read, tolerance)
     found = [
-        read_plane(each, model, chosen, basis, backward=backward, progress=progress)
+        read_plane(
+            each, model, chosen, basis, backward=backward, progress=progress,
+            further_lines=further_lines(each.record) if further_lines else (),
+        )
         for each in asked
-    ]
+    ]  # fmt: skip
     surveys = [sums.survey for _, sums, _ in found]
     grid = velocity_grid([each.plane for each in asked], surveys, model, chosen)
     band = kernel_band(model, read, chosen)
@@ -240,7 +247,8 @@ def _resampled(asked: Asked, chosen: Choices, notes: list[str]) -> Blocks | None
 
 def read_plane(
     asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
-    backward: bool | None = None, progress: Progress | None = None,
+    backward: bool | None = None, further_lines: Iterable[float] = (),
+    progress: Progress | None = None,
 ) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
     """One or two readings of a plane.
 
@@ -251,6 +259,7 @@ def read_plane(
         basis: functions of |v| that are summed; None for a survey alone.
         backward: whether the rows of all phase rules are summed; default if the chosen one needs
             them.
+        further_lines: Hz, waves to be summed beside those of window and phase rule.
         progress: called with numbers of samples done.
     Returns:
         |v| for the other engines, the sums, notes.
@@ -262,9 +271,11 @@ def read_plane(
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate
-    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
-    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
-                    lines if basis is not None else ())  # fmt: skip
+    lines: tuple[float, ...] = ()
+    if basis is not None:
+        of_window = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
+        lines = merged([*of_window, *further_lines])
+    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks, lines)
     harmonics = None
     if chosen.order == ORDERS[2]:
         harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)
