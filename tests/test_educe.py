@@ -15,9 +15,10 @@ from torchliner.replay.phase_rule import PhaseRule
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
-# spectral evaluates the model itself; direct goes through levels (1e-6) and kernels (4e-7 in R)
+INTERPOLATED = 1e-9  # in R over |v|, of float64
+# spectral interpolates R over |v|; direct goes through levels (1e-6) and kernels (4e-7 in R)
 ENGINE_ERROR = {
-    ("spectral", torch.float64): 1e-12,
+    ("spectral", torch.float64): 3e-9,
     ("spectral", torch.float32): 1e-5,
     ("direct", torch.float64): 2e-5,
     ("direct", torch.float32): 2e-5,
@@ -69,13 +70,13 @@ def three_lines(speed: np.ndarray, liner, psi: float) -> np.ndarray:
 
 @pytest.mark.parametrize("psi", [0.0, 0.9, -2.0])
 def test_given_phase_is_the_exact_identity(liner, psi):
-    """Wrapped, Hann: the line f0 of the reflected tone is three weighted sums, to 1e-12."""
+    """Wrapped, Hann: the line f0 of the reflected tone is three weighted sums."""
     velocity = turbulence((3, 480))
     found = tl.educe(plane_of(velocity), liner, frequency=1400.0, engine="spectral", phase="given",
                      reference_phase=psi, edge="wrap", window="hann", drive="instantaneous",
                      device="cpu")  # fmt: skip
     wanted = three_lines(velocity.abs().numpy(), liner, psi)
-    assert np.abs(found.reflection[:, 0].numpy() - wanted).max() < 1e-12
+    assert np.abs(found.reflection[:, 0].numpy() - wanted).max() < INTERPOLATED
 
 
 def test_phase_decides_for_tonal_velocity():
@@ -99,9 +100,9 @@ def test_phase_decides_for_tonal_velocity():
 
 
 def test_engines_agree_through_the_public_name(liner):
-    """``spectral`` with the kernels' response is ``direct``: every phase rule, both edges."""
-    velocity = turbulence((3, 487), seed=2) + torch.cos(
-        2 * torch.pi * FREQUENCY / RATE * torch.arange(487, dtype=torch.float64)
+    """``spectral`` with the kernels' response is ``direct`` on a periodic record: every rule."""
+    velocity = turbulence((3, 480), seed=2) + torch.cos(
+        2 * torch.pi * FREQUENCY / RATE * torch.arange(480, dtype=torch.float64)
     )
     for phase, extra in (
         ("averaged", {}),
@@ -110,11 +111,12 @@ def test_engines_agree_through_the_public_name(liner):
     ):
         direct, spectral = (
             tl.educe(
-                plane_of(velocity), liner, phase=phase, engine=engine, response="kernel", **extra
-            )
+                plane_of(velocity), liner, phase=phase, engine=engine, response="kernel",
+                window="hann", edge="wrap", levels=2000, **extra,
+            )  # fmt: skip
             for engine in ("direct", "spectral")
         )
-        assert float((direct.reflection - spectral.reflection).abs().max()) < 1e-12
+        assert float((direct.reflection - spectral.reflection).abs().max()) < INTERPOLATED
 
 
 def test_self_consistent_wave_reproduces_the_velocity(liner):
@@ -220,7 +222,7 @@ def test_drives(liner):
     v = turbulence((2, 960), seed=11) + 2.0
     rms = (v**2).mean(1).sqrt()
     found = tl.educe(plane_of(v), liner, drive="rms")
-    assert relative_error(found.impedance[:, 0], liner.impedance(FREQUENCY, rms)) < 1e-12
+    assert relative_error(found.impedance[:, 0], liner.impedance(FREQUENCY, rms)) < INTERPOLATED
     removed = tl.educe(plane_of(v), liner, drive="rms", mean="removed")
     wanted = liner.impedance(FREQUENCY, v.std(dim=1, correction=0))
     assert relative_error(removed.impedance[:, 0], wanted) < 1e-9
@@ -238,12 +240,13 @@ def test_running_rms_against_a_plain_loop(liner, window):
     from torchliner.records.slabs import bounds_of
     from torchliner.reduction.drive import DriveSpeed
     from torchliner.reduction.probe_velocity import ProbeVelocity
-    from torchliner.reduction.survey import survey
+    from torchliner.reduction.survey import Survey
 
     v = turbulence((2, 130), seed=12)
     plane = plane_of(v)
     velocity = ProbeVelocity(plane, None, torch.float64, torch.device("cpu"))
-    seen = survey(velocity, torch.tensor([FREQUENCY]), RATE, torch.ones(130, dtype=torch.float64))
+    known = torch.zeros(2, dtype=torch.float64)
+    seen = Survey(known, (v**2).mean(1), *[known] * 6, segments=(1,))
     drive = DriveSpeed(velocity, "running-rms", "kept", seen, window)
     slabs = drive.slabs(bounds_of(130, 17))
     found = torch.cat([slab[0].speed for slab in slabs]).T
@@ -260,21 +263,23 @@ def test_statistics_and_provenance(liner):
     assert float((found.mean_velocity - v.mean(1)).abs().max()) < 1e-12
     assert float((found.velocity_rms - v.std(dim=1, correction=0)).abs().max()) < 1e-12
     for key in ("engine", "phase", "edge", "drive", "mean", "kernel", "window", "velocity_max",
-                "kernel_error", "liner", "version", "levels"):  # fmt: skip
+                "model_error", "basis", "liner", "version", "levels"):  # fmt: skip
         assert found.choices[key] is not None
     assert found.choices["liner"]["velocity_reading"] == "as_measured"
-    assert 0 < found.choices["kernel_error"] < 4e-7
+    assert 0 < found.choices["model_error"] < 1e-9
+    other = tl.educe(plane_of(v), liner, engine="unfold")
+    assert 0 < other.choices["kernel_error"] < 4e-7
 
 
 def test_gradients_through_spectral(liner):
-    """gradcheck of educed R over liner parameters, edge tables included."""
+    """gradcheck of educed R over liner parameters."""
     plane = plane_of(turbulence((2, 130), seed=14))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
 
         def reflection(contraction, porosity):
             model = liner.replace(vena_contracta=contraction, porosity=porosity)
-            found = tl.educe(plane, model, velocity_max=16.0, levels=20)
+            found = tl.educe(plane, model, velocity_max=16.0)
             return torch.view_as_real(found.reflection)
 
         values = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (0.8, 0.055)]
@@ -366,7 +371,7 @@ def test_wide_planes_are_cut_finer(liner, monkeypatch):
     assert slabs.rows_per_slab(1, 4) == slabs.SLAB_ROWS
     monkeypatch.setattr(slabs, "SLAB_BYTES", 50)
     found = tl.educe(plane_of(v), liner).reflection
-    assert float((found - wanted).abs().max()) < 1e-13
+    assert float((found - wanted).abs().max()) < 1e-10  # pieces of 1 are multiples of 2^-32 each
 
 
 def test_coherence_against_plain_segments(liner):
@@ -401,7 +406,7 @@ def test_few_segments_are_noted(liner):
 
 def test_many_cells_are_averaged_like_few(liner, monkeypatch):
     """The matrix for few cells and the scattered sums for many give the same averages."""
-    from torchliner.replay import probe_velocity
+    from torchliner.reduction import probe_velocity
 
     small = liner.replace(cell_pitch=2e-3, orifice_diameter=1e-3)
     v = turbulence((9, 11, 300), seed=21)

@@ -35,6 +35,8 @@ _HOMES = {
     "read_line": "torchliner.io.line_file",
     "read_points": "torchliner.io.point_file",
     "educe": "torchliner.tdibc.educe",
+    "moments": "torchliner.tdibc.reduce",
+    "Moments": "torchliner.reduction.moments",
     "educe_bursts": "torchliner.ldv.educe_bursts",
     "BurstFilters": "torchliner.signals.burst_validation",
     "validate_bursts": "torchliner.signals.burst_validation",

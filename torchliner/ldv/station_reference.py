@@ -11,7 +11,7 @@ from torch import Tensor
 from torchliner.checks import real_tensor
 from torchliner.ldv.station_segments import Segments
 from torchliner.records import ReferenceChannel
-from torchliner.reduction.survey import PERIODS_PER_SEGMENT
+from torchliner.reduction.coherence import PERIODS_PER_SEGMENT
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.transfer import transfer_function
 from torchliner.signals.windows import make_window

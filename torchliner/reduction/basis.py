@@ -5,17 +5,17 @@ m_k`, where the moments :math:`m_k = \sum_n w_n \varphi_k(|v_n|)` know neither f
 and :math:`c_k` comes from R at K speeds.
 
 ``Chebyshev`` serves all smooth R: :math:`\varphi_k = T_k(x)`, x = (|v| - c)/(|v| + c), so that no
-largest speed has to be known beforehand. |v|^2.5 of eq. (2.4) at rest bounds the convergence; K = 20
-gives 1e-6 at one frequency, K = 64 some 1e-6 for any liner up to 6 kHz. ``Levels`` serves tables,
-whose R has a kink at each of their speeds: cubics between levels that no kink parts.
+largest speed has to be known beforehand. |v|^2.5 of eq. (2.4) at rest bounds the convergence:
+K = 24 gives 1e-6 at one frequency, K = 64 some 1e-5 for any liner up to 6 kHz. ``Levels`` serves
+tables, whose R has a kink at each of their speeds: cubics between levels that no kink parts.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,41 +26,15 @@ from torchliner.reduction.threads import one_thread
 
 TOP_SPEED = 100.0  # m/s, up to which it holds
 COUNTS = (16, 20, 24, 28, 32, 40, 48, 64, 96, 128)
-CENTRES = tuple(0.1 * 2 ** (0.4 * i) for i in range(16))  # m/s, to 6.4
+# m/s, 0.09 to 6.4, exact in float32: a rounded c would shift all orders alike.
+CENTRES = tuple(round(6.4 * 2 ** (0.4 * i)) / 64 for i in range(16))
 ANY_LINER = (64, 1.5)  # K and c for liners that are not known yet
 CHECKED = 500  # speeds at which R is compared
-MOST_ASKED = 9  # frequencies of which K and c are chosen; the error is stated over all
+FIRST_CHECKED = 150  # in the search for a basis
+MOST_ASKED = 31  # frequencies of which K and c are chosen; the error is stated over all
 PARTS = (4, 8, 16, 32)  # of a table's step
 STENCIL = 4
 STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
-
-
-class Basis(Protocol):
-    """K functions of |v|."""
-
-    count: int
-
-    @property
-    def speeds(self) -> Tensor:
-        """Where R has to be known, m/s, float64, (K,)."""
-        ...
-
-    @property
-    def levels(self) -> int:
-        """K."""
-        ...
-
-    def coefficients(self, values: Tensor) -> Tensor:
-        """c_k, (..., K), from values at ``speeds``, (..., K)."""
-        ...
-
-    def functions(self, speed: Tensor) -> Tensor:
-        """phi_k at some |v|, m/s, (N,): float64, (N, K)."""
-        ...
-
-    def describe(self) -> dict[str, Any]:
-        """Plain values for a file."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -102,6 +76,11 @@ class Chebyshev:
     def coefficients(self, values: Tensor) -> Tensor:
         """By the discrete cosine transform."""
         return values @ self._transform.to(values)
+
+    def weights(self, moments: Tensor) -> Tensor:
+        """What values at ``speeds`` are weighed with, (..., K, P), from moments, (..., K, P): the
+        adjoint of ``coefficients``, sum_k c_k m_k = sum_k w_k R(v_k)."""
+        return self._transform.to(moments) @ moments
 
     def functions(self, speed: Tensor) -> Tensor:
         """T_k."""
@@ -148,6 +127,10 @@ class Levels:
         """The values themselves."""
         return values
 
+    def weights(self, moments: Tensor) -> Tensor:
+        """The moments themselves."""
+        return moments
+
     def locate(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """First level of each stencil (int64) and its weights, (4, ...), for |v| of any shape."""
         ends = torch.tensor(self.kinks, dtype=speed.dtype, device=speed.device)
@@ -179,7 +162,10 @@ class Levels:
         return {"kind": "levels", "kinks": list(self.kinks), "parts": self.parts}
 
 
-def basis_of(described: dict[str, Any]) -> Chebyshev | Levels:
+Basis = Chebyshev | Levels  # K functions of |v|
+
+
+def basis_of(described: dict[str, Any]) -> Basis:
     """From ``describe``."""
     if described["kind"] == "chebyshev":
         return Chebyshev(int(described["count"]), float(described["centre"]))
@@ -202,7 +188,7 @@ def interpolation_error(
     basis: Basis, response: Response, frequency: Tensor, top: float
 ) -> tuple[float, float]:
     """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands."""
-    speed = _checked(top)
+    speed = checked_speeds(top)
     with torch.no_grad():
         wanted = response(frequency, speed)
         found = basis.coefficients(response(frequency, basis.speeds))
@@ -212,9 +198,7 @@ def interpolation_error(
 
 
 @one_thread()
-def choose_basis(
-    liners: Sequence[LinerModel], frequency: Tensor, tolerance: float
-) -> Chebyshev | Levels:
+def choose_basis(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Basis:
     """The smallest K, and the best c, with which R is known to ``tolerance``; no data are asked.
 
     Args:
@@ -228,33 +212,64 @@ def choose_basis(
     responses = [response_of(liner) for liner in liners]
     ends = [liner.speed_max for liner in liners if liner.speed_max is not None]
     top = min(ends, default=TOP_SPEED)
-    candidates: Iterable[Chebyshev | Levels]
-    if ends:
-        kinks = {k for liner in liners for k in liner.speed_kinks if k < top}
-        kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
-        rising = (*sorted(kinks | {0.0}), top)
-        candidates = (Levels(rising, parts) for parts in PARTS)
-    else:
-        candidates = (Chebyshev(count, centre) for count in COUNTS for centre in CENTRES)
-    if len(frequency) > MOST_ASKED:
-        rising = frequency.sort().values
-        places = torch.linspace(0, len(rising) - 1, MOST_ASKED).round().to(torch.int64)
-        frequency = rising[places]
-    speed = _checked(top)
-    best, least = None, float("inf")
     with torch.no_grad():
-        wanted = torch.cat([response(frequency, speed) for response in responses])
-        for basis in candidates:
-            if best is not None and least <= tolerance and basis.count > best.count:
-                break
-            values = torch.cat([response(frequency, basis.speeds) for response in responses])
-            found = basis.coefficients(values) @ basis.functions(speed).T.to(values)
-            error = float((found - wanted).abs().max())
-            if error < least:
-                best, least = basis, error
-    assert best is not None
+        if ends:
+            return _best_levels(responses, frequency, liners, top, tolerance)
+        return _best_chebyshev(responses, frequency, tolerance)
+
+
+def _best_levels(
+    responses: Sequence[Response], frequency: Tensor, liners: Sequence[LinerModel], top: float,
+    tolerance: float,
+) -> Levels:  # fmt: skip
+    kinks = {k for liner in liners for k in liner.speed_kinks if k < top}
+    kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
+    rising = (*sorted(kinks | {0.0}), top)
+    for parts in PARTS:
+        found = Levels(rising, parts)
+        errors = [interpolation_error(found, each, frequency, top)[0] for each in responses]
+        if max(errors) <= tolerance:
+            break
+    return found
+
+
+def _best_chebyshev(
+    responses: Sequence[Response], frequency: Tensor, tolerance: float
+) -> Chebyshev:
+    every = frequency
+    if len(frequency) > MOST_ASKED:
+        places = torch.linspace(0, len(frequency) - 1, MOST_ASKED).round().to(torch.int64)
+        frequency = frequency.sort().values[places]
+
+    def values_at(speed: Tensor) -> Tensor:
+        """R of all liners and frequencies, (F, *speed.shape)."""
+        flat = torch.cat([response(frequency, speed.flatten()) for response in responses])
+        return flat.unflatten(1, speed.shape)
+
+    wanted = values_at(checked_speeds(TOP_SPEED, FIRST_CHECKED))[:, None]
+    best, least = Chebyshev(*ANY_LINER), float("inf")
+    for count in COUNTS:
+        made, functions = _candidates(count)
+        values = values_at(torch.stack([basis.speeds for basis in made]))
+        found = torch.einsum("fck,cvk->fcv", made[0].coefficients(values), functions.to(values))
+        errors = (found - wanted).abs().amax((0, 2))
+        if float(errors.min()) < least:
+            best, least = made[int(errors.argmin())], float(errors.min())
+        if least <= tolerance and all(
+            interpolation_error(best, each, every, TOP_SPEED)[0] <= tolerance for each in responses
+        ):
+            break
     return best
 
 
-def _checked(top: float) -> Tensor:
-    return top * torch.linspace(0, 1, CHECKED, dtype=torch.float64) ** 2
+@functools.lru_cache(maxsize=len(COUNTS))
+def _candidates(count: int) -> tuple[list[Chebyshev], Tensor]:
+    """Of all centres, and their functions at the speeds that are checked first, (C, V, K)."""
+    made = [Chebyshev(count, centre) for centre in CENTRES]
+    speed = checked_speeds(TOP_SPEED, FIRST_CHECKED)
+    return made, torch.stack([basis.functions(speed) for basis in made])
+
+
+def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
+    """Where an interpolation is compared, 0 to ``top``, m/s."""
+    return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3

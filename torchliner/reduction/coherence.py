@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor
 
@@ -77,8 +79,7 @@ class _Segments:
         cuts = sorted({*edges, *(low + begin for low, _, _ in self.plan.pieces(
             begin, end, weighed=False))})  # fmt: skip
         pieces = [
-            (low - begin, high - begin, low // self.length - first)
-            for low, high in zip(cuts, cuts[1:], strict=False)
+            (low - begin, high - begin, low // self.length - first) for low, high in pairwise(cuts)
         ]
         sums = torch.zeros(
             len(edges) - 1, *self.open.shape, dtype=torch.float64, device=slab.device
@@ -87,7 +88,7 @@ class _Segments:
         add_lines(slab[: end - begin], pieces, both, sums, None, None, None)
         sums[0] += self.open
         windows = torch.stack([rows[low - begin : high - begin].sum()
-                               for low, high in zip(edges, edges[1:], strict=False)])  # fmt: skip
+                               for low, high in pairwise(edges)])  # fmt: skip
         windows[0] += self.open_window
         whole = len(sums) - (end % self.length != 0)
         self._close(sums[:whole], windows[:whole].to(slab.device))

@@ -119,14 +119,16 @@ def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:
     Raises:
         ValueError: if a piece has no row, more than 256, or rows that the slab has not.
     """
-    known = torch.empty(len(pieces), 1 if rows is None else 1 + len(rows), dtype=torch.float64)
-    for weight, (low, high, _) in zip(known, pieces, strict=True):
+    for low, high, _ in pieces:
         if not (0 <= low < high <= len(slab) and high - low <= ROWS):
             raise ValueError(f"a piece is 1 to {ROWS} of the {len(slab)} rows, not {low} to {high}")
-        weight[0] = high - low
-        if rows is not None:
-            weight[1:] = rows[:, low:high].sum(1, dtype=torch.float64)
-    return rounded(known)
+    if not pieces:
+        return torch.zeros(0, 1 if rows is None else 1 + len(rows), dtype=torch.float64)
+    known = torch.tensor([[high - low] for low, high, _ in pieces], dtype=torch.float64)
+    if rows is None:
+        return known
+    further = [rows[:, low:high].sum(1, dtype=torch.float64) for low, high, _ in pieces]
+    return torch.cat([known, rounded(torch.stack(further))], 1)
 
 
 def rounded(sums: Tensor) -> Tensor:

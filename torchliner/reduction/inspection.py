@@ -10,10 +10,14 @@ from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS
 from torchliner.records import VelocityPlane
+from torchliner.records.cells import sort_into_cells
 from torchliner.records.slabs import slab_bounds
 from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
-from torchliner.reduction.survey import Survey, moments, survey
+from torchliner.reduction.readings import Wanted, read_once
+from torchliner.reduction.survey import Survey, moments
+from torchliner.signals.blocks import Blocks
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384
@@ -38,7 +42,12 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     frequency = torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
     velocity = ProbeVelocity(plane, None, torch.float64, torch.device("cpu"))
     hann = torch.hann_window(plane.samples, dtype=torch.float64)
-    seen = survey(velocity, frequency, plane.sampling_rate, hann)
+    blocks = Blocks((0, plane.samples), 1)
+    plan = PassPlan(plane.samples, plane.sampling_rate, 0, plane.samples, blocks)
+    wanted = Wanted(plan, frequency, hann, basis=None, keeps_blocks=False)
+    everywhere = torch.ones(plane.probes, dtype=torch.bool)
+    first, _ = read_once(velocity, wanted, sort_into_cells(plane, None), everywhere, None)
+    seen = first.survey
     facts: dict[str, Any] = {
         "title": plane.title,
         "probes": "x".join(str(n) for n in plane.probe_shape) or "1",

@@ -8,8 +8,6 @@ periods, the default, q is 0 alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
@@ -19,9 +17,7 @@ from torchliner.reduction.speed_sums import GroupMoments
 from torchliner.signals.windows import Window
 
 
-def window_lines(
-    window: Window, start: int, sampling_rate: float
-) -> list[tuple[float, complex]]:
+def window_lines(window: Window, start: int, sampling_rate: float) -> list[tuple[float, complex]]:
     """Hz and coefficient, phase counted from sample 0, of each wave of which a window is made.
 
     Raises:
@@ -65,22 +61,39 @@ class LineReader:
     ) -> None:  # fmt: skip
         self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
         self.frequency, self.response = frequency, response
-        read = (frequency[:, None] - torch.tensor([line for line, _ in window])).flatten()
-        if float(read.min()) <= 0:
+        shift = torch.tensor([line for line, _ in window], dtype=torch.float64)
+        self.read = frequency[:, None] - shift  # Hz, where R is asked for, (F, lines)
+        if float(self.read.min()) <= 0:
             raise ValueError(
-                f"the window's lines reach down to {float(read.min()):g} Hz around "
+                f"the window's lines reach down to {float(self.read.min()):g} Hz around "
                 f"{float(frequency.min()):g} Hz; take a longer record, or leave window out"
             )
-        values = response(read, basis.speeds)
-        self.coefficients = basis.coefficients(values).unflatten(0, (len(frequency), len(window)))
+        values = response(self.read.flatten(), basis.speeds)
+        self.coefficients = basis.coefficients(values).unflatten(0, self.read.shape)
         for line in lines_needed(window, frequency, backward):
             if index_of(plan.lines, line) is None:
+                there = ", ".join(f"{each:.6g} Hz" for each in plan.lines) or "none"
                 raise ValueError(
                     f"the moments hold no sums of waves of {line:.9g} Hz, which the phase rule or "
-                    f"the window needs (there are: {', '.join(f'{each:.6g}' for each in plan.lines)}"
-                    f"{'' if plan.lines else 'none'}); reduce the data again with that phase rule, "
-                    "frequency and window, or choose phase='averaged'"
+                    f"the window needs (there are: {there}); reduce the data again with that phase "
+                    "rule, frequency and window, or choose phase='averaged'"
                 )
+
+    def of(self, response: Response) -> LineReader:
+        """The same of another response."""
+        return LineReader(
+            self.plan, self.basis, self.window, self.frequency, response, self.backward
+        )
+
+    def weights(self, group: GroupMoments) -> Tensor:
+        """Of R at ``read`` less ``frequency`` and at the basis' speeds in ``forward``, complex128,
+        (lines, K, P); the same ones at each frequency and for each response."""
+        rows = []
+        for line, c in self.window:
+            real, imaginary = self._moment(group.totals, -line)
+            sums = torch.complex(real, torch.zeros_like(real) if imaginary is None else imaginary)
+            rows.append(c * self.basis.weights(sums))
+        return torch.stack(rows)
 
     def _moment(self, sums: Tensor, line: float) -> tuple[Tensor, Tensor | None]:
         """Real and imaginary part of the sums of T_k e^{-2 pi j line t}, (..., K, P) each."""
@@ -105,9 +118,7 @@ class LineReader:
 
     def forward(self, group: GroupMoments) -> Tensor:
         """Lines of the reply to e^{j omega t}, complex128, (P, F)."""
-        parts = [
-            (c * self.coefficients[:, i], -line) for i, (line, c) in enumerate(self.window)
-        ]
+        parts = [(c * self.coefficients[:, i], -line) for i, (line, c) in enumerate(self.window)]
         return self._sum(group.totals, parts)
 
     def reply_backward(self, group: GroupMoments) -> Tensor | None:
@@ -135,17 +146,28 @@ class LineReader:
         middle = next(i for i, (line, _) in enumerate(self.window) if line == 0)
         own = self.coefficients[:, middle].detach()
 
-        def means(read: Callable[[Tensor], Tensor]) -> Tensor:
-            return torch.stack([read(block) for block in sums]) / lengths
+        def means(coefficients: Tensor, line: float) -> Tensor:
+            """In the precision of the sums, (S, P, F)."""
+            real, imaginary = self._moment(sums, line)
+            found = _products(coefficients, real)
+            if imaginary is not None:
+                found = found + 1j * _products(coefficients, imaginary)
+            return found / lengths
 
-        forward = means(lambda block: self._sum(block, [(own, 0.0)]))
+        forward = means(own, 0.0)
         if not self.backward:
             return forward, None
         backward = [
-            means(lambda block, f=f, value=value: self._sum(block, [(own[f : f + 1], 2 * value)]))
-            for f, value in enumerate(self.frequency.tolist())
+            means(own[f : f + 1], 2 * value) for f, value in enumerate(self.frequency.tolist())
         ]
         return forward, torch.cat(backward, dim=-1)
+
+
+def _products(coefficients: Tensor, sums: Tensor) -> Tensor:
+    """c_k, complex, (F, K), times real moments of blocks, (S, K, P): (S, P, F)."""
+    both = torch.cat([coefficients.real, coefficients.imag]).to(sums)
+    real, imaginary = (both @ sums).transpose(1, 2).chunk(2, dim=2)
+    return torch.complex(real.contiguous(), imaginary.contiguous())
 
 
 def _product(coefficients: Tensor, sums: Tensor) -> Tensor:

@@ -1,17 +1,17 @@
-"""The record of moments: all that a plane has to say, of the size of a few time samples."""
+"""The record of moments: all that a plane has to say, in the size of some hundred time samples."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.reduction.basis import Chebyshev, Levels
+from torchliner.reduction.basis import Basis
 from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
@@ -40,5 +40,60 @@ class PlaneSums:
     cells: Cells
     used: Tensor
     periodic: PeriodicPart | None
-    basis: Chebyshev | Levels | None
+    basis: Basis | None
     groups: tuple[GroupMoments, ...]
+
+
+class ReducedVelocity:
+    """Stands where the velocity of a plane was of which moments alone are left."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: torch.dtype, name: str) -> None:
+        self.shape, self.dtype, self.name = shape, dtype, name
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Refused.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{self.name} holds moments of |v|; its {self.shape[-1]} time samples are gone, which "
+            "this needs; take the plane that was reduced"
+        )
+
+    def load(self) -> Tensor:
+        """Refused, as ``read``."""
+        return self.read(0, self.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
+
+    Args:
+        plane: with everything but its velocity.
+        sums: moments, survey and periodic part.
+        settings: choices that went into them, by name: they cannot be chosen again.
+        cell_pitch: L_c of the cells, m, or None.
+        notes: warnings of the reduction.
+    """
+
+    plane: VelocityPlane
+    sums: PlaneSums
+    settings: dict[str, Any]
+    cell_pitch: float | None
+    notes: tuple[str, ...] = ()
+
+    def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
+        """``torchliner.educe`` of these moments: the same map, without reading data."""
+        return resolve("torchliner.tdibc.educe:educe")(self, liner, frequency, **choices)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the moments."""
+        return sum(
+            value.nbytes
+            for group in self.sums.groups
+            for each in fields(group)
+            if (value := getattr(group, each.name)) is not None
+        )

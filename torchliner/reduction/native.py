@@ -28,6 +28,7 @@ SOURCE = Path(__file__).with_name("sums.cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
 SECONDS = 120.0  # that a compiler may take
+GROUP = 5  # rows of weights that `add_lines` takes at once, as in the C++ file
 TILE = 64  # columns; the ranges of threads begin at multiples of it
 
 reason: str | None = None  # why it could not be had, after `available()`
@@ -98,7 +99,7 @@ def add_lines(
     count, columns = len(rows), slab.shape[1]
     if rows.dtype != slab.dtype or rows.shape[1:] != slab.shape[:1]:
         raise ValueError(f"weights {tuple(rows.shape)} {rows.dtype} of a slab {tuple(slab.shape)}")
-    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % 4))
+    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % GROUP))
     slab_of, kept = _slab(slab, pieces, None, sums)
     lines = _Lines(
         weights.data_ptr(),
@@ -111,6 +112,26 @@ def add_lines(
     )
     _over_columns("lines", slab, slab_of, lines)
     del kept
+
+
+def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
+    """Sums of v over cells, (t, C), float64.
+
+    Args:
+        slab: v, m/s, (t, P), columns side by side in memory.
+        runs: of neighbouring columns of one cell: first column, how many, cell; int64, (n, 3).
+        count: C.
+    """
+    found = torch.zeros(len(slab), count, dtype=torch.float64)
+    slab_of, kept = _slab(slab, [], None, None)
+    given = (
+        ctypes.c_void_p(_address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
+        ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
+    )  # fmt: skip
+    share = max(1, -(-len(slab) // torch.get_num_threads()))
+    _in_threads("cells", slab, share, len(slab), (ctypes.byref(slab_of), *given))
+    del kept
+    return found
 
 
 class _Slab(ctypes.Structure):
@@ -157,11 +178,10 @@ def _slab(
     slab: Tensor, pieces: Pieces, taken: Taken | None, of_blocks: Tensor | None
 ) -> tuple[_Slab, list[Any]]:
     """What the C++ file knows of a slab, and what must live as long."""
-    table = torch.tensor(list(pieces), dtype=torch.int64).reshape(-1, 3)
-    if of_blocks is not None and len(table):
-        first, last = int(table[:, 2].min()), int(table[:, 2].max())
-        if first < 0 or last >= len(of_blocks):
-            raise IndexError(f"blocks {first} to {last}, but room for {len(of_blocks)}")
+    blocks = [block for *_, block in pieces]
+    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
+        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
+    table = (ctypes.c_int64 * (3 * len(blocks)))(*(each for piece in pieces for each in piece))
     length, columns = slab.shape
     rows = coefficients = scale = None
     if taken is not None:
@@ -173,8 +193,8 @@ def _slab(
         slab.stride(0),
         slab.stride(1),
         columns,
-        table.data_ptr(),
-        len(table),
+        ctypes.addressof(table),
+        len(blocks),
         _address(rows, (length, of), slab.dtype),
         _address(coefficients, (of, columns), slab.dtype),
         _address(scale, (columns,), slab.dtype),
@@ -208,19 +228,23 @@ if hasattr(os, "register_at_fork"):  # the child has none of its parent's thread
 
 def _over_columns(name: str, slab: Tensor, *structures: ctypes.Structure) -> None:
     """Call a function of the library over ranges of columns, one a thread of torch."""
+    columns = slab.shape[1]
+    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
+    _in_threads(name, slab, share, columns, [ctypes.byref(each) for each in structures])
+
+
+def _in_threads(name: str, slab: Tensor, share: int, count: int, given: Sequence[Any]) -> None:
+    """Call a function of the library with ranges of ``share`` of ``count`` columns or rows."""
     library = _library()
     kind = str(slab.dtype).removeprefix("torch.")
     if library is None or kind not in ("float32", "float64") or not slab.is_cpu:
         raise ValueError(f"no compiled sums of {slab.dtype} on {slab.device}: {reason}")
     function = library[f"{name}_{kind}"]
-    columns = slab.shape[1]
-    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
-    given = [ctypes.byref(each) for each in structures]
 
     def over(left: int) -> None:
-        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, columns)))
+        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, count)))
 
-    lefts = range(0, columns, max(share, 1))
+    lefts = range(0, count, max(share, 1))
     others = [_pool().submit(over, left) for left in lefts[1:]]
     for left in lefts[:1]:
         over(left)
@@ -234,8 +258,9 @@ def _library() -> ctypes.CDLL | None:
     global reason
     try:
         library = ctypes.CDLL(str(_built()))
-        for function in ("moments_float32", "moments_float64", "lines_float32", "lines_float64"):
-            library[function].restype = None
+        for name in ("moments", "lines", "cells"):
+            for kind in ("float32", "float64"):
+                library[f"{name}_{kind}"].restype = None
     except (OSError, AttributeError, subprocess.TimeoutExpired, RuntimeError) as problem:
         reason = str(problem)
         return None
@@ -253,8 +278,9 @@ def _built() -> Path:
     compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
-    macros = _output([*compiler, *FLAGS, "-dM", "-E", "-x", "c++", os.devnull])
-    content = [SOURCE.read_bytes(), " ".join(FLAGS).encode(), macros]
+    command = [*compiler, *FLAGS]
+    macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
+    content = [SOURCE.read_bytes(), shlex.join(command).encode(), macros]
     key = hashlib.sha256(b"\0".join(content)).hexdigest()[:16]
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     folder = Path(home) / "torchliner"
@@ -264,7 +290,7 @@ def _built() -> Path:
         # Several workers may build at once: each into a name of its own, the last one stays.
         with tempfile.TemporaryDirectory(dir=folder, prefix=".sums-") as own:
             part = Path(own) / target.name
-            _output([*compiler, *FLAGS, "-shared", "-o", str(part), str(SOURCE)])
+            _output([*command, "-shared", "-o", str(part), str(SOURCE)])
             part.replace(target)
     return target
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -66,7 +67,7 @@ class PassPlan:
         cuts |= {place for place in places if low < place < high}
         edges = sorted(cuts)
         found, at = [], -1
-        for first, last in zip(edges, edges[1:], strict=False):
+        for first, last in pairwise(edges):
             while at + 1 < len(places) and places[at + 1] <= first:
                 at += 1
             if not weighed or numbers[at] <= self.rest:

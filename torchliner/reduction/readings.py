@@ -6,11 +6,10 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from torchliner.records.cells import Cells
-from torchliner.reduction.basis import Chebyshev, Levels
+from torchliner.reduction.basis import Basis
 from torchliner.reduction.coherent_survey import with_coherent
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.moments import PlaneSums
@@ -45,7 +44,7 @@ class Wanted:
     plan: PassPlan
     tones: Tensor
     weights: Tensor
-    basis: Chebyshev | Levels | None
+    basis: Basis | None
     drive: str = "instantaneous"
     mean: str = "kept"
     running_samples: int = 1
@@ -124,7 +123,7 @@ def read_once(
 
 
 def _speed_sums(
-    source: ProbeVelocity | DriveSpeed, plan: PassPlan, basis: Chebyshev | Levels | None,
+    source: ProbeVelocity | DriveSpeed, plan: PassPlan, basis: Basis | None,
     widths: tuple[int, ...], keeps_blocks: bool,
 ) -> list[SpeedSums]:  # fmt: skip
     dtype, device = source.dtype, source.device
@@ -169,25 +168,21 @@ def read_again(
             periodic = periodic.with_oncoming(wanted.oncoming_rms, squares, cells)
         blocks = wanted.plan.blocks if wanted.keeps_blocks else None
         seen = with_coherent(seen, periodic, cells, wanted.tones, wanted.weights, blocks)
-    drive = DriveSpeed(
-        velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic
-    )
+    drive = DriveSpeed(velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic)
     if periodic is not None and wanted.true_extremes:
         seen = drive.with_extremes(seen)
     known = [each.result() for each in first.sums]
     groups, notes = moments_of(
         drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
     )
-    found = PlaneSums(
-        wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, groups
-    )
+    found = PlaneSums(wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, groups)
     return drive, found, notes
 
 
 def moments_of(
     drive: DriveSpeed,
     plan: PassPlan,
-    basis: Chebyshev | Levels | None,
+    basis: Basis | None,
     known: Sequence[GroupMoments],
     keeps_blocks: bool,
     progress: Progress | None = None,

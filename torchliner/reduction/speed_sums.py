@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.reduction.basis import STENCIL, Chebyshev, Levels
+from torchliner.reduction.basis import STENCIL, Basis, Chebyshev, Levels
 from torchliner.reduction.plan import PassPlan, Piece, wave_rows
 from torchliner.reduction.sources import Columns, Taken
 from torchliner.reduction.sums import add_moments
@@ -53,7 +53,7 @@ class SpeedSums:
     """
 
     def __init__(
-        self, plan: PassPlan, basis: Chebyshev | Levels, width: int, dtype: torch.dtype,
+        self, plan: PassPlan, basis: Basis, width: int, dtype: torch.dtype,
         device: torch.device, keeps_blocks: bool,
     ) -> None:  # fmt: skip
         self.plan, self.basis, self.width, self.dtype = plan, basis, width, dtype
@@ -61,8 +61,8 @@ class SpeedSums:
         self.totals = torch.zeros(shape, dtype=torch.float64, device=device)
         self.of_blocks = None
         if keeps_blocks:
-            shape = (plan.rest + 1, *shape)
-            self.of_blocks = torch.zeros(shape, dtype=dtype, device=device)
+            blocks = (plan.rest + 1, *shape)
+            self.of_blocks = torch.zeros(blocks, dtype=dtype, device=device)
 
     def add(self, begin: int, columns: Columns) -> None:
         """Samples from ``begin`` on."""
@@ -82,7 +82,7 @@ class SpeedSums:
             add_moments(
                 slab, pieces, self.basis.count, self.basis.centre, rows, taken, totals, of_blocks
             )
-        else:
+        elif isinstance(self.basis, Levels):
             speed = Columns(slab, taken)
             add_levels(speed, pieces, self.basis, rows, totals, of_blocks)
 
@@ -156,7 +156,7 @@ def add_levels(
                     of_blocks[block, row, :, part] += sums
 
 
-def constant_moments(plan: PassPlan, basis: Chebyshev | Levels, speed: Tensor) -> GroupMoments:
+def constant_moments(plan: PassPlan, basis: Basis, speed: Tensor) -> GroupMoments:
     """Of columns whose |v|, (P,), never changes; no sums over blocks."""
     functions = basis.functions(speed.cpu()).T.to(speed.device)
     sums = plan.wave_sums(torch.tensor(plan.lines, dtype=torch.float64)).to(speed.device)

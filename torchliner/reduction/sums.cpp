@@ -14,9 +14,8 @@
 #else
 #define BYTES 16
 #endif
-#define UNROLL _Pragma("GCC unroll 8")
+#define UNROLL _Pragma("GCC unroll 16")
 
-extern "C" {
 struct Slab {
   const void* v;
   int64_t row_stride, column_stride, columns;
@@ -34,16 +33,16 @@ struct Moments {
   void* of_blocks;      // (S, R, K, P) or null
 };
 struct Lines {
-  const void* weights;  // (R rounded up to a multiple of 4, t), the rows added being zero
+  const void* weights;  // (R rounded up to a multiple of GROUP, t), the rows added being zero
   int64_t weight_stride, rows;
-  double *sums, *squares, *smallest, *largest;  // (B, R, P), (B, P), (P,), (P,); the last three or null
+  double *sums, *squares, *smallest, *largest;  // (B, R, P); (B, P), (P,), (P,) or null
 };
-}
 
 namespace {
 // Rows that are summed before they are added to the sum of a piece: few enough that float32 sums
 // of equal terms keep their digits, and that a chunk stays in the first cache.
 constexpr int CHUNK = 32;
+constexpr int GROUP = 5;  // rows of weights whose sums stay in registers
 
 template <class T>
 struct Vector {
@@ -87,10 +86,14 @@ void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const 
   constexpr int N = Vector<T>::lanes;
   const T* v = (const T*)s.v + t * s.row_stride + left * s.column_stride;
   if (s.column_stride == 1)
-    for (int i = 0; i < rows; i++) memcpy(out + i * W, v + i * s.row_stride, n * sizeof(T));
+    for (int i = 0; i < rows; i++)
+      if (n == W)
+        for (int j = 0; j < W; j += N) store(out + i * W + j, load(v + i * s.row_stride + j));
+      else
+        memcpy(out + i * W, v + i * s.row_stride, n * sizeof(T));
   else
-    for (int j = 0; j < n; j++)
-      for (int i = 0; i < rows; i++) out[i * W + j] = v[i * s.row_stride + j * s.column_stride];
+    for (int i = 0; i < rows; i++)
+      for (int j = 0; j < n; j++) out[i * W + j] = v[i * s.row_stride + j * s.column_stride];
   if (!s.taken_rows) return;
   const long J = s.taken_count;
   for (int i = 0; i < rows; i += 4) {
@@ -112,42 +115,60 @@ void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const 
   }
 }
 
-// acc[k][r][j] += weighted sums of T_k over the rows, Q of them at once; R = 0: any number of rows.
+// The chunk after this one, to be fetched while this one is summed.
+template <class T>
+const T* ahead(const Slab& s, long t, long left, long* stride) {
+  *stride = s.column_stride == 1 ? s.row_stride : 0;
+  return (const T*)s.v + (*stride ? (t + CHUNK) * s.row_stride + left : 0);
+}
+
+// Orders up to `summed` are summed as they are; of T_{m+n} = 2 T_m T_n - T_{|m-n|} only T_m T_n is
+// summed for the orders above (n = m or m - 1), which halves the recurrence and its chain.
+inline int summed(int count) { return (count / 2 + 3) / 4 * 4; }
+
+// acc[k][r][j] += those sums over the rows, Q rows at once; R = 0: any number of weights.
 template <class T, int R, int Q>
-void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* acc) {
+void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* acc,
+                const T* next, long stride) {
   constexpr int N = Vector<T>::lanes;
   const T c = m.centre;
-  const int K = m.count, all = R ? R : m.rows;
+  const int half = summed(m.count), all = R ? R : m.rows;
+  const long along = m.weight_stride;
   for (int t = 0; t < rows; t += Q)
     for (int j = 0; j < W; j += N) {
       V<T> x2[Q], p[Q], q[Q];
       UNROLL for (int i = 0; i < Q; i++) {
         V<T> a = load(v + (t + i) * W + j);
         a = a > -a ? a : -a;
-        x2[i] = (2 * a - 2 * c) / (a + c);
+        __builtin_prefetch(next + (t + i) * stride + j);
+        x2[i] = (T(2) * a - T(2) * c) / (a + c);
         q[i] = x2[i] * T(0.5);
         p[i] = V<T>{} + T(1);
       }
-      T* to = acc + all * W + j;
-      auto step = [&](const V<T>* f) {
-        V<T> s = f[0];
-        UNROLL for (int i = 1; i < Q; i++) s += f[i];
+      auto add = [&](T* to, auto f) __attribute__((always_inline)) {
+        V<T> s = f(0);
+        UNROLL for (int i = 1; i < Q; i++) s += f(i);
         store(to, load(to) + s);
         UNROLL for (int r = 1; r < all; r++) {
           V<T> b = load(to + r * W);
-          UNROLL for (int i = 0; i < Q; i++) b += w[(r - 1) * m.weight_stride + t + i] * f[i];
+          UNROLL for (int i = 0; i < Q; i++) b += w[(r - 1) * along + t + i] * f(i);
           store(to + r * W, b);
         }
-        to += all * W;
       };
-      int k = 1;
-      for (; k + 1 < K; k += 2) {
-        step(q);
-        UNROLL for (int i = 0; i < Q; i++) p[i] = x2[i] * q[i] - p[i];
-        step(p);
-        UNROLL for (int i = 0; i < Q; i++) q[i] = x2[i] * p[i] - q[i];
-      }
-      if (k < K) step(q);
+      const long order = (long)all * W;
+      T *to = acc + order + j, *product = acc + (half + 1) * order + j;
+      auto step = [&](V<T>* before, V<T>* now, bool products) __attribute__((always_inline)) {
+        add(to, [&](int i) { return now[i]; });
+        to += order;
+        if (products) {
+          add(product, [&](int i) { return before[i] * now[i]; });
+          add(product + order, [&](int i) { return now[i] * now[i]; });
+          product += 2 * order;
+        }
+        UNROLL for (int i = 0; i < Q; i++) before[i] = x2[i] * now[i] - before[i];
+      };
+      for (int k = 0; k < half / 2; k += 2) step(p, q, false), step(q, p, false);
+      for (int k = 0; k < half / 2; k += 2) step(p, q, true), step(q, p, true);
     }
 }
 
@@ -155,8 +176,8 @@ template <class T, int R>
 void moments(const Slab& s, const Moments& m, long first, long last) {
   const int K = m.count, all = m.rows;
   // Running sums must stay in the first cache: narrower tiles where there are many.
-  const int W = (K * all > 64 ? 128 : 256) / sizeof(T);
-  const size_t size = (size_t)K * all * W;
+  const int W = (K * all > 64 ? 128 : 256) / sizeof(T), half = summed(K);
+  const size_t size = (size_t)(2 * half + 1) * all * W;
   Scratch<T> acc(size), piece(size), chunk(CHUNK * W), taken((s.taken_count + 1) * W);
   for (long left = first; left < last; left += W) {
     const int n = std::min<long>(W, last - left);
@@ -170,20 +191,27 @@ void moments(const Slab& s, const Moments& m, long first, long last) {
         const T* w = (const T*)m.weights + t;
         std::fill(acc.at, acc.at + size, T(0));
         form_chunk(s, t, rows, left, n, W, taken.at, chunk.at);
-        add_orders<T, R, 4>(chunk.at, W, four, w, m, acc.at);
-        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at);
+        long stride;
+        const T* next = ahead<T>(s, t, left, &stride);
+        add_orders<T, R, 4>(chunk.at, W, four, w, m, acc.at, next, stride);
+        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at,
+                            next + four * stride, stride);
         for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
       }
       for (int r = 0; r < all; r++)
         for (int k = 0; k < K; k++) {
+          const double known = m.known[g * all + r];
+          const T* first_order = piece.at + ((size_t)all + r) * W;
           const T* from = piece.at + ((size_t)k * all + r) * W;
           double* to = m.totals + ((long)r * K + k) * s.columns + left;
           T* part = m.of_blocks
                         ? (T*)m.of_blocks + ((block * all + r) * K + k) * s.columns + left
                         : nullptr;
           for (int j = 0; j < n; j++) {
+            double x = from[j];
+            if (k > half) x = 2 * x - (k % 2 ? first_order[j] : known);
             // 3 * 2**19 has 2**-32 as its last digit: the sum is rounded there, half to even.
-            const double x = k ? (from[j] + 1572864.0) - 1572864.0 : m.known[g * all + r];
+            x = k ? (x + 1572864.0) - 1572864.0 : known;
             to[j] += x;
             if (part) part[j] += T(x);
           }
@@ -195,79 +223,106 @@ void moments(const Slab& s, const Moments& m, long first, long last) {
 template <class T>
 void lines(const Slab& s, const Lines& l, long first, long last) {
   constexpr int W = 256 / sizeof(T), N = Vector<T>::lanes;
-  const int four = (l.rows + 3) / 4 * 4;
+  const int padded = (l.rows + GROUP - 1) / GROUP * GROUP;
   Scratch<T> chunk(CHUNK * W);
-  Scratch<double> piece((four + 1) * W);
-  T part[4 * W];
-  V<T> low_v[W / N], high_v[W / N];
+  Scratch<double> piece((padded + 1) * W);
+  T part[GROUP * W];
+  V<T> lows[W / N], highs[W / N];
   for (long left = first; left < last; left += W) {
     const int n = std::min<long>(W, last - left);
     std::fill(chunk.at, chunk.at + CHUNK * W, T(0));
-    UNROLL for (int j = 0; j < W / N; j++) low_v[j] = V<T>{} + T(1) / T(0), high_v[j] = -low_v[j];
+    UNROLL for (int j = 0; j < W / N; j++) lows[j] = V<T>{} + T(1) / T(0), highs[j] = -lows[j];
     for (long g = 0; g < s.piece_count; g++) {
       const long low = s.pieces[3 * g], high = s.pieces[3 * g + 1], block = s.pieces[3 * g + 2];
-      std::fill(piece.at, piece.at + (four + 1) * W, 0.0);
+      std::fill(piece.at, piece.at + (padded + 1) * W, 0.0);
       for (long t = low; t < high; t += CHUNK) {
         const int rows = std::min<long>(CHUNK, high - t);
         form_chunk<T>(s, t, rows, left, n, W, nullptr, chunk.at);
-        for (int r = 0; r < four; r += 4) {
+        long stride;
+        const T* next = ahead<T>(s, t, left, &stride);
+        for (int r = 0; r < padded; r += GROUP) {
           const T* w = (const T*)l.weights + r * l.weight_stride + t;
           for (int j = 0; j < W; j += 2 * N) {
-            V<T> a[8] = {};
+            V<T> a[2 * GROUP] = {};
             for (int i = 0; i < rows; i++) {
               const V<T> x = load(chunk.at + i * W + j), y = load(chunk.at + i * W + j + N);
-              UNROLL for (int k = 0; k < 4; k++) {
+              UNROLL for (int k = 0; k < GROUP; k++) {
                 a[2 * k] += w[k * l.weight_stride + i] * x;
                 a[2 * k + 1] += w[k * l.weight_stride + i] * y;
               }
             }
-            UNROLL for (int k = 0; k < 8; k++) store(part + k / 2 * W + j + k % 2 * N, a[k]);
+            UNROLL for (int k = 0; k < 2 * GROUP; k++)
+              store(part + k / 2 * W + j + k % 2 * N, a[k]);
           }
-          for (int j = 0; j < 4 * W; j++) piece.at[r * W + j] += part[j];
+          for (int j = 0; j < GROUP * W; j++) piece.at[r * W + j] += part[j];
         }
-        for (int j = 0; j < W; j += N) {
-          V<T> square = {}, small = low_v[j / N], large = high_v[j / N];
-          for (int i = 0; i < rows; i++) {
-            const V<T> x = load(chunk.at + i * W + j);
-            square += x * x;
-            small = x < small ? x : small;
-            large = x > large ? x : large;
+        for (int j = 0; j < W; j += 4 * N) {
+          V<T> square[4] = {}, small[4], large[4];
+          UNROLL for (int k = 0; k < 4; k++)
+            small[k] = lows[j / N + k], large[k] = highs[j / N + k];
+          for (int i = 0; i < rows; i++)
+            UNROLL for (int k = 0; k < 4; k++) {
+              const V<T> x = load(chunk.at + i * W + j + k * N);
+              __builtin_prefetch(next + i * stride + j + k * N);
+              square[k] += x * x;
+              small[k] = x < small[k] ? x : small[k];
+              large[k] = x > large[k] ? x : large[k];
+            }
+          UNROLL for (int k = 0; k < 4; k++) {
+            lows[j / N + k] = small[k], highs[j / N + k] = large[k];
+            store(part + j + k * N, square[k]);
           }
-          low_v[j / N] = small, high_v[j / N] = large;
-          store(part + j, square);
         }
-        for (int j = 0; j < W; j++) piece.at[four * W + j] += part[j];
+        for (int j = 0; j < W; j++) piece.at[padded * W + j] += part[j];
       }
       for (int r = 0; r < l.rows; r++)
         for (int j = 0; j < n; j++)
           l.sums[(block * l.rows + r) * s.columns + left + j] += piece.at[r * W + j];
       for (int j = 0; l.squares && j < n; j++)
-        l.squares[block * s.columns + left + j] += piece.at[four * W + j];
+        l.squares[block * s.columns + left + j] += piece.at[padded * W + j];
     }
     for (int j = 0; l.smallest && j < n; j++)
-      l.smallest[left + j] = std::min(l.smallest[left + j], (double)low_v[j / N][j % N]);
+      l.smallest[left + j] = std::min(l.smallest[left + j], (double)lows[j / N][j % N]);
     for (int j = 0; l.largest && j < n; j++)
-      l.largest[left + j] = std::max(l.largest[left + j], (double)high_v[j / N][j % N]);
+      l.largest[left + j] = std::max(l.largest[left + j], (double)highs[j / N][j % N]);
   }
 }
 
+// Sums of v over cells, of rows from..to-1: runs of neighbouring columns (first, count, cell), at
+// most RUN of them in the precision of v.
+constexpr long RUN = 256;
 template <class T>
-void any_moments(const Slab& s, const Moments& m, long first, long last) {
-  (m.rows == 1 ? moments<T, 1> : m.rows == 3 ? moments<T, 3> : moments<T, 0>)(s, m, first, last);
+void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_count, double* out,
+           int64_t from, int64_t to) {
+  constexpr int N = Vector<T>::lanes;
+  for (long t = from; t < to; t++)
+    for (long r = 0; r < run_count; r++) {
+      const T* v = (const T*)s.v + t * s.row_stride + runs[3 * r];
+      for (long left = runs[3 * r + 1]; left > 0; left -= RUN, v += RUN) {
+        const long n = std::min(left, RUN), whole = n - n % N;
+        V<T> wide = {};
+        for (long j = 0; j < whole; j += N) wide += load(v + j);
+        double sum = 0;
+        for (long j = 0; j < N; j++) sum += wide[j];
+        for (long j = whole; j < n; j++) sum += v[j];
+        out[t * cell_count + runs[3 * r + 2]] += sum;
+      }
+    }
 }
+
 }  // namespace
 
-extern "C" {
-void moments_float32(const Slab* s, const Moments* m, int64_t first, int64_t last) {
-  any_moments<float>(*s, *m, first, last);
-}
-void moments_float64(const Slab* s, const Moments* m, int64_t first, int64_t last) {
-  any_moments<double>(*s, *m, first, last);
-}
-void lines_float32(const Slab* s, const Lines* l, int64_t first, int64_t last) {
-  lines<float>(*s, *l, first, last);
-}
-void lines_float64(const Slab* s, const Lines* l, int64_t first, int64_t last) {
-  lines<double>(*s, *l, first, last);
-}
-}
+#define EXPORTED(T, name)                                                                      \
+  extern "C" void moments_##name(const Slab* s, const Moments* m, int64_t from, int64_t to) { \
+    (m->rows == 1 ? moments<T, 1> : m->rows == 3 ? moments<T, 3> : moments<T, 0>)(             \
+        *s, *m, from, to);                                                                     \
+  }                                                                                            \
+  extern "C" void lines_##name(const Slab* s, const Lines* l, int64_t from, int64_t to) {      \
+    lines<T>(*s, *l, from, to);                                                                \
+  }                                                                                            \
+  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n, int64_t count,    \
+                               double* out, int64_t from, int64_t to) {                         \
+    cells<T>(*s, runs, n, count, out, from, to);                                                \
+  }
+EXPORTED(float, float32)
+EXPORTED(double, float64)

@@ -89,7 +89,8 @@ class Survey:
         def pick(values: Tensor) -> Tensor:
             if values.shape[-1] == 0:
                 return torch.full((*values.shape[:-1], len(place)), torch.nan).to(values)
-            return torch.where(missing.to(values.device), torch.nan, values[..., place.clamp(min=0)])
+            known = values[..., place.clamp(min=0)]
+            return torch.where(missing.to(values.device), torch.nan, known)
 
         def of_blocks(blocks: VelocityBlocks | None) -> VelocityBlocks | None:
             return None if blocks is None else dataclasses.replace(blocks, line=pick(blocks.line))
@@ -199,7 +200,7 @@ class SurveySums:
             self.periodic.finish()
         n, count = self.plan.samples, len(self.tones)
         mean = self.total[0] / n
-        begin, end = self.plan.begin, self.plan.end
+        begin = self.plan.begin
         if self.flat:
             of_window = self.plan.wave_sums(self.tones) * self.weights[begin]
             lines = torch.complex(*self.weighed.chunk(2)) * self.weights[begin]

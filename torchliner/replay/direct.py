@@ -9,7 +9,7 @@ from torchliner.replay.edges import Record
 from torchliner.replay.emissions import ComplexTones, Emission
 from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable
-from torchliner.replay.levels import interpolate
+from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.replay.sinks import ToneSink
 
 PROBES_AT_ONCE = 128
@@ -59,6 +59,7 @@ def _replay_batch(
             now = waves[:, k + outside]
             received[:, :, begin:end] += now[:, None, None] * kernel[:, begin - at : end - at]
 
+    assert isinstance(kernels.grid, VelocityGrid)  # levels of the data, not nodes of a basis
     index, weights = kernels.grid.locate(speed)
     zone = min(n, length)
     early, late = torch.zeros_like(taps[:1]), torch.zeros_like(taps[:1])

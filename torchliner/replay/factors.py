@@ -58,10 +58,11 @@ def factor_taps(kernels: KernelTable, tolerance: float | None) -> Factors:
             "the liner carries a gradient, which the low-rank factors of engine 'unfold' would "
             "lose; use engine 'spectral' or 'direct', or detach the parameters"
         )
-    taps = kernels.taps
+    taps, grid = kernels.taps, kernels.grid
+    assert isinstance(grid, VelocityGrid)  # levels of the data, not nodes of a basis
     if tolerance is None:
         whole = torch.eye(len(taps), dtype=taps.dtype, device=taps.device)
-        return Factors(whole, taps, kernels.first, kernels.grid, 0.0)
+        return Factors(whole, taps, kernels.first, grid, 0.0)
     left, values, right = torch.linalg.svd(taps, full_matrices=False)
     across = left * values
     # |sum_m h e^{-j w m}|^2 <= K sum |h|^2: the rank that surely suffices bounds the search.
@@ -82,6 +83,6 @@ def factor_taps(kernels: KernelTable, tolerance: float | None) -> Factors:
         low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
     rank = max(1, high)
     return Factors(
-        across[:, :rank].contiguous(), right[:rank].contiguous(), kernels.first, kernels.grid,
+        across[:, :rank].contiguous(), right[:rank].contiguous(), kernels.first, grid,
         error(rank),
     )  # fmt: skip

@@ -20,9 +20,9 @@ from torchliner.checks import require_choice
 from torchliner.liners.model import Liner
 from torchliner.liners.response import reflection_of
 from torchliner.names import KERNELS
-from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.reduction.basis import Basis
 from torchliner.reduction.threads import one_thread
+from torchliner.replay.levels import VelocityGrid, interpolate
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig
 BEFORE = 2e-3  # s of taps before zero

@@ -14,12 +14,12 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchliner.reduction.sources import Columns, SpeedSource, in_full_precision
 from torchliner.replay.convolve import CONVOLUTIONS, Convolution, Located
 from torchliner.replay.edges import Record
 from torchliner.replay.emissions import Emission
 from torchliner.replay.factors import TOLERANCE, Factors, factor_taps
 from torchliner.replay.kernels import KernelTable
-from torchliner.reduction.sources import Columns, SpeedSource, in_full_precision
 
 WORK_NUMBERS = 1 << 21  # of a batch: its temporaries stay in the outer cache
 GPU_NUMBERS = 1 << 27

@@ -13,8 +13,8 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.replay.kernels import BAND
 from torchliner.reduction.survey import moments
+from torchliner.replay.kernels import BAND
 from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 
 

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.liners.grazing import goodrich_resistance
-from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.liners.response import impedance_of
+from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.tdibc.prepared import Prepared
 from torchliner.version import __version__
 

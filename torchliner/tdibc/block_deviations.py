@@ -5,17 +5,15 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchliner.replay.incident import Means
 from torchliner.liners.response import impedance_of
+from torchliner.replay.incident import Means
 from torchliner.replay.phase_rule import PhaseRule
 from torchliner.tdibc.prepared import Prepared
 
 RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 
 
-def block_deviations(
-    prepared: Prepared, rule: PhaseRule, means: Means, columns: slice
-) -> Tensor:
+def block_deviations(prepared: Prepared, rule: PhaseRule, means: Means, columns: slice) -> Tensor:
     """dR of some columns, complex128, (S, columns, F).
 
     Args:

@@ -17,8 +17,8 @@ from torch import Tensor
 
 from torchliner.io.reflected_file import reflected_file
 from torchliner.records import ImpedanceMap
-from torchliner.replay.direct import replay_direct
 from torchliner.reduction.probe_velocity import with_smaller_slabs
+from torchliner.replay.direct import replay_direct
 from torchliner.replay.sinks import CrossSpectra, WholeSignal
 from torchliner.replay.unfold import Sink
 from torchliner.signals.segments import segment_starts
@@ -49,7 +49,7 @@ def educe_signal(
     assert sent is not None
     starts, length = segment_starts(prepared.plane.samples, start, chosen.segment, rate)
     weights = make_window(chosen.window, length).weights
-    columns, device = sum(prepared.drive.widths), prepared.drive.device
+    columns, device = sum(prepared.driving.widths), prepared.driving.device
 
     def run() -> CrossSpectra:
         spectra = CrossSpectra(sent, weights, starts, prepared.frequency, rate, columns, device)
@@ -57,7 +57,7 @@ def educe_signal(
         _run(prepared, [spectra], reflected, progress)
         return spectra
 
-    spectra, notes = with_smaller_slabs(prepared.drive.velocity, run)
+    spectra, notes = with_smaller_slabs(prepared.driving.velocity, run)
     notes += _frozen_error(prepared, weights, starts)
     prepared = dataclasses.replace(prepared, notes=(*prepared.notes, *notes))
     reflection = spectra.reflection()
@@ -81,7 +81,7 @@ def _run(
 
 
 def _replay(prepared: Prepared, sinks: list[Sink], progress: Progress | None) -> None:
-    chosen, drive = prepared.chosen, prepared.drive
+    chosen, drive = prepared.chosen, prepared.driving
     assert prepared.kernels is not None
     emission = chosen.incident.emission(drive.samples, prepared.plane.sampling_rate)
     if chosen.engine == "direct":
@@ -100,7 +100,7 @@ def _frozen_error(prepared: Prepared, weights: Tensor, starts: list[int]) -> lis
     kernel's own response, but a segment meets replies to what was sent before it and after it."""
     kernels, sent, rate = prepared.kernels, prepared.sent, prepared.plane.sampling_rate
     assert kernels is not None and sent is not None  # noqa: PT018
-    rms = float(prepared.drive.rms[0].median())
+    rms = float(prepared.driving.rms[0].median())
     level = int((kernels.grid.speeds - rms).abs().argmin())
     first, taps = kernels.first, kernels.taps[level].detach()
     emission = prepared.chosen.incident.emission(len(sent), rate)

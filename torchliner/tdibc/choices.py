@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, fields
 from typing import Any, Self
@@ -27,9 +26,7 @@ from torchliner.names import (
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
 
-MOST_DRAWS = 100_000
 WHOLE_PERIODS = "whole periods"
-FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
@@ -89,7 +86,6 @@ class Choices:
             Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
         interval: level of the statistical intervals, 0 to 1; None for no intervals.
             Available for tones only.
-        draws, seed: of the moving-block bootstrap behind them.
         resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
             z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
         order: of averaging, which gives the map's ``answer``. ``coherent first`` (the default for
@@ -103,8 +99,8 @@ class Choices:
             a run without sound has it at the same height; the incoherent velocity of each cell is
             brought down to it. For strong sound in weak flow, whose jets leave debris above the
             liner that is no oncoming turbulence. Default: as measured.
-        tolerance: error in R, at each |v|, allowed to its interpolation over |v| in ``spectral`` and
-            in error bars; default 1e-6 in float32, 1e-9 in float64. The result states what it is.
+        tolerance: error in R at each |v| allowed to its interpolation over |v|, in ``spectral``
+            and in error bars; default 1e-6 in float32, 1e-9 in float64. The result states it.
         rank_tolerance: error in R allowed to the low-rank factors of ``unfold``'s kernels;
             default 5e-6 in float32, 3e-11 in float64.
     """
@@ -135,8 +131,6 @@ class Choices:
     incident: Any = None
     segment: float | None = None
     interval: float | None = 0.95
-    draws: int = 999
-    seed: int = 0
     resample: str = "time"
     wall_filter: float | None = None
     order: str = "auto"
@@ -171,8 +165,14 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms",
-                     "tolerance"):
+        for name in (
+            "velocity_max",
+            "running_window",
+            "rank_tolerance",
+            "segment",
+            "oncoming_rms",
+            "tolerance",
+        ):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if self.engine == "spectral" and self.edge == "silent":
@@ -216,15 +216,6 @@ class Choices:
         require_positive("interval", self.interval)
         if self.interval >= 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
-        for name, most in (("draws", MOST_DRAWS), ("seed", 2**63 - 1)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ValueError(f"{name} is {getattr(self, name)}; it is 0 to {most}")
-        fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
-        if self.draws < fewest:
-            raise ValueError(
-                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
-                f"{fewest}"
-            )
 
     def _fill_in(self) -> None:
         """Defaults that depend on the incident signal, and what does not go with one."""

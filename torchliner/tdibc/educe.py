@@ -9,8 +9,9 @@ from typing import Any
 from torchliner.checks import tell
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.replay.phase_rule import phase_rule
+from torchliner.reduction.moments import Moments
 from torchliner.reduction.probe_velocity import with_smaller_slabs
+from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.engines import tone_sums
@@ -36,8 +37,9 @@ def educe(
     its 2 f line once a phase is stated): it is the response of YOUR model to YOUR velocity data.
 
     Args:
-        plane: wall-normal velocity, (..., T) m/s; or several planes, which then share velocity
-            levels and kernels, so that their maps can be compared to the last digit.
+        plane: wall-normal velocity, (..., T) m/s, or the ``Moments`` of one; or several planes,
+            which then share their functions of |v| and kernels, so that their maps can be compared
+            to the last digit.
         liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
         frequency: Hz, one or several; default the plane's own tone; with ``Tones`` these, with
             ``Sweep`` and ``BandNoise`` the lines of the segments in their band, 200 at most.
@@ -70,7 +72,7 @@ def educe(
     several = isinstance(plane, (list, tuple))
     planes = list(plane) if several else [plane]
     for each in planes:
-        if not isinstance(each, VelocityPlane):
+        if not isinstance(each, (VelocityPlane, Moments)):
             raise TypeError(
                 f"plane is {type(each).__name__}; make a VelocityPlane of your data first"
             )

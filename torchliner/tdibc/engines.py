@@ -14,8 +14,8 @@ from torchliner.tdibc.prepared import Prepared, Progress
 
 def tone_sums(prepared: Prepared, backward: bool, progress: Progress | None) -> LineSums:
     """Windowed lines of the replies to complex tones, by ``unfold`` or ``direct``."""
-    record, drive = prepared.record, prepared.drive
-    assert drive is not None and prepared.kernels is not None  # noqa: PT018
+    record, drive = prepared.record, prepared.driving
+    assert prepared.kernels is not None
     if prepared.chosen.engine == "direct":
         sums = direct_sums(prepared.whole_speed(), prepared.kernels, prepared.frequency, record)
         if progress is not None:

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
+from torchliner.reduction.survey import Survey
 from torchliner.replay.kernels import BAND, KernelTable
 from torchliner.replay.levels import VelocityGrid
-from torchliner.reduction.survey import Survey
 from torchliner.tdibc.choices import Choices
 
 SMALL_SHARE = 1e-3  # of a recorded signal's energy

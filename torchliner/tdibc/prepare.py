@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -17,16 +17,13 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.reduction.basis import (
     Basis,
-    Chebyshev,
-    Levels,
-    Response,
     choose_basis,
     interpolation_error,
     response_of,
 )
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
-from torchliner.reduction.moments import PlaneSums
+from torchliner.reduction.moments import Moments, PlaneSums
 from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
 from torchliner.reduction.plan import PassPlan, merged
 from torchliner.reduction.probe_velocity import ProbeVelocity
@@ -42,7 +39,8 @@ from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
-from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
+from torchliner.tdibc.reduced import check_settings, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
@@ -58,7 +56,7 @@ LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
 
 
 @dataclasses.dataclass(frozen=True)
-class _Asked:
+class Asked:
     """A plane with what is asked of it, before its data are read."""
 
     plane: VelocityPlane
@@ -67,68 +65,72 @@ class _Asked:
     blocks: Blocks
     sent: Tensor | None
     notes: list[str]
+    known: Moments | None = None
 
 
 def prepare(
-    planes: Sequence[VelocityPlane],
+    planes: Sequence[VelocityPlane | Moments],
     liner: Liner,
     frequency: Any,
     chosen: Choices,
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
-    liners: Sequence[LinerModel] = (),
-    further_lines: Callable[[Record], Iterable[float]] | None = None,
+    basis: Basis | None = None,
+    further_lines: Sequence[float] = (),
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
     Args:
-        planes, liner, frequency, progress: see ``educe``.
+        planes: those that are reduced already are not read.
+        liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
-        liners: others that will be read off the same moments.
-        further_lines: Hz, waves to be summed beside those of window and phase rule.
+        basis: functions of |v|, for liners that are read later; default the fewest that this one
+            needs.
+        further_lines: Hz, waves that are summed beside those of window and phase rule.
     Raises:
         ValueError: see ``educe``.
     """
     model = as_liner(liner)
-    asked = [_ask(plane, model, frequency, chosen) for plane in planes]
+    asked = [ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
     backward = every_rule or phase_rule(chosen.phase).needs_backward
-    basis = None
-    if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
-        tolerance = min(chosen.model_tolerance(plane.velocity.dtype) for plane in planes)
-        basis = choose_basis([model, *liners], read, tolerance)
-    rows = [
-        (*lines_needed(reader_lines(each.record, chosen), each.frequency, backward),
-         *(further_lines(each.record) if further_lines else ()))
+    if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
+        basis = None
+    elif basis is None and any(each.known is None for each in asked):
+        tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
+        basis = choose_basis([model], read, tolerance)
+    found = [
+        read_plane(
+            each, model, chosen, basis, backward=backward, progress=progress,
+            further_lines=further_lines,
+        )
         for each in asked
     ]  # fmt: skip
-    found = [
-        _read(each, model, chosen, basis, merged(lines), progress)
-        for each, lines in zip(asked, rows, strict=True)
-    ]
-    grid = velocity_grid(planes, [sums.survey for _, sums, _ in found], model, chosen)
+    surveys = [sums.survey for _, sums, _ in found]
+    grid = velocity_grid([each.plane for each in asked], surveys, model, chosen)
     band = kernel_band(model, read, chosen)
-    made: dict[float, KernelTable] = {}
+    made: dict[tuple[float, Basis | None], KernelTable] = {}
     prepared = []
     for each, (drive, sums, notes) in zip(asked, found, strict=True):
         record, kernels, response = each.record, None, response_of(model)
         if needs_kernels(chosen):
             rate = record.sampling_rate
-            if rate not in made:
-                levels = grid if basis is None or chosen.engine != "spectral" else basis
-                made[rate] = build_kernels(model, levels, rate, kind=chosen.kernel, band=band)
-            kernels = made[rate]
+            key = rate, sums.basis
+            if key not in made:
+                levels = grid if sums.basis is None or chosen.engine != "spectral" else sums.basis
+                made[key] = build_kernels(model, levels, rate, kind=chosen.kernel, band=band)
+            kernels = made[key]
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
                 response = kernel_response(kernels)
         reader, error = None, None
-        if basis is not None:
+        if sums.basis is not None:
             lines = reader_lines(record, chosen)
-            reader = LineReader(sums.plan, basis, lines, each.frequency, response, backward)
-            error = _review_basis(basis, model, read, sums.survey, each.plane, chosen)
+            reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, backward)
+            error = _review_basis(sums.basis, model, read, sums.survey, each.plane, chosen)
         ready = Prepared(
             each.plane, model, chosen, each.frequency, record, sums.cells, sums.used,
             sums.survey.to_frequencies(_places(sums.tones, each.frequency)), drive, sums, reader,
@@ -137,11 +139,6 @@ def prepare(
         notes += review_tables(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
-
-
-def kernel_response(kernels: KernelTable) -> Response:
-    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
-    return lambda frequency, _: kernels.response(frequency).T
 
 
 def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]:
@@ -160,9 +157,8 @@ def _review_basis(
     Raises:
         ValueError: it is too large for any digit that is printed.
     """
-    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
-    top = min(peak, model.speed_max or peak)
-    error, speed = interpolation_error(basis, response_of(model), read, max(top, 1e-3))
+    top = top_speed(seen, model)
+    error, speed = interpolation_error(basis, response_of(model), read, top)
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(
             f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
@@ -194,8 +190,22 @@ def _measured(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> Tenso
     return frequency[(frequency / plane.frequency - 1).abs() < SAME_FREQUENCY]
 
 
-def _ask(plane: VelocityPlane, liner: LinerModel, frequency: Any, chosen: Choices) -> _Asked:
-    sent = None
+def ask(
+    given: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices
+) -> Asked:
+    """What is asked of a plane: frequencies, record, blocks, and the first doubts.
+
+    Raises:
+        ValueError: it cannot be answered from such a record, or from such moments.
+    """
+    if isinstance(given, Moments):
+        check_settings(given, chosen, liner)
+        plane, plan = given.plane, given.sums.plan
+        wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        record = record_of(given, chosen)
+        notes = [*given.notes, *review_record(plane, wanted, record, chosen)]
+        return Asked(plane, wanted, record, plan.blocks, None, notes, given)
+    plane, sent = given, None
     start = round(chosen.pre_roll * plane.sampling_rate)
     if start >= plane.samples:
         raise ValueError(
@@ -215,10 +225,10 @@ def _ask(plane: VelocityPlane, liner: LinerModel, frequency: Any, chosen: Choice
         window = make_window(chosen.window, plane.samples - start)
     record = Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
-    return _Asked(plane, wanted, record, blocks, sent, notes)
+    return Asked(plane, wanted, record, blocks, sent, notes)
 
 
-def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | None:
+def _resampled(asked: Asked, chosen: Choices, notes: list[str]) -> Blocks | None:
     """Blocks for error bars, of whole periods of the tone in the data, else of the lowest one."""
     if chosen.interval is None or chosen.incident is not None:
         return None
@@ -233,16 +243,35 @@ def _resampled(asked: _Asked, chosen: Choices, notes: list[str]) -> Blocks | Non
     return None
 
 
-def _read(
-    asked: _Asked, liner: LinerModel, chosen: Choices, basis: Chebyshev | Levels | None,
-    lines: tuple[float, ...], progress: Progress | None,
-) -> tuple[DriveSpeed, PlaneSums, list[str]]:  # fmt: skip
-    """One or two readings of a plane."""
+def read_plane(
+    asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
+    backward: bool | None = None, progress: Progress | None = None,
+    further_lines: Sequence[float] = (),
+) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
+    """One or two readings of a plane.
+
+    Args:
+        asked: of ``ask``.
+        liner: whose cells and largest |v| count.
+        chosen: all choices.
+        basis: functions of |v| that are summed; None for a survey alone.
+        backward: whether the rows of all phase rules are summed; default if the chosen one needs
+            them.
+        progress: called with numbers of samples done.
+        further_lines: Hz.
+    Returns:
+        |v| for the other engines, the sums, notes.
+    """
+    if backward is None:
+        backward = phase_rule(chosen.phase).needs_backward
+    if asked.known is not None:
+        return None, asked.known.sums, list(asked.notes)
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate
+    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
     plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
-                    lines if basis is not None else ())  # fmt: skip
+                    merged((*lines, *further_lines)) if basis is not None else ())  # fmt: skip
     harmonics = None
     if chosen.order == ORDERS[2]:
         harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)

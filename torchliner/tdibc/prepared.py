@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from torch import Tensor
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.reduction.basis import Response, response_of
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader
 from torchliner.reduction.moments import PlaneSums
@@ -19,7 +21,7 @@ from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import KernelTable
+from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import WindowSums
@@ -69,6 +71,25 @@ class Prepared:
     grid: VelocityGrid
     kernels: KernelTable | None
     notes: tuple[str, ...]
+
+    @property
+    def top_speed(self) -> float:
+        """Largest |v| of the data, no more than the liner knows, m/s."""
+        return top_speed(self.survey, self.liner)
+
+    def response(self, liner: LinerModel) -> Response:
+        """R of another liner, by the model or by impulse responses as chosen."""
+        if self.kernels is None:
+            return response_of(liner)
+        old = self.kernels
+        return kernel_response(
+            build_kernels(liner, old.grid, old.sampling_rate, kind=old.kind, band=old.band)
+        )
+
+    def read_with(self, response: Response) -> LineSums:
+        """``line_sums`` of another response on the same moments."""
+        assert self.reader is not None
+        return dataclasses.replace(self, reader=self.reader.of(response)).line_sums
 
     @functools.cached_property
     def window_sums(self) -> WindowSums:
@@ -129,6 +150,12 @@ class Prepared:
         return bool(self.sums.groups) and self.sums.groups[0].dtype == torch.float32
 
     @property
+    def driving(self) -> DriveSpeed:
+        """|v| for the engines that form the reflected signal."""
+        assert self.drive is not None  # ``reduced`` refuses these engines for moments
+        return self.drive
+
+    @property
     def averaged(self) -> slice:
         """The columns of the cell averages."""
         return slice(self.plane.probes, self.plane.probes + self.cells.count)
@@ -145,6 +172,16 @@ class Prepared:
 
     def whole_speed(self) -> Tensor:
         """All of |v| at once, (N, n), for the reference engine."""
-        assert self.drive is not None
-        slabs = self.drive.slabs([(0, self.drive.samples)])
+        slabs = self.driving.slabs([(0, self.driving.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T
+
+
+def top_speed(seen: Survey, liner: LinerModel) -> float:
+    """Largest |v| of the data, no more than the liner knows, m/s."""
+    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
+    return max(min(peak, liner.speed_max or peak), 1e-3)
+
+
+def kernel_response(kernels: KernelTable) -> Response:
+    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
+    return lambda frequency, _: kernels.response(frequency).T

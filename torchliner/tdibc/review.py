@@ -10,10 +10,10 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.unit_checks import plane_unit_warnings
-from torchliner.replay.edges import Record
-from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.reduction.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.reduction.survey import Survey
+from torchliner.replay.edges import Record
+from torchliner.replay.kernels import AFTER, BEFORE
 from torchliner.tdibc.choices import Choices
 
 FEWEST_WEIGHTS = 2  # samples under the window that count
