@@ -28,8 +28,8 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.signals.windows import Window, make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band
-from torchliner.tdibc.prepare import reader_lines
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response
+from torchliner.tdibc.reading import reader_lines
 from torchliner.tdibc.review import FEWEST_SAMPLES_PER_PERIOD
 from torchliner.tdibc.review_kernels import frequencies_read
 
@@ -169,17 +169,17 @@ class Variants:
 
     def _halves(self) -> Iterator[Variant]:
         ready, blocks = self.ready, self.reader.plan.blocks
-        half, groups = blocks.count // 2, ready.sums.groups
+        half = blocks.count // 2
         periods = half * blocks.periods
         if periods < FEWEST_PERIODS and not ready.chosen.allow_short:
             raise CannotApply(
                 f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}"
             )
-        if not ready.keeps_blocks or half == 0:
+        kept = [group.of_blocks for group in ready.sums.groups if group.of_blocks is not None]
+        if not kept or half == 0:
             raise CannotApply("no moments of blocks are kept: |v| is constant, or interval None")
         for name, first in (("first", 0), ("second", blocks.count - half)):
-            blocked = [group.of_blocks for group in groups if group.of_blocks is not None]
-            parts = [sums[first : first + half] for sums in blocked]
+            parts = [blocks_of[first : first + half] for blocks_of in kept]
             own = [GroupMoments(part.sum(0, dtype=torch.float64), None) for part in parts]
             begin, end = blocks.borders[first], blocks.borders[first + half]
             window = make_window("boxcar", end - begin)

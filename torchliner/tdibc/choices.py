@@ -180,7 +180,7 @@ class Choices:
                 "edge rule 'silent' needs the reflected signal; engine 'spectral' weighs emission "
                 "times, where no reply is lost: leave edge out, or choose engine='unfold'"
             )
-        if self.engine != "spectral" and self.window == WHOLE_PERIODS:
+        if self.engine != "spectral" and self.whole_periods:
             raise ValueError(
                 f"window {WHOLE_PERIODS!r} weighs emission times, which engine 'spectral' does; "
                 "leave it out, or choose 'hann' or 'boxcar'"
@@ -262,6 +262,11 @@ class Choices:
             given = getattr(self, name)
             if given is None or (isinstance(given, str) and given == "auto"):
                 object.__setattr__(self, name, value)
+
+    @property
+    def whole_periods(self) -> bool:
+        """Whether each emission time weighs the same, over whole periods."""
+        return isinstance(self.window, str) and self.window == WHOLE_PERIODS
 
     @property
     def uses_kernel_response(self) -> bool:
