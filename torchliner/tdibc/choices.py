@@ -26,7 +26,7 @@ from torchliner.names import (
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
 
-WHOLE_PERIODS = "whole periods"
+WHOLE_PERIODS = "whole-periods"
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
@@ -54,7 +54,7 @@ class Choices:
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
             ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
             with ``Recorded``.
-        window: ``whole periods`` (default of ``spectral``): each emission time weighs the same,
+        window: ``whole-periods`` (default of ``spectral``): each emission time weighs the same,
             over whole periods of the tone in the data, else of the lowest frequency asked for; or
             a window of scipy, as it acts on the reflected signal: a sum of few cosines for
             ``spectral``, any for the others. Default of these ``hann``; with ``Sweep``,
