@@ -77,7 +77,6 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--dtype": (names.DTYPES, "precision; default: that of the data"),
         "--memory SIZE": "for slabs and work, e.g. 500MB, 2GB; default: what is fast, 0.2 GB, for "
                          "--engine unfold 1 GB",
-
     },
 }  # fmt: skip
 ALL = [dest(spec) for group in CHOICES.values() for spec in group]

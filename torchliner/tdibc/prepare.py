@@ -257,8 +257,8 @@ def read_plane(
         basis: functions of |v| that are summed; None for a survey alone.
         backward: whether the rows of all phase rules are summed; default if the chosen one needs
             them.
+        further_lines: Hz, waves that are summed beside those of window and phase rule.
         progress: called with numbers of samples done.
-        further_lines: Hz.
     Returns:
         |v| for the other engines, the sums, notes.
     """
@@ -269,9 +269,11 @@ def read_plane(
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate
-    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
-    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
-                    merged((*lines, *further_lines)) if basis is not None else ())  # fmt: skip
+    lines: tuple[float, ...] = ()
+    if basis is not None:
+        of_window = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
+        lines = merged((*of_window, *further_lines))
+    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks, lines)
     harmonics = None
     if chosen.order == ORDERS[2]:
         harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)
