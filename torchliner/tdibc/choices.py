@@ -26,7 +26,7 @@ from torchliner.names import (
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
 
-WHOLE_PERIODS = "whole periods"
+WHOLE_PERIODS = "whole-periods"
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
@@ -54,7 +54,7 @@ class Choices:
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
             ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
             with ``Recorded``.
-        window: ``whole periods`` (default of ``spectral``): each emission time weighs the same,
+        window: ``whole-periods`` (default of ``spectral``): each emission time weighs the same,
             over whole periods of the tone in the data, else of the lowest frequency asked for; or
             a window of scipy, as it acts on the reflected signal: a sum of few cosines for
             ``spectral``, any for the others. Default of these ``hann``; with ``Sweep``,
@@ -180,7 +180,7 @@ class Choices:
                 "edge rule 'silent' needs the reflected signal; engine 'spectral' weighs emission "
                 "times, where no reply is lost: leave edge out, or choose engine='unfold'"
             )
-        if self.engine != "spectral" and self.window == WHOLE_PERIODS:
+        if self.engine != "spectral" and self.whole_periods:
             raise ValueError(
                 f"window {WHOLE_PERIODS!r} weighs emission times, which engine 'spectral' does; "
                 "leave it out, or choose 'hann' or 'boxcar'"
@@ -262,6 +262,11 @@ class Choices:
             given = getattr(self, name)
             if given is None or (isinstance(given, str) and given == "auto"):
                 object.__setattr__(self, name, value)
+
+    @property
+    def whole_periods(self) -> bool:
+        """Whether each emission time weighs the same, over whole periods."""
+        return isinstance(self.window, str) and self.window == WHOLE_PERIODS
 
     @property
     def uses_kernel_response(self) -> bool:

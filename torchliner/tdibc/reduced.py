@@ -6,7 +6,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.reduction.moments import Moments
 from torchliner.replay.edges import Record
 from torchliner.signals.windows import make_window
-from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
+from torchliner.tdibc.choices import Choices
 
 SETTINGS = (  # of ``Choices``, that the moments contain
     "drive", "mean", "order", "pre_roll", "running_window", "oncoming_rms", "window",
@@ -46,6 +46,6 @@ def _length(pitch: float | None) -> str:
 def record_of(known: Moments, chosen: Choices) -> Record:
     """The record that moments were summed over."""
     plan = known.sums.plan
-    name = "boxcar" if chosen.window == WHOLE_PERIODS else chosen.window
+    name = "boxcar" if chosen.whole_periods else chosen.window
     window = make_window(name, plan.end - plan.begin)
     return Record(plan.samples, plan.begin, window, chosen.edge, plan.sampling_rate)
