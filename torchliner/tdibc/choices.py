@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -23,7 +22,7 @@ from torchliner.names import (
     RESPONSES,
     did_you_mean,
 )
-from torchliner.records.slabs import WORK_BYTES
+from torchliner.records.slabs import WORK_BYTES, bytes_of
 from torchliner.replay.waves import parse_signal
 
 WHOLE_PERIODS = "whole-periods"
@@ -276,31 +275,21 @@ class Choices:
     @property
     def memory_bytes(self) -> int | None:
         """``memory`` in bytes."""
-        if self.memory is None:
-            return None
-        found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(self.memory).strip())
-        if found is None:
-            raise ValueError(
-                f"memory is {self.memory!r}; give bytes or a size such as '500MB' or '2GB'"
-            )
-        base = 1024 if found[3] else 1000
-        return int(float(found[1]) * base ** " kMGT".index(found[2] or " "))
+        return None if self.memory is None else bytes_of(self.memory)
 
     @property
     def slab_memory(self) -> int | None:
         """Bytes of the limit for slabs and work: all but what ``unfold`` stages and carries."""
-        memory = self.memory_bytes
-        return memory if memory is None or self.engine != "unfold" else memory - self._half(memory)
+        memory, tail = self.memory_bytes, self.tail_memory
+        return (
+            memory if memory is None or tail is None or self.engine != "unfold" else memory - tail
+        )
 
     @property
     def tail_memory(self) -> int | None:
         """Bytes of the limit for what ``unfold`` stages and carries."""
         memory = self.memory_bytes
-        return None if memory is None else self._half(memory)
-
-    @staticmethod
-    def _half(memory: int) -> int:
-        return max(0, memory - WORK_BYTES) // 2
+        return None if memory is None else max(0, memory - WORK_BYTES) // 2
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""
