@@ -27,6 +27,7 @@ _HOMES = {
     "WallEduction": "torchliner.records",
     "PointImpedances": "torchliner.records",
     "read_plane": "torchliner.io.plane_file",
+    "read_moments": "torchliner.io.moments_file",
     "read_map": "torchliner.io.map_file",
     "read_pressure": "torchliner.io.pressure_file",
     "read_microphones": "torchliner.io.microphone_file",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,6 +17,10 @@ from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
 from torchliner.reduction.survey import Survey
+
+SETTINGS = (  # of an eduction, that the moments contain
+    "drive", "mean", "order", "pre_roll", "running_window", "oncoming_rms", "window",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +92,10 @@ class Moments:
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
         return resolve("torchliner.tdibc.educe:educe")(self, liner, frequency, **choices)
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""
+        resolve("torchliner.io.moments_file:write_moments")(self, path)
 
     @property
     def size(self) -> int:

@@ -157,7 +157,8 @@ def add_levels(
 
 def constant_moments(plan: PassPlan, basis: Basis, speed: Tensor) -> GroupMoments:
     """Of columns whose |v|, (P,), never changes; no sums over blocks."""
-    functions = basis.functions(speed.cpu()).T.to(speed.device)
+    # Contiguous as the sums of samples are, so that a product adds in the same order.
+    functions = basis.functions(speed.cpu()).T.contiguous().to(speed.device)
     sums = plan.wave_sums(torch.tensor(plan.lines, dtype=torch.float64)).to(speed.device)
     weights = torch.cat([sums.real.new_full((1,), plan.end - plan.begin), sums.real, -sums.imag])
     return GroupMoments(weights[:, None, None] * functions, None)

@@ -9,11 +9,10 @@ from torchliner.checks import tell
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.reduction.basis import ANY_LINER, Basis, Chebyshev, choose_basis
-from torchliner.reduction.moments import Moments, ReducedVelocity
+from torchliner.reduction.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import ask, read_plane
 from torchliner.tdibc.prepared import Progress
-from torchliner.tdibc.reduced import SETTINGS
 from torchliner.tdibc.review_kernels import frequencies_read
 
 

@@ -8,10 +8,6 @@ from torchliner.replay.edges import Record
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 
-SETTINGS = (  # of ``Choices``, that the moments contain
-    "drive", "mean", "order", "pre_roll", "running_window", "oncoming_rms", "window",
-)  # fmt: skip
-
 
 def check_settings(known: Moments, chosen: Choices, liner: LinerModel) -> None:
     """Refuse what moments were not made for.
