@@ -26,17 +26,17 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torchliner.replay.lines import plan_lines
+from torchliner.replay.spectral import spectral_sums
 
 import torchliner as tl
+from torchliner.reduction.sources import HeldSpeed
 from torchliner.replay.direct import replay_direct
 from torchliner.replay.edges import Record
 from torchliner.replay.emissions import Sent
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.lines import plan_lines
 from torchliner.replay.sinks import CrossSpectra
-from torchliner.reduction.sources import HeldSpeed
-from torchliner.replay.spectral import spectral_sums
 from torchliner.replay.unfold import replay_unfold
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.educe import educe

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
+from torchliner.signals.bootstrap import beyond_runs, neighbour_correlation
 
 LOOPED = 4  # probes of the plain loop
 DRAWS = 999
@@ -54,13 +55,18 @@ def plain_loop(
     frequency = found.frequency
     speed = plane.velocity[probe].abs().double()
     response = tl.reflection_from_impedance(liner.impedance(frequency, speed)).numpy()
-    period = plane.sampling_rate / float(frequency[0])
-    blocks = found.uncertainty.settings["blocks"]
-    borders = np.round(np.arange(blocks + 1) * period).astype(int).clip(max=plane.samples)
+    settings = found.uncertainty.settings
+    blocks, long = settings["blocks"], plane.sampling_rate / float(frequency[0])
+    borders = (
+        np.round(np.arange(blocks + 1) * long * settings["periods_per_block"])
+        .astype(int)
+        .clip(max=plane.samples)
+    )
     runs = float(found.uncertainty.probes.runs[probe, 0])
     length = round(blocks / runs)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(plane.samples) / plane.samples)
-    away = response - np.mean([response[a:b].mean() for a, b in itertools.pairwise(borders)])
+    means = np.array([response[a:b].mean() for a, b in itertools.pairwise(borders)])
+    away = response - means.mean()
     generator = np.random.default_rng(0)
     draws = []
     for _ in range(DRAWS):
@@ -72,7 +78,8 @@ def plain_loop(
         series = np.concatenate(pieces)[: plane.samples]
         draws.append((window * series).sum() / window.sum())
     reflection = complex(found.reflection[probe, 0])
-    scale = np.sqrt(blocks / (blocks - length))
+    rho = neighbour_correlation(torch.from_numpy(means)[:, None])
+    scale = np.sqrt(blocks / (blocks - length) * float(beyond_runs(rho, torch.tensor(length))))
     z = [(1 + r) / (1 - r) for r in reflection + scale * (np.array(draws) - np.mean(draws))]
     mine = float(found.uncertainty.probes.standard_error[probe, 0].real)
     return abs(float(np.std(np.real(z))) / mine - 1)

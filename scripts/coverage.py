@@ -5,7 +5,8 @@
 Every probe (or cell of probes) is a trial: Gaussian velocity of 3 m/s rms, whose E[R] follows from
 quadrature, so that the truth is Z(E[R]) of the liner `onera` at 1400 Hz. Spectra: low-passed at
 1 kHz, and two of exponential correlation (0.4 and 1.5 ms). A row of 2000 trials has a standard
-error of 0.5 %.
+error of 0.5 %. R is the mean of R(|v|) over whole periods, each sample with weight 1 or with that
+of a Hann window on the times of emission.
 
 Stations are bursts of 10 s at random arrivals, held until the next one (a held value has the
 distribution of the velocity itself, so that the truth is the same), educed by segments of 1 s; ten
@@ -17,6 +18,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +26,22 @@ import torch
 
 import torchliner as tl
 from common import options_of, parser_of
+from torchliner.conversions import admittance_from_reflection
 from torchliner.io.csv_rows import write_rows
+from torchliner.records import Interval
+from torchliner.signals.blocks import MOST_BLOCKS, plan_blocks
+from torchliner.signals.resampling import Resampling
+from torchliner.signals.windows import make_window
+from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
 TRIALS = 500  # of one seed
-IN_A_CELL, PITCH = 16, 12.44e-3  # probes; m, of the liner
+IN_A_CELL = 16  # probes
 STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 FASTEST = 10 * RMS  # 10 standard deviations: no record exceeds it
+WINDOWS = ("boxcar", "hann")
+LEVEL = 0.95
 
 
 def low_passed(frequency: torch.Tensor) -> torch.Tensor:
@@ -76,38 +86,70 @@ def true_impedance(liner: tl.SDoFLiner) -> complex:
     return complex(tl.impedance_from_reflection(mean))
 
 
-def plane_of_probes(spectrum: str, count: int, samples: int, seed: int) -> tl.VelocityPlane:
-    """Independent probes."""
-    return tl.VelocityPlane(velocity(SPECTRA[spectrum], count, samples, seed), sampling_rate=RATE)
+def probes(spectrum: str, count: int, samples: int, seed: int) -> torch.Tensor:
+    """Velocity of independent probes, (count, samples)."""
+    return velocity(SPECTRA[spectrum], count, samples, seed)
 
 
-def plane_of_cells(spectrum: str, count: int, samples: int, seed: int) -> tl.VelocityPlane:
-    """Cells of 16 probes that share half of their energy."""
+def cells(spectrum: str, count: int, samples: int, seed: int) -> torch.Tensor:
+    """Velocity of cells of 16 probes that share half of their energy, (16 count, samples)."""
     shared = velocity(SPECTRA[spectrum], count, samples, seed).repeat_interleave(IN_A_CELL, 0)
     own = velocity(SPECTRA[spectrum], count * IN_A_CELL, samples, seed + 500_000)
-    x = (np.arange(len(own)) + 0.5) * PITCH / IN_A_CELL
-    return tl.VelocityPlane((shared + own) / math.sqrt(2), sampling_rate=RATE, x=x)
+    return (shared + own) / math.sqrt(2)
+
+
+def block_means(
+    speed: torch.Tensor, liner: tl.SDoFLiner, window: str, most: int = MOST_BLOCKS
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean R of each block under a window, (S, N), and the blocks' weights, of sum 1, (S,)."""
+    blocks = plan_blocks(speed.shape[1], 0, RATE / FREQUENCY, most)
+    weight = make_window(window, blocks.borders[-1]).weights
+    share = blocks.sums(weight)
+    sums = torch.empty(blocks.count, len(speed), dtype=torch.complex128)
+    for s, (begin, end) in enumerate(pairwise(blocks.borders)):
+        z = liner.impedance(FREQUENCY, speed[:, begin:end].abs().to(torch.float64))
+        sums[s] = tl.reflection_from_impedance(z) @ weight[begin:end].to(sums)
+    return sums / share[:, None], share / share.sum()
+
+
+def interval_of_probes(series: torch.Tensor, how: Resampling) -> Interval:
+    """Each by itself, from R of each block, (S, N)."""
+    return how.over_time(series - series.mean(0), how.weights.to(series) @ series)
+
+
+def interval_of_cells(series: torch.Tensor, how: Resampling) -> Interval:
+    """Mean admittance of each 16 columns of R, (S, 16 C)."""
+    value, away = (how.weights.to(series) @ series)[:, None], (series - series.mean(0))[..., None]
+    count, whole = len(value) // IN_A_CELL, slice(0, len(value))
+    groups = Groups(
+        torch.arange(count).repeat_interleave(IN_A_CELL), count,
+        admittance_from_reflection(value), len(series),
+    )  # fmt: skip
+    bias = admittance_bias(value, how.second_moment(away))
+    groups.add(whole, admittance_slope(value) * away, bias)
+    return groups.interval(how).map(lambda field: field[:, 0])
 
 
 def coverage(
-    spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner, *, of: str = "probe"
-) -> dict[str, float]:
+    spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner, *, of: str = "probe",
+    window: str = "boxcar", most: int = MOST_BLOCKS,
+) -> dict[str, float]:  # fmt: skip
     """Share of probes or cells (%) whose interval holds the truth, and the median width.
 
     A cell's mean admittance has the truth of its probes, which are alike in the mean.
     """
-    make, name = {
-        "probe": (plane_of_probes, "probes"), "cell of 16": (plane_of_cells, "cells"),
+    make, interval_of = {
+        "probe": (probes, interval_of_probes), "cell of 16": (cells, interval_of_cells),
     }[of]  # fmt: skip
     true = true_impedance(liner)
     inside, widths, runs = [], [], []
     samples = round(periods * RATE / FREQUENCY)
     for seed in range(math.ceil(trials / TRIALS)):
         count = min(TRIALS, trials - seed * TRIALS)
-        plane = make(spectrum, count, samples, 1000 * seed + periods)
-        found = tl.educe(plane, liner, FREQUENCY, velocity_max=FASTEST).uncertainty
-        interval = getattr(found, name)
-        low, high = interval.low[:, 0].numpy(), interval.high[:, 0].numpy()
+        speed = make(spectrum, count, samples, 1000 * seed + periods)
+        series, weights = block_means(speed, liner, window, most)
+        interval = interval_of(series, Resampling(weights, LEVEL))
+        low, high = interval.low.numpy(), interval.high.numpy()
         for part in (np.real, np.imag):
             inside.append((part(low) <= part(true)) & (part(true) <= part(high)))
             widths.append(part(high) - part(low))
@@ -160,22 +202,25 @@ def station_coverage(spectrum: str, trials: int, liner: tl.SDoFLiner) -> list[di
                 lists[1].append(part(high) - part(low))
             lists[2].append(interval.runs.reshape(-1).numpy())
     return [
-        {"of": of, "spectrum": spectrum, "record": f"{STATION:g} s of bursts",
+        {"of": of, "window": "segments", "spectrum": spectrum, "record": f"{STATION:g} s of bursts",
          "trials": sum(len(part) for part in lists[2]), **_summary(*lists)}
         for of, lists in found.items()
     ]  # fmt: skip
 
 
-def rows(trials: int, *, only_stations: bool = False) -> Iterator[dict[str, object]]:
+def rows(
+    trials: int, *, only_stations: bool = False, only_planes: bool = False
+) -> Iterator[dict[str, object]]:
     liner = tl.load_liner("onera")
     assert isinstance(liner, tl.SDoFLiner)
     cases = [("probe", spectrum, record) for spectrum in SPECTRA for record in RECORDS]
     cases += [("cell of 16", "1 kHz noise", record) for record in list(RECORDS)[:2]]
-    for of, spectrum, record in [] if only_stations else cases:
-        yield {"of": of, "spectrum": spectrum, "record": record, "trials": trials} | coverage(
-            spectrum, RECORDS[record], trials, liner, of=of
-        )
-    for spectrum in SPECTRA:
+    for window in [] if only_stations else WINDOWS:
+        for of, spectrum, record in cases:
+            found = coverage(spectrum, RECORDS[record], trials, liner, of=of, window=window)
+            yield {"of": of, "window": window, "spectrum": spectrum, "record": record,
+                   "trials": trials, **found}  # fmt: skip
+    for spectrum in [] if only_planes else SPECTRA:
         yield from station_coverage(spectrum, trials, liner)
 
 
@@ -183,12 +228,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--trials", type=int, default=2000)
     parser.add_argument("--only-stations", action="store_true", help="leave the planes out")
+    parser.add_argument("--only-planes", action="store_true", help="leave the stations out")
     parser.add_argument("--csv", type=Path, help="write the table")
     options = options_of(parser, arguments)
     true = true_impedance(tl.load_liner("onera"))
     print(f"truth {true:.4f}, {options.trials} trials a row, 95 % intervals")
     done = []
-    for row in rows(options.trials, only_stations=options.only_stations):
+    for row in rows(
+        options.trials, only_stations=options.only_stations, only_planes=options.only_planes
+    ):
         done.append(row)
         print("  ".join(
             f"{value:.3g}" if isinstance(value, float) else f"{value!s:20s}"

@@ -20,6 +20,7 @@ from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 
 SLIT = DATA / "slit_n130_y2.5mm.h5"
 SPACING = 12.44e-3 / 16
+EXACT = 2e-9  # R is interpolated over |v| to 1e-9, by another basis where other liners share it
 
 
 class Counted:
@@ -55,12 +56,12 @@ def planes() -> list[tl.VelocityPlane]:
 
 @pytest.fixture(scope="module")
 def found(planes, onera):
-    return audit(planes, onera, velocity_max=20.0)
+    return audit(planes, onera)
 
 
 def educed(plane, liner, **choices):
     """Without an interval, which no row has."""
-    return tl.educe(plane, liner, velocity_max=20.0, interval=None, **choices)
+    return tl.educe(plane, liner, interval=None, **choices)
 
 
 def row(found, factor: str, start: str):
@@ -69,14 +70,10 @@ def row(found, factor: str, start: str):
 
 
 EDUCED = {
-    ("window", "boxcar"): {"window": "boxcar"},
+    ("window", "hann"): {"window": "hann"},
     ("window", "blackman"): {"window": "blackman"},
-    ("edge", "silent"): {"edge": "silent"},
-    ("edge", "wrap"): {"edge": "wrap"},
     ("kernel", "two-sided"): {"response": "kernel"},
     ("kernel", "causal"): {"kernel": "causal"},
-    ("levels", "200 uniform"): {"response": "kernel", "spacing": "uniform",
-                                "interpolation": "linear"},
     ("mean velocity", "removed"): {"mean": "removed"},
     ("drive", "rms"): {"drive": "rms"},
     ("drive", "running-rms"): {"drive": "running-rms"},
@@ -86,10 +83,10 @@ EDUCED = {
 
 @pytest.fixture(scope="module")
 def found_velocity_first(planes, onera):
-    return audit(planes[0], onera, order="velocity first", velocity_max=20.0)
+    return audit(planes[0], onera, order="velocity first")
 
 
-@pytest.mark.filterwarnings("ignore:the causal kernel", "ignore:between velocity levels")
+@pytest.mark.filterwarnings("ignore:the causal kernel")
 @pytest.mark.parametrize("which", EDUCED, ids=" ".join)
 def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocity_first, which):
     """One pass for all gives what a run for each gives, in two orders of averaging."""
@@ -101,7 +98,9 @@ def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocit
         mine = row(one, *which)
         if which == ("drive", "rms"):
             (mine,) = [each for each in one.of("drive") if each.variant == "rms"]
-        assert abs(mine.impedance - complex(wanted[0])) < 1e-10
+        # A causal kernel's response is less smooth over |v| than R itself.
+        limit = 1e-6 if which == ("kernel", "causal") else EXACT
+        assert abs(mine.impedance - complex(wanted[0])) < limit
         assert mine.change == mine.impedance - one.base
 
 
@@ -109,7 +108,7 @@ def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocit
 def test_vena_contracta(planes, onera, found, value):
     single = educed(planes[0], onera.replace(vena_contracta=value))
     assert abs(row(found, "vena contracta", f"{value}").impedance
-               - complex(single.answer[0])) < 1e-10  # fmt: skip
+               - complex(single.answer[0])) < EXACT  # fmt: skip
 
 
 def test_readings_of_the_liner(planes, onera, found):
@@ -122,12 +121,12 @@ def test_readings_of_the_liner(planes, onera, found):
         (("porosity reading", "global, phi_c = 0.635"), whole.replace(cavity_porosity=alpha)),
     ):
         single = educed(planes[0], liner)
-        assert abs(row(found, *which).impedance - complex(single.answer[0])) < 1e-10
+        assert abs(row(found, *which).impedance - complex(single.answer[0])) < EXACT
 
 
 def test_global_liner_is_read_locally(planes):
     """PoliTo in cells of 9.90 mm every 12.44 mm; the paper's rounder 8.78 % gives 1636.3 Hz."""
-    found = audit(planes[0], tl.load_liner("polito"), velocity_max=20.0)
+    found = audit(planes[0], tl.load_liner("polito"))
     local = row(found, "porosity reading", "local 8.68 %")
     readings = porosity_readings(tl.load_liner("polito"))
     assert readings[local.variant].resonance() == pytest.approx(1636.3, abs=6)
@@ -137,17 +136,17 @@ def test_parts_of_the_record(planes, onera):
     """Halves and every second sample, as records of their own, whose coherent part is the whole's
     where that is averaged first."""
     plane, n = planes[0], planes[0].samples
-    found = audit(plane, onera, order="probes first", velocity_max=20.0)
+    found = audit(plane, onera, order="probes first")
     for which, velocity, rate in (
-        (("half the record", "first"), plane.velocity[:, : n // 2], RATE),
-        (("half the record", "second"), plane.velocity[:, n // 2 :], RATE),
+        (("half the record", "first, mean over 10 whole"), plane.velocity[:, : n // 2], RATE),
+        (("half the record", "second, mean over 10 whole"), plane.velocity[:, n // 2 :], RATE),
         (("sampling rate", "every second sample, 21000 Hz"), plane.velocity[:, ::2], RATE / 2),
     ):
         part = dataclasses.replace(plane, velocity=velocity, sampling_rate=rate)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", tl.DataWarning)  # half of 14 ms is a short record
             single = educed(part, onera, order="probes first")
-        assert abs(row(found, *which).impedance - complex(single.answer[0])) < 1e-10
+        assert abs(row(found, *which).impedance - complex(single.answer[0])) < EXACT
 
 
 def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
@@ -165,27 +164,27 @@ def test_height_order_and_length(planes, onera, found):
     """The other plane; the other order; the velocity over windows of a share of a cell."""
     other = educed(planes[1], onera)
     above = row(found, "height", "y = 1 mm").impedance
-    assert abs(above - complex(other.answer[0])) < 1e-10
-    base = tl.educe(planes[0], onera, velocity_max=20.0)
-    assert abs(found.base - complex(base.answer[0])) < 1e-12
+    assert abs(above - complex(other.answer[0])) < EXACT
+    base = tl.educe(planes[0], onera)
+    assert abs(found.base - complex(base.answer[0])) < EXACT
     first = complex(base.liner_impedance_velocity_first[0])
-    assert abs(row(found, "averaging order", "velocity first").impedance - first) < 1e-12
+    assert abs(row(found, "averaging order", "velocity first").impedance - first) < EXACT
     grid = grid_of(planes[0])
     windows = windows_of(grid, 0.25 * 12.44e-3, torch.ones(1, 32, dtype=torch.bool), 600)
     (averaged,) = averaged_planes(planes[0], [windows])
     single = educed(averaged, onera)
     quarter = row(found, "averaging length", "velocity over 0.25").impedance
-    assert abs(quarter - complex(single.liner_impedance[0])) < 1e-10
+    assert abs(quarter - complex(single.liner_impedance[0])) < EXACT
     bounds = base.uncertainty.liner_coherent_first
-    assert abs(found.low - complex(bounds.low[0])) < 1e-12
-    assert abs(found.high - complex(bounds.high[0])) < 1e-12
+    assert abs(found.low - complex(bounds.low[0])) < EXACT
+    assert abs(found.high - complex(bounds.high[0])) < EXACT
 
 
 def test_sorted_by_what_moves_most(found):
     sizes = [max(abs(r.change) for r in found.of(factor)) for factor in found.factors]
     assert sizes == sorted(sizes, reverse=True)
     assert set(found.factors) == {
-        "window", "edge", "kernel", "levels", "vena contracta", "velocity reading",
+        "window", "kernel", "vena contracta", "velocity reading",
         "porosity reading", "half the record", "sampling rate", "phase rule", "drive",
         "mean velocity", "averaging order", "averaging length", "height",
     }  # fmt: skip
@@ -223,13 +222,13 @@ def test_what_does_not_apply_is_listed(onera):
     """Another model, no cells, short, coarse, no tone in the data: each with its reason."""
     velocity = turbulence((3, 7 * 10), rms=2.0)
     plane = plane_of(velocity, sampling_rate=14000.0)
-    with pytest.warns(tl.DataWarning, match="less than the kernel's 12 ms"):
+    with pytest.warns(tl.DataWarning, match="error bars"):  # of seven periods
         found = audit(plane, Plain(onera), minimum_coherence=1.0)
     skipped = found.skipped
     assert "Plain has no such parameter; only SDoF liners have" in skipped["vena contracta"]
     assert "only SDoF" in skipped["velocity reading"]
     assert "only SDoF" in skipped["porosity reading"]
-    assert skipped["half the record"] == "half the record holds 3.5 periods, fewer than 4"
+    assert skipped["half the record"] == "half the record holds 3 whole periods, fewer than 4"
     assert "would leave 5 samples per period, fewer than 8" in skipped["sampling rate"]
     assert skipped["averaging length"] == "the liner states no cell_pitch"
     assert "one plane is given" in skipped["height"]
@@ -254,7 +253,7 @@ def test_table_too_narrow_for_a_kernel_is_said(onera):
     liner = tl.TabulatedLiner(frequency, table, speed)
     found = audit(make_plane(), liner)
     assert "outside the table's 900-2100 Hz" in found.skipped["kernel"]
-    assert {"window", "drive", "levels"} <= set(found.factors)
+    assert {"window", "drive", "half the record"} <= set(found.factors)
 
 
 def test_planes_of_other_cases_are_no_heights(onera, planes):

@@ -121,14 +121,14 @@ def test_every_option_is_explained(name, parser):
             assert f"default {action.default:g}" in text
 
 
-def test_help_shows_thirteen_choices(capsys):
+def test_help_shows_twelve_choices(capsys):
     """The others, and how each is grouped, are told by --help-all."""
     short, whole = (run(capsys, "educe", flag)[1] for flag in ("--help", "--help-all"))
     flags = {name: "--" + name.replace("_", "-") for name in ALL}
     shown = [name for name in ALL if re.search(rf"^  {flags[name]}\b(?!-)", short, re.M)]
-    assert len(shown) == 13
+    assert len(shown) == 12
     assert set(shown) == set(SHOWN)
-    assert f"{len(ALL) - 13} more options: torchliner educe --help-all" in short
+    assert f"{len(ALL) - 12} more options: torchliner educe --help-all" in short
     at = [whole.index(f"\n{title}:\n") for title in CHOICES]
     assert at == sorted(at)
     assert all(re.search(rf"^  {flag}\b(?!-)", whole, re.M) for flag in flags.values())
@@ -145,7 +145,7 @@ def test_the_defaults_told_are_those_of_the_library():
         if found and action.dest in usual:
             told[action.dest] = found[1].rstrip(".")
     plain = ("phase drive mean kernel levels spacing interpolation pre_roll minimum_coherence "
-             "missing interval draws seed resample compile window").split()  # fmt: skip
+             "missing interval resample compile window").split()  # fmt: skip
     for name in plain:
         value = usual[name]
         assert told[name] == (f"{value:g}" if isinstance(value, float) else str(value)), name

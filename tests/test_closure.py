@@ -234,7 +234,7 @@ def test_limit_and_doubt_add_up_and_are_checked(choice):
 def test_closure_survives_a_file(tmp_path):
     """All numbers and words; bounds lie about the values."""
     record = tl.read_plane(DATA / "slit_n130_y0.5mm.h5")
-    found = tl.educe(record, tl.load_liner("lbm_slit"), draws=199)
+    found = tl.educe(record, tl.load_liner("lbm_slit"))
     found.write(tmp_path / "m.h5")
     again = tl.read_map(tmp_path / "m.h5").closure
     for name in ("orders", "order", "known", "kind", "limit", "doubt", "confidence"):
@@ -256,7 +256,7 @@ def test_the_interval_covers():
     values, inside = [], []
     for seed in range(30):
         record = plane(tone + turbulence((1, 960), seed, rms=1.5), incident_level=140.0)
-        gap = tl.educe(record, MODEL, draws=199, order="velocity first", **EDGE).closure.liner
+        gap = tl.educe(record, MODEL, order="velocity first", **EDGE).closure.liner
         values.append(float(gap.level[1, 0]))
         inside.append((float(gap.level_low[1, 0]), float(gap.level_high[1, 0])))
     middle = np.mean(values)
@@ -325,7 +325,7 @@ def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
     for level in (130.0, 131.0):
         records = [dataclasses.replace(station(seed, seconds=0.2), incident_level=level, **about)
                    for seed in range(3)]  # fmt: skip
-        line = tl.educe_bursts(records, tl.load_liner("onera"), segment=0.04, draws=199)
+        line = tl.educe_bursts(records, tl.load_liner("onera"), segment=0.04)
         wanted = 20 * torch.log10(
             line.fluid.characteristic_impedance * (line.impedance * line.velocity_amplitude).abs()
             / pressure_amplitude_from_spl(level)

@@ -111,8 +111,15 @@ def test_engines_agree_through_the_public_name(liner):
     ):
         direct, spectral = (
             tl.educe(
-                plane_of(velocity), liner, phase=phase, engine=engine, response="kernel",
-                window="hann", edge="wrap", levels=2000, **extra,
+                plane_of(velocity),
+                liner,
+                phase=phase,
+                engine=engine,
+                response="kernel",
+                window="hann",
+                edge="wrap",
+                levels=2000,
+                **extra,
             )  # fmt: skip
             for engine in ("direct", "spectral")
         )

@@ -135,7 +135,7 @@ def test_maps_keep_their_level(tmp_path):
         noisy(2).facesheet, sampling_rate=RATE, frequency=FREQUENCY, fluid=liner.fluid
     )
     for level in (0.8, None):
-        made = tl.educe(plane, liner, interval=level, draws=99)
+        made = tl.educe(plane, liner, interval=level)
         (beside,) = with_in_situ([made], [plane], record)
         known = beside.alongside[0].uncertainty
         assert (None if known is None else known.settings["level"]) == level

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.conversions import impedance_from_reflection
-from torchliner.replay.kernels import build_kernels, impedance_of, reflection_at_levels
+from torchliner.liners.response import impedance_of
+from torchliner.replay.kernels import build_kernels, reflection_at_levels
 from torchliner.replay.levels import VelocityGrid, interpolate
 
 F1400 = torch.tensor([1400.0], dtype=torch.float64)

@@ -101,7 +101,7 @@ def test_intervals_cover_with_overlapping_segments():
     errors (2.7 %); scripts/coverage.py runs the whole chain 2000 times."""
     generator = np.random.default_rng(0)
     trials = np.stack([segment_means(generator, 19) for _ in range(600)], axis=1)
-    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), Choices(draws=400))
+    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), Choices())
     true = (1 + (0.3 + 0.1j)) / (1 - (0.3 + 0.1j))
     low, high = found.low.numpy(), found.high.numpy()
     for part in (np.real, np.imag):
@@ -134,7 +134,7 @@ def test_no_interval_from_three_segments(onera):
 def test_the_interval_of_the_line_is_that_of_independent_stations(onera):
     """Alike stations: the standard error of the mean is a station's over the root of their number,
     within a third (each is itself estimated from 13 segments)."""
-    found = educed([station(seed, seconds=0.3) for seed in range(9)], onera, draws=2000)
+    found = educed([station(seed, seconds=0.3) for seed in range(9)], onera)
     single = found.interval.standard_error[:, 0].real.square().mean().sqrt()
     whole = float(found.average.interval.standard_error[0].real)
     assert whole == pytest.approx(float(single) / 3, rel=0.33)
@@ -145,7 +145,7 @@ def test_equal_records_are_drawn_apart(onera):
     """Two stations with the same bursts are two measurements: errors add as if independent."""
     record = station(0)
     again = dataclasses.replace(record, x=0.3, title="again")
-    found = educed([record, again], onera, draws=4000)
+    found = educed([record, again], onera)
     ratio = found.average.interval.standard_error[0].real
     ratio = float(ratio / found.interval.standard_error[0, 0].real)
     assert ratio == pytest.approx(2**-0.5, rel=0.12)  # Student's factor differs a little

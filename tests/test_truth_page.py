@@ -43,7 +43,7 @@ def test_a_sine_is_what_educe_makes_of_one(liner):
     t = torch.arange(4800, dtype=torch.float64) / (10 * RATE)  # |v| has corners
     velocity = rms * 2**0.5 * torch.sin(2 * torch.pi * FREQUENCY * t + 0.3)
     plane = plane_of(velocity[None], sampling_rate=10 * RATE)
-    found = tl.educe(plane, liner, edge="wrap", window="boxcar")
+    found = tl.educe(plane, liner, window="boxcar")
     assert float(found.liner_impedance[0].real) == pytest.approx(2.0, abs=1e-3)
 
 
@@ -60,7 +60,7 @@ def test_educed_values_lie_within_reach(liner, seed):
     """Whatever turbulence: phase averaged in its set, stated phase and probes first in theirs."""
     velocity = turbulence((4, 480), seed, rms=[0.2, 1.5, 15][seed])
     plane = plane_of(velocity)
-    options = {"edge": "wrap", "window": "boxcar", "interval": None}
+    options = {"window": "boxcar", "interval": None}
     found = tl.educe(plane, liner, **options)
     top = 1.001 * float(velocity.abs().max())
     given = tl.educe(plane, liner, phase="given", reference_phase=0.4 * seed, **options)
@@ -84,7 +84,7 @@ def test_a_stated_phase_reaches_as_far_as_said(liner, direction):
     best = (np.conj(direction) * weight * w).real.argmax(1)
     plane = plane_of(speeds[best][None])
     found = tl.educe(plane, liner, phase="given", reference_phase=float(theta[0]),
-                     edge="wrap", window="boxcar", interval=None)  # fmt: skip
+                     window="boxcar", interval=None)  # fmt: skip
     z = complex(found.impedance[0, 0])
     reachable = reach(liner, FREQUENCY, 10.0, "given")
     assert abs(reachable.nearest(z) - z) < 1e-3

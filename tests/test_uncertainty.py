@@ -16,7 +16,6 @@ from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of,
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.replay.incident import Means
-from torchliner.signals import resampling
 from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -109,7 +108,8 @@ def test_interval_holds_its_value(noisy, liner, drive):
             errors = getattr(interval.standard_error, part)
             width = (high - low) / errors
             assert (width > 3.5).all()
-            assert (width < 7).all()
+            if drive == "instantaneous" or part == "real":  # an error of first order is none there
+                assert (width < 7).all()
 
 
 @pytest.mark.parametrize("resample", ["time", "time-span"])
@@ -169,14 +169,12 @@ def test_interval_does_not_hang_on_neighbours_or_memory(noisy, liner):
         assert (other.low - whole.low).abs().max() < 1e-5  # kernel for model
 
 
-def test_seed_and_level(noisy, liner):
-    """The same seed gives the same bounds; a higher level gives wider ones."""
+def test_level(noisy, liner):
+    """Nothing is drawn: the same bounds again; a higher level gives wider ones."""
     first = tl.educe(noisy, liner).uncertainty.liner
     again = tl.educe(noisy, liner).uncertainty.liner
-    other = tl.educe(noisy, liner, seed=1).uncertainty.liner
     wide = tl.educe(noisy, liner, interval=0.99).uncertainty.liner
     assert torch.equal(first.low, again.low)
-    assert not torch.equal(first.low, other.low)
     assert wide.low.real < first.low.real < first.high.real < wide.high.real
 
 
@@ -346,9 +344,6 @@ def test_fewer_than_eight_blocks_are_said(liner):
     [
         ({"interval": 1.0}, "interval is 1; it is a level between 0 and 1"),
         ({"interval": 95.0}, "interval is 95; it is a level between 0 and 1"),
-        ({"draws": 50}, "draws is 50; an interval of 95 % needs at least 100"),
-        ({"draws": 10**6}, "draws is 1000000; it is 0 to 100000"),
-        ({"seed": -1}, "seed is -1; it is 0 to 92"),
         ({"resample": "span"}, "unknown resample 'span'.*time-span"),
     ],
 )
@@ -360,8 +355,9 @@ def test_bad_choices(noisy, liner, choices, message):
 @pytest.mark.parametrize(
     ("choices", "message"),
     [
-        ({"draws": 1000.5}, "draws is 1000.5; a whole number is needed"),
-        ({"seed": None}, "seed is None; a whole number is needed"),
+        ({"levels": 100.5}, "levels is 100.5; a whole number is needed"),
+        ({"levels": None}, "levels is None; a whole number is needed"),
+        ({"draws": 999}, "no option is called 'draws'"),
         ({"interval": "0.95"}, "interval is the text '0.95'; a number is needed"),
     ],
 )
@@ -381,13 +377,6 @@ def test_csv_holds_the_bounds(tmp_path, noisy, liner):
         assert float(row["resistance low (rho c)"]) == pytest.approx(low.real, rel=1e-8)
         assert float(row["reactance high (rho c)"]) == pytest.approx(high.imag, rel=1e-8)
         assert float(row["velocity rms (m/s)"]) > 1
-
-
-def test_many_draws_are_made_in_parts(noisy, liner, monkeypatch):
-    """What is held at once does not change the bounds."""
-    wanted = tl.educe(noisy, liner).uncertainty.probes.low
-    monkeypatch.setattr(resampling, "DRAWN", 2 * 999)
-    assert torch.equal(tl.educe(noisy, liner).uncertainty.probes.low, wanted)
 
 
 def test_command_prints_both(capsys):

@@ -11,6 +11,7 @@ from test_replay import FREQUENCIES, GRID, make_record
 
 from torchliner.names import EDGE_RULES
 from torchliner.records.slabs import bounds_of
+from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.replay.convolve import CONVOLUTIONS
 from torchliner.replay.direct import direct_sums, replay_direct
 from torchliner.replay.emissions import ComplexTones, Sent
@@ -18,7 +19,6 @@ from torchliner.replay.factors import factor_taps
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.sinks import CrossSpectra, ToneSink, WholeSignal
-from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.replay.unfold import replay_unfold
 from torchliner.replay.waves import BandNoise
 

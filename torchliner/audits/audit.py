@@ -1,10 +1,9 @@
 """How far each choice that the paper leaves open moves the answer, beside its statistical interval.
 
-One survey and one replay of the data serve the phase rule, the kernel, the levels, the liner's
-readings, the window, the edge, both halves of the record and half the sampling rate: they are lines
-of one pass (``variants``). Another |v| needs a pass of its own: mean removed, running rms; the
-drive ``rms`` needs none, its |v| is known from the survey. Averaging lengths share one reading; a
-plane at another height costs a survey and a replay.
+One ``prepare`` serves the phase rule, the kernel, the liner's readings, the window, both halves of
+the record and half the sampling rate: they are read off its moments (``variants``). Another |v|
+needs one more reading: mean removed, running rms; the drive ``rms`` needs none, its |v| is known
+from the survey. Averaging lengths share one reading; a plane at another height is prepared anew.
 """
 
 from __future__ import annotations
@@ -15,26 +14,26 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.audits.rows import Audit, AuditRow
-from torchliner.audits.variants import CannotApply, VariantMaker
+from torchliner.audits.variants import (
+    CannotApply,
+    Variants,
+    further_lines,
+    other_liners,
+    with_drive,
+)
 from torchliner.checks import tell
-from torchliner.liners.model import Liner
+from torchliner.liners.model import Liner, as_liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.reduction.drive import DriveSpeed
-from torchliner.reduction.probe_velocity import with_smaller_slabs
-from torchliner.replay.incident import LineSums
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.replay.spectral import spectral_sums
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.closure import closure_ratio
 from torchliner.tdibc.educe import replay
-from torchliner.tdibc.engines import block_lines_of
 from torchliner.tdibc.known_pressure import known_pressure
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared
@@ -76,7 +75,7 @@ def audit(
         planes_by_height(several)
     chosen = _base_choices(choices, order)
     work = _Work(several, liner, frequency, chosen, order, progress)
-    work.lines()
+    work.moments()
     work.phases()
     work.drives()
     for factor, vary in (("averaging length", work.lengths), ("height", work.heights)):
@@ -112,37 +111,23 @@ class _Work:
         order: str,
         progress: Callable[[int], None] | None,
     ) -> None:
-        # Surveys of all planes: with them the levels span all heights.
-        everything = prepare(planes, liner, frequency, chosen, progress)
-        self.ready, self.others = everything[0], everything[1:]
+        self.model = as_liner(liner)
+        self.liners, self.skipped = other_liners(self.model)
+        self.order, self.progress, self.others = order, progress, planes[1:]
+        (self.ready,) = prepare(
+            planes[:1], self.model, frequency, chosen, progress, every_rule=True,
+            liners=[other for _, _, other in self.liners],
+            further_lines=lambda record: further_lines(record, chosen),
+        )  # fmt: skip
         if len(self.ready.frequency) != 1:
             raise ValueError(f"an audit has one frequency; {len(self.ready.frequency)} are given")
-        self.order, self.progress = order, progress
         self.rows: list[AuditRow] = []
-        self.skipped: dict[str, str] = {}
-        self.readings = len(planes)
+        self.readings = 0
 
-    def lines(self) -> None:
-        """Base and all variants that share its |v|: one pass."""
-        maker = VariantMaker(self.ready)
-        variants, skipped = maker.all()
-        self.skipped |= skipped
-        base = maker.base()
+    def moments(self) -> None:
+        """Base and all variants that share its |v|: no reading."""
         ready = self.ready
-        of_blocks = block_lines_of(ready, backward=False)
-        everything = [*base, *variants]
-        sums, notes = with_smaller_slabs(
-            ready.drive.velocity,
-            lambda: spectral_sums(
-                ready.drive, [each.line for each in everything], ready.grid,
-                block_lines=of_blocks, compile_loops=ready.chosen.compile, progress=self.progress,
-            ),
-        )  # fmt: skip
-        self.readings += ready.chosen.drive != "rms"
-        self.replayed = Replayed(
-            dataclasses.replace(ready, notes=(*ready.notes, *notes)),
-            LineSums(_column(sums, 0), _column(sums, 1), sums.blocks),
-        )
+        self.replayed = replay(ready)
         self.found = self.replayed.map("averaged")
         self.base = self._value(self.found)
         if not math.isfinite(abs(self.base)):
@@ -150,18 +135,17 @@ class _Work:
                 f"{ready.plane.name}: the base has no admittance, since every probe counts as "
                 "wall; lower or leave out wall_filter"
             )
-        for i, variant in enumerate(variants, len(base)):
-            quiet = dataclasses.replace(variant.ready, blocks=None)
-            found = Replayed(quiet, LineSums(_column(sums, i), None)).map("averaged")
-            self._add(variant.factor, variant.name, self._value(found))
+        variants, skipped = Variants(ready, self.liners).all()
+        self.skipped |= skipped
+        for variant in variants:
+            self._add(variant.factor, variant.name, self._averaged(variant.ready))
         for other in self.found.orders:
             if other != self.order:
                 self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
 
-    def _of_pass(self, ready: Prepared) -> complex:
-        """Another pass over data, without error bars."""
-        quiet = dataclasses.replace(ready, blocks=None)
-        return self._value(replay(quiet, progress=self.progress).map("averaged"))
+    def _averaged(self, ready: Prepared) -> complex:
+        """Without error bars."""
+        return self._value(replay(dataclasses.replace(ready, blocks=None)).map("averaged"))
 
     def _value(self, found: ImpedanceMap) -> complex:
         return complex(found.of_liner(self.order)[0])
@@ -212,18 +196,13 @@ class _Work:
                 self._add("phase rule", variant, found[psi])
 
     def drives(self) -> None:
-        """Other readings of |v|: a pass each, none for the rms of the whole record."""
+        """Another |v|: a reading each, none for the rms of the whole record."""
         chosen, ready = self.ready.chosen, self.ready
         others = [(drive, chosen.mean) for drive in DRIVES if drive != chosen.drive]
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
-            source = DriveSpeed(
-                ready.drive.velocity, drive, mean, ready.survey, ready.drive.running_samples,
-                ready.drive.periodic,
-            )  # fmt: skip
-            rules = dataclasses.replace(chosen, drive=drive, mean=mean)
-            value = self._of_pass(dataclasses.replace(ready, drive=source, chosen=rules))
-            self.readings += drive != "rms"
+            quiet = dataclasses.replace(ready, blocks=None)
+            value = self._averaged(with_drive(quiet, drive, mean, progress=self.progress))
             factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
             self._add(factor, name, value)
 
@@ -248,10 +227,9 @@ class _Work:
         averaged = averaged_planes(plane, cut)
         self.readings += 1
         rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0])
-        for share, each in zip(shares, averaged, strict=True):
-            # One by one: their levels, like the base's, come from their own velocities.
-            (small,) = prepare([each], ready.liner, ready.frequency, rules)
-            found = replay(small).map("averaged")
+        small = prepare(averaged, ready.liner, ready.frequency, rules)
+        for share, each in zip(shares, small, strict=True):
+            found = replay(each).map("averaged")
             self._add(
                 "averaging length", f"velocity over {share:g} of a cell",
                 complex(found.liner_impedance[0]),
@@ -261,15 +239,16 @@ class _Work:
         """The other planes."""
         if not self.others:
             raise CannotApply("one plane is given; name the other heights too")
-        for other in self.others:
-            value = self._of_pass(other)
-            self.readings += 1
-            height = other.plane.height
-            name = other.plane.name if height is None else f"y = {1e3 * height:.3g} mm"
-            self._add("height", name, value, other)
+        rules = dataclasses.replace(self.ready.chosen, interval=None)
+        for plane in self.others:
+            (ready,) = prepare([plane], self.model, self.ready.frequency, rules, self.progress)
+            name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
+            self._add("height", name, self._averaged(ready), ready)
+            self.readings += readings_of(ready)
 
     def result(self) -> Audit:
         """Sorted."""
+        self.readings += readings_of(self.ready)
         size: dict[str, float] = {}
         for row in self.rows:
             size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
@@ -285,5 +264,8 @@ class _Work:
         )  # fmt: skip
 
 
-def _column(sums: LineSums, index: int) -> Tensor:
-    return sums.forward[:, index : index + 1]
+def readings_of(ready: Prepared) -> int:
+    """How often a plane was read through; once more to find out which probes hold nan."""
+    assert ready.drive is not None
+    velocity = ready.drive.velocity
+    return round(velocity.samples_read / velocity.samples) + (not bool(ready.used.all()))

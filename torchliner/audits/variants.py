@@ -1,7 +1,8 @@
-"""What an audit changes, as lines of one pass: each variant is a model, a record or a kernel.
+"""What an audit changes without another reading: the liner, its response, or the weights of time.
 
-The sums of ``spectral`` are linear in the response and in the weights of the emission times, so
-that all that changes neither |v| nor its levels' range shares one reading of the data.
+The moments of |v| know neither liner nor response, so any liner may be read off them. A window is a
+few more rows of the same pass, every second sample is a row of alternating sign, and half of the
+record is the sum over half of its blocks.
 """
 
 from __future__ import annotations
@@ -9,77 +10,116 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+
+import torch
 
 from torchliner.checks import FEWEST_PERIODS
-from torchliner.liners.readings import porosity_readings, velocity_readings
+from torchliner.liners.model import LinerModel
+from torchliner.liners.readings import Readings, porosity_readings, velocity_readings
 from torchliner.liners.sdof import SDoFLiner
+from torchliner.reduction.basis import Response, response_of
+from torchliner.reduction.drive import DriveSpeed
+from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
+from torchliner.reduction.plan import PassPlan, index_of
+from torchliner.reduction.readings import moments_of
+from torchliner.reduction.speed_sums import GroupMoments
 from torchliner.replay.edges import Record
-from torchliner.replay.kernels import KernelTable, build_kernels
-from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.lines import AnyLine, BackwardLine, Line, PartLine, plan_lines
-from torchliner.signals.windows import make_window
+from torchliner.replay.kernels import build_kernels
+from torchliner.signals.windows import Window, make_window
+from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band
-from torchliner.tdibc.prepared import Prepared
+from torchliner.tdibc.prepare import reader_lines
+from torchliner.tdibc.prepared import Prepared, Progress, kernel_response
 from torchliner.tdibc.review import FEWEST_SAMPLES_PER_PERIOD
+from torchliner.tdibc.review_kernels import frequencies_read
 
-WINDOWS = ("hann", "boxcar", "blackman")
-EDGES = ("finite", "silent", "wrap")
+WINDOWS = ("boxcar", "hann", "blackman")
 VENA_CONTRACTA = (0.75, 0.8, 0.85)
-PAPER_LEVELS = (200, "uniform", "linear")
+EVERYWHERE = [(0.0, 1.0 + 0.0j)]  # lines of the weight 1
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One change and what it takes.
+    """One change.
 
     Args:
         factor: what is changed.
         name: to what.
-        ready: the plane, with the record and the liner of the variant.
-        line: for the pass.
+        ready: the plane with the moments, record, liner and reader of the variant.
     """
 
     factor: str
     name: str
     ready: Prepared
-    line: AnyLine
 
 
 class CannotApply(ValueError):
     """A factor that cannot be varied here; the text says why."""
 
 
-class VariantMaker:
-    """All variants of a prepared plane at its one frequency; kernels are built once each."""
+def other_liners(liner: LinerModel) -> tuple[list[tuple[str, str, SDoFLiner]], dict[str, str]]:
+    """Factor, name and liner of each variant of a liner, and why a factor has none."""
+    found, skipped = [], {}
+    for factor, of in (
+        ("vena contracta", _vena_contracta),
+        ("velocity reading", velocity_readings),
+        ("porosity reading", porosity_readings),
+    ):
+        try:
+            if not isinstance(liner, SDoFLiner):
+                kind = type(liner).__name__
+                raise CannotApply(f"{kind} has no such parameter; only SDoF liners have")
+            found += [(factor, name, other) for name, other in of(liner).items()]
+        except ValueError as reason:
+            skipped[factor] = str(reason)
+    return found, skipped
 
-    def __init__(self, ready: Prepared) -> None:
-        self.ready, self.frequency = ready, float(ready.frequency[0])
-        self.kernels: dict[Any, KernelTable] = {}
-        self.factors: dict[str, Callable[[], Iterator[Variant]]] = {
-            "window": self._windows,
-            "edge": self._edges,
-            "kernel": self._kernels,
-            "levels": self._levels,
-            "vena contracta": self._vena_contracta,
-            "velocity reading": lambda: self._readings("velocity reading", velocity_readings),
-            "porosity reading": lambda: self._readings("porosity reading", porosity_readings),
-            "half the record": self._halves,
-            "sampling rate": self._half_rate,
-        }
 
-    def base(self) -> list[Variant]:
-        """The choices as they are: the reply to e^{j omega t}, and that to e^{-j omega t}."""
-        forward = self._variant("base", "as chosen", self.ready)
-        both = self._variant("base", "backward", self.ready, backward=True)
-        assert isinstance(both.line, Line)
-        return [forward, dataclasses.replace(both, line=BackwardLine(both.line))]
+def _vena_contracta(liner: SDoFLiner) -> Readings:
+    others = [value for value in VENA_CONTRACTA if value != liner.vena_contracta]
+    return {f"{value:g}": liner.replace(vena_contracta=value) for value in others}
+
+
+def further_lines(record: Record, chosen: Choices) -> Iterator[float]:
+    """Waves, Hz, that other windows and every second sample take beside those of the base."""
+    for window in _other_windows(record):
+        if window.lines:
+            yield from (line for line, _ in window_lines(window, 0, record.sampling_rate))
+    base = (line for line, _ in reader_lines(record, chosen))
+    yield from (record.sampling_rate / 2 - abs(line) for line in base)
+
+
+def _other_windows(record: Record) -> list[Window]:
+    names = [name for name in WINDOWS if name != record.window.name]
+    return [make_window(name, len(record.window.weights)) for name in names]
+
+
+class Variants:
+    """All of a prepared plane at its one frequency.
+
+    Args:
+        ready: with ``further_lines``.
+        liners: of ``other_liners``, which the basis of ``ready`` serves too.
+    """
+
+    def __init__(self, ready: Prepared, liners: list[tuple[str, str, SDoFLiner]]) -> None:
+        assert ready.reader is not None
+        self.ready, self.reader, self.liners = ready, ready.reader, liners
+        self.frequency, self.rate = float(ready.frequency[0]), ready.record.sampling_rate
+        self.kind = ready.chosen.kernel if ready.chosen.uses_kernel_response else None
 
     def all(self) -> tuple[list[Variant], dict[str, str]]:
         """Variants, and why a factor has none."""
         found: list[Variant] = []
         skipped = {}
-        for factor, make in self.factors.items():
+        factors: dict[str, Callable[[], Iterator[Variant]]] = {
+            "window": self._windows,
+            "kernel": self._kernels,
+            "liner": self._liners,
+            "half the record": self._halves,
+            "sampling rate": self._half_rate,
+        }
+        for factor, make in factors.items():
             try:
                 for variant in make():
                     found.append(variant)
@@ -87,116 +127,135 @@ class VariantMaker:
                 skipped[factor] = str(reason)
         return found, skipped
 
-    def _variant(
-        self, factor: str, name: str, ready: Prepared, *, kind: str | None = None,
-        grid: VelocityGrid | None = None, of_kernel: bool | None = None,
-        part: tuple[int, int] | None = None, backward: bool = False,
-    ) -> Variant:  # fmt: skip
-        """``part``: first sample and step where the record is one of a part."""
-        chosen, record = ready.chosen, ready.record
-        of_kernel = chosen.uses_kernel_response if of_kernel is None else of_kernel
-        grid = grid or ready.grid
-        kernels = None
-        if of_kernel or record.needs_table(self.frequency):
-            kernels = self._kernel(ready, grid, kind or chosen.kernel)
-        (line,) = plan_lines(
-            ready.liner, [self.frequency], record, grid, kernels, of_kernel=of_kernel,
-            backward=backward,
-        )  # fmt: skip
-        return Variant(factor, name, ready, line if part is None else PartLine(line, *part))
-
-    def _kernel(self, ready: Prepared, grid: VelocityGrid, kind: str) -> KernelTable:
-        rate = ready.record.sampling_rate
-        key = (id(ready.liner), grid, rate, kind)
-        if key not in self.kernels:
-            band = kernel_band(ready.liner, ready.frequency, ready.chosen)
-            self.kernels[key] = build_kernels(ready.liner, grid, rate, kind=kind, band=band)
-        return self.kernels[key]
-
-    def _with_record(self, **changes: Any) -> Prepared:
-        record = dataclasses.replace(self.ready.record, **changes)
-        return dataclasses.replace(self.ready, record=record)
+    def _read(self, lines: list[tuple[float, complex]], response: Response) -> LineReader:
+        plan, basis = self.reader.plan, self.reader.basis
+        return LineReader(plan, basis, lines, self.ready.frequency, response, False)
 
     def _windows(self) -> Iterator[Variant]:
         record = self.ready.record
-        for name in WINDOWS:
-            if name != record.window.name:
-                window = make_window(name, len(record.window.weights))
-                yield self._variant("window", name, self._with_record(window=window))
+        for window in _other_windows(record):
+            reader = self._read(window_lines(window, record.start, self.rate), self.reader.response)
+            other = dataclasses.replace(record, window=window)
+            ready = dataclasses.replace(self.ready, record=other, reader=reader)
+            yield Variant("window", window.name, ready)
 
-    def _edges(self) -> Iterator[Variant]:
-        record = self.ready.record
-        periods = self.frequency * (record.samples - record.start) / record.sampling_rate
-        for rule in EDGES:
-            whole = abs(periods - round(periods)) < 1e-6 and record.start == 0
-            if rule != record.edge and (rule != "wrap" or whole):
-                yield self._variant("edge", rule, self._with_record(edge=rule))
+    def _of_kernel(self, liner: LinerModel, kind: str) -> Response:
+        ready = self.ready
+        read = frequencies_read(ready.record, ready.frequency, ready.chosen)
+        band = kernel_band(liner, read, ready.chosen)
+        basis = self.reader.basis
+        return kernel_response(build_kernels(liner, basis, self.rate, kind=kind, band=band))
 
     def _kernels(self) -> Iterator[Variant]:
-        mine = self.ready.chosen.kernel if self.ready.chosen.uses_kernel_response else "model"
-        for kind in ("two-sided", "causal"):
-            if kind != mine:
-                name = f"{kind}{', the paper to the letter' if kind == 'causal' else ''}"
-                yield self._variant("kernel", name, self.ready, kind=kind, of_kernel=True)
+        for kind, words in (("two-sided", ""), ("causal", ", the paper to the letter")):
+            if kind != self.kind:
+                reader = self._read(self.reader.window, self._of_kernel(self.ready.liner, kind))
+                ready = dataclasses.replace(self.ready, reader=reader)
+                yield Variant("kernel", kind + words, ready)
 
-    def _levels(self) -> Iterator[Variant]:
-        levels, spacing, interpolation = PAPER_LEVELS
-        grid = VelocityGrid(self.ready.grid.maximum, levels, spacing, interpolation)
-        if grid == self.ready.grid:
-            raise CannotApply("they are those of the paper already")
-        name = f"{levels} {spacing}, {interpolation} (the paper), by kernel"
-        yield self._variant("levels", name, self.ready, grid=grid, of_kernel=True)
+    def _liners(self) -> Iterator[Variant]:
+        for factor, name, liner in self.liners:
+            response = self._of_kernel(liner, self.kind) if self.kind else response_of(liner)
+            reader = self._read(self.reader.window, response)
+            ready = dataclasses.replace(self.ready, liner=liner, reader=reader)
+            yield Variant(factor, name, ready)
 
-    def _sdof(self) -> SDoFLiner:
-        if not isinstance(self.ready.liner, SDoFLiner):
-            kind = type(self.ready.liner).__name__
-            raise CannotApply(f"{kind} has no such parameter; only SDoF liners have")
-        return self.ready.liner
-
-    def _vena_contracta(self) -> Iterator[Variant]:
-        liner = self._sdof()
-        for value in VENA_CONTRACTA:
-            if value != liner.vena_contracta:
-                other = dataclasses.replace(self.ready, liner=liner.replace(vena_contracta=value))
-                yield self._variant("vena contracta", f"{value:g}", other)
-
-    def _readings(
-        self, factor: str, of: Callable[[SDoFLiner], dict[str, SDoFLiner]]
-    ) -> Iterator[Variant]:
-        for name, liner in of(self._sdof()).items():
-            yield self._variant(factor, name, dataclasses.replace(self.ready, liner=liner))
+    def _with_moments(
+        self, groups: list[GroupMoments], record: Record, lines: list[tuple[float, complex]]
+    ) -> Prepared:
+        sums = dataclasses.replace(self.ready.sums, groups=tuple(groups))
+        reader = self._read(lines, self.reader.response)
+        return dataclasses.replace(self.ready, sums=sums, record=record, reader=reader)
 
     def _halves(self) -> Iterator[Variant]:
-        record = self.ready.record
-        length = (record.samples - record.start) // 2
-        periods = length * self.frequency / record.sampling_rate
-        if periods < FEWEST_PERIODS and not self.ready.chosen.allow_short:
+        ready, blocks = self.ready, self.reader.plan.blocks
+        half, groups = blocks.count // 2, ready.sums.groups
+        periods = half * blocks.periods
+        if periods < FEWEST_PERIODS and not ready.chosen.allow_short:
             raise CannotApply(
-                f"half the record holds {periods:.3g} periods, fewer than {FEWEST_PERIODS:g}"
+                f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}"
             )
-        window = make_window(record.window.name, length)
-        for name, begin in (("first", record.start), ("second", record.samples - length)):
-            half = Record(length, 0, window, _open(record.edge), record.sampling_rate)
-            ready = dataclasses.replace(self.ready, record=half)
-            yield self._variant("half the record", name, ready, part=(begin, 1))
+        if not ready.keeps_blocks or half == 0:
+            raise CannotApply("no moments of blocks are kept: |v| is constant, or interval None")
+        for name, first in (("first", 0), ("second", blocks.count - half)):
+            blocked = [group.of_blocks for group in groups if group.of_blocks is not None]
+            parts = [sums[first : first + half] for sums in blocked]
+            own = [GroupMoments(part.sum(0, dtype=torch.float64), None) for part in parts]
+            begin, end = blocks.borders[first], blocks.borders[first + half]
+            window = make_window("boxcar", end - begin)
+            record = dataclasses.replace(ready.record, start=begin, window=window)
+            words = f"{name}, mean over {periods} whole periods"
+            yield Variant("half the record", words, self._with_moments(own, record, EVERYWHERE))
 
     def _half_rate(self) -> Iterator[Variant]:
-        record = self.ready.record
-        rate = record.sampling_rate / 2
+        rate, record = self.rate / 2, self.ready.record
         if rate < FEWEST_SAMPLES_PER_PERIOD * self.frequency:
             raise CannotApply(
                 f"{rate:g} Hz would leave {rate / self.frequency:.3g} samples per period, fewer "
                 f"than {FEWEST_SAMPLES_PER_PERIOD:g}"
             )
-        count = (record.samples - record.start + 1) // 2
-        window = make_window(record.window.name, count)
-        half = Record(count, 0, window, _open(record.edge), rate)
-        ready = dataclasses.replace(self.ready, record=half)
-        yield self._variant(
-            "sampling rate", f"every second sample, {rate:.6g} Hz", ready, part=(record.start, 2)
-        )
+        window = record.window
+        kept = torch.zeros_like(window.weights)
+        kept[::2] = window.weights[::2]
+        half = dataclasses.replace(record, window=dataclasses.replace(window, weights=kept))
+        groups = [
+            every_second(group, self.reader.plan, record.start) for group in self.ready.sums.groups
+        ]
+        ready = self._with_moments(groups, half, self.reader.window)
+        yield Variant("sampling rate", f"every second sample, {rate:.6g} Hz", ready)
 
 
-def _open(edge: str) -> str:
-    """A part of a periodic record is not periodic."""
-    return "finite" if edge == "wrap" else edge
+def every_second(group: GroupMoments, plan: PassPlan, start: int) -> GroupMoments:
+    r"""Moments of the samples start, start + 2, ... alone.
+
+    Their weight is :math:`(1 + (-1)^{n - start})/2`, and :math:`(-1)^n e^{j\theta n}` is the
+    conjugate of the wave at :math:`\pi - \theta`. Rows without such a partner are left as nan.
+    """
+    sign, count = (-1.0) ** start, len(plan.lines)
+    found = torch.full_like(group.totals, torch.nan)
+    for line in (0.0, *plan.lines):
+        row, other = index_of(plan.lines, line), index_of(plan.lines, plan.sampling_rate / 2 - line)
+        if other is None:
+            continue
+        cosine = 0 if row is None else 1 + row
+        found[cosine] = (group.totals[cosine] + sign * group.totals[1 + other]) / 2
+        if row is not None:
+            sine = 1 + count + row
+            found[sine] = (group.totals[sine] - sign * group.totals[1 + count + other]) / 2
+    return GroupMoments(found, None)
+
+
+def with_drive(
+    ready: Prepared,
+    drive: str,
+    mean: str,
+    *,
+    every_rule: bool = False,
+    progress: Progress | None = None,
+) -> Prepared:
+    """The plane under another |v|: one more reading of it, none for the rms of the record.
+
+    Args:
+        ready: prepared plane.
+        drive, mean: see ``Choices``.
+        every_rule: keep what any phase rule can be read off, else ``averaged`` alone.
+        progress: called with numbers of samples done.
+    """
+    assert ready.drive is not None and ready.reader is not None  # noqa: PT018
+    before, window = ready.drive, ready.reader.window
+    source = DriveSpeed(
+        before.velocity, drive, mean, ready.sums.survey, before.running_samples, ready.periodic
+    )
+    lines = lines_needed(window, ready.frequency, every_rule)
+    plan = dataclasses.replace(ready.sums.plan, lines=lines)
+    groups, notes = moments_of(
+        source, plan, ready.reader.basis, (), ready.blocks is not None, progress
+    )
+    reader = LineReader(
+        plan, ready.reader.basis, window, ready.frequency, ready.reader.response, every_rule
+    )
+    return dataclasses.replace(
+        ready, drive=source, reader=reader, notes=(*ready.notes, *notes),
+        chosen=dataclasses.replace(ready.chosen, drive=drive, mean=mean),
+        sums=dataclasses.replace(ready.sums, plan=plan, groups=groups),
+    )  # fmt: skip

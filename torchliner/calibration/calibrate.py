@@ -1,8 +1,7 @@
 """Calibration: parameters of a liner fitted, within bounds, to reference impedances.
 
-The data enter once (``level_weights``); what is then varied is the liner alone, so that the fit,
-its exact Jacobian and thousands of posterior draws cost no further pass. Whole replays at the
-values found make the fit exact: they are repeated until the values settle.
+The data enter once, as moments of |v| (``speed_weights``); what is then varied is the liner alone,
+so that the fit, its exact Jacobian and thousands of posterior draws cost no further pass.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from torch import Tensor
 
 from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
-from torchliner.calibration.level_weights import driving_speed, level_weights
 from torchliner.calibration.misfit import ClosureMisfit, FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, Prediction
+from torchliner.calibration.speed_weights import SpeedWeights, driving_speed, speed_weights
 from torchliner.calibration.targets import (
     bounds_of,
     nepers_of,
@@ -32,12 +31,15 @@ from torchliner.checks import require_choice, tell
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
+from torchliner.reduction.basis import ANY_LINER, Chebyshev
+from torchliner.reduction.moments import Moments
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
 QUANTILES = (0.025, 0.975)
 BEYOND = 1.1  # times the |v| fitted from which a prediction is warned of
+LARGEST_MODEL_ERROR = 1e-4  # in R, of the interpolation over |v|, that goes without a note
 START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 
 
@@ -59,7 +61,8 @@ class Calibration:
         unseen: sets of parameters that the data cannot tell apart.
         on_bound: parameters that end on a bound.
         wanted, found: impedances of all planes and frequencies, (D,).
-        anchor_error: change of Z from the last whole replay: error of the sum over levels.
+        model_error: largest error in R, with the values found and at any |v| of the data, of the
+            interpolation over |v|; that of the mean over a record is far less.
         order, choices, notes: as chosen; all warnings.
         data: real numbers that the parameters were fitted to.
         speeds: least and greatest rms |v| of the planes fitted, m/s, of what drives the model.
@@ -83,7 +86,7 @@ class Calibration:
     on_bound: tuple[str, ...]
     wanted: Tensor
     found: Tensor
-    anchor_error: float
+    model_error: float
     order: str
     choices: Choices
     notes: tuple[str, ...]
@@ -107,12 +110,12 @@ class Calibration:
         return self.liners[0]
 
     def predict(
-        self, plane: VelocityPlane, liner: Liner | None = None, frequency: Any = None
+        self, plane: VelocityPlane | Moments, liner: Liner | None = None, frequency: Any = None
     ) -> Prediction:
         """Z of another plane with the spread of the posterior.
 
         Args:
-            plane: wall-normal velocity.
+            plane: wall-normal velocity, or its moments.
             liner: its liner, whose other numbers are kept; default that of the fit.
             frequency: Hz; default the plane's tone.
         Warns:
@@ -121,11 +124,10 @@ class Calibration:
         base = self.liner if liner is None else as_liner(liner)
         named_numbers(base, self.parameters)
         best = base.with_numbers(dict(zip(self.parameters, self.values.tolist(), strict=True)))
-        ready = prepare([plane], best, frequency, self.choices)[0]
-        free = FreeLiners([level_weights(ready, self.order)], [base], self.parameters)
-        free = free.anchored(self.values)
+        weights = _weights([plane], [best], frequency, self.choices)
+        free, ready = FreeLiners(weights, [base], self.parameters), weights[0].ready
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
-        notes = self._beyond(plane, driving_speed(ready, self.order))
+        notes = self._beyond(ready.plane, driving_speed(ready, self.order))
         tell(notes, depth=2)
         best_z = free.impedance(self.values)
         return Prediction(ready.frequency, best_z, draws, self.posterior, tuple(notes))
@@ -144,7 +146,7 @@ class Calibration:
 
 
 def calibrate(
-    planes: VelocityPlane | Sequence[VelocityPlane],
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liners: Liner | Sequence[Liner],
     references: Any,
     parameters: Mapping[str, tuple[float, float]],
@@ -202,18 +204,18 @@ def calibrate(
     for liner in models[1:]:
         named_numbers(liner, names)
     known = prior_of(prior, names, noise is not None)
-    ready = [
-        prepare([plane], liner, frequency, chosen)[0]
-        for plane, liner in zip(several, models, strict=True)
-    ]
+    weights = _weights(several, models, frequency, chosen)
+    ready = [each.ready for each in weights]
     counts = [len(one.frequency) for one in ready]
     if closure:
         ties = ties_of(ready, references, pressure)
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(None if noise is None else nepers_of(noise), counts)
     else:
-        wanted, spread = references_of(several, references, counts), noise_of(noise, counts)
-    weights = [level_weights(one, order) for one in ready]
+        wanted, spread = (
+            references_of([one.plane for one in ready], references, counts),
+            noise_of(noise, counts),
+        )
     about = (weights, models, names, low, high, wanted, spread, known)
     misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)
     if misfit.data + len(known) < len(names):
@@ -232,9 +234,9 @@ def calibrate(
     return result
 
 
-def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[LinerModel]]:
+def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane | Moments], list[LinerModel]]:
     """Planes, and the liner of each."""
-    several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
+    several = [planes] if isinstance(planes, (VelocityPlane, Moments)) else list(planes)
     models = list(liners) if isinstance(liners, (list, tuple)) else [liners] * len(several)
     if not several or len(models) != len(several):
         raise ValueError(
@@ -243,12 +245,37 @@ def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane], list[LinerMod
     return several, [as_liner(liner) for liner in models]
 
 
+def _weights(
+    planes: Sequence[VelocityPlane | Moments],
+    liners: Sequence[LinerModel],
+    frequency: Any,
+    chosen: Choices,
+) -> list[SpeedWeights]:
+    """Each plane read once, for its liner with any numbers; tables have their own speeds."""
+    any_liner = Chebyshev(*ANY_LINER)
+    return [
+        speed_weights(
+            prepare([plane], liner, frequency, chosen,
+                    basis=any_liner if liner.speed_max is None else None)[0],
+            chosen.order,
+        )
+        for plane, liner in zip(planes, liners, strict=True)
+    ]  # fmt: skip
+
+
 def _result(
     fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes: list[str]
 ) -> Calibration:
     misfit = fit.misfit
     values = misfit.values(fit.share)
     posterior, messages = fit.posterior(draws, seed)
+    error = misfit.model_error(values.tolist())
+    if error > LARGEST_MODEL_ERROR:
+        messages.append(
+            f"R of the calibrated liner is known to {error:.2g} only (limit "
+            f"{LARGEST_MODEL_ERROR:g}) between the speeds at which a fit reads it; compare with "
+            "educe of that liner, and narrow the bounds if its values are far from any liner's"
+        )
     interval = torch.full((2, len(values)), torch.nan, dtype=torch.float64)
     speeds = [driving_speed(plane.ready, order) for plane in misfit.planes]
     found = misfit.impedance(values)
@@ -274,7 +301,7 @@ def _result(
         on_bound=fit.on_bound,
         wanted=misfit.wanted,
         found=found,
-        anchor_error=fit.anchor_error,
+        model_error=error,
         order=order,
         choices=chosen,
         notes=(*notes, *messages, *fit.warnings()),

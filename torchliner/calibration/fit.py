@@ -13,8 +13,6 @@ from torch import Tensor
 from torchliner.calibration.misfit import Misfit
 from torchliner.calibration.posterior import FEWEST_EFFECTIVE, Posterior, sample_posterior
 
-MOST_ANCHORS, SETTLED = 8, 1e-6  # replays at the fitted values; movement that is none, of the box
-ANCHORED = 1e-9  # change of Z by the last replay that is none
 ON_BOUND = 1e-3  # of the box
 UNSEEN = 1e-6  # singular value, relative to the largest, of a direction the data do not see
 NAMED = 0.2  # share in such a direction from which a parameter is named
@@ -26,11 +24,10 @@ class Fit:
     """The best place in the box of the bounds.
 
     Args:
-        misfit: exact at this place.
+        misfit: of the planes.
         share: place, 0 to 1, (n,).
         stated: whether the noise is known; else the residual stands for it.
         residuals, jacobian: there, (m,) and (m, n), per box width.
-        anchor_error: change of Z by the last whole replay.
     """
 
     misfit: Misfit
@@ -38,7 +35,6 @@ class Fit:
     stated: bool
     residuals: Tensor
     jacobian: Tensor
-    anchor_error: float
 
     @property
     def chi_square(self) -> float:
@@ -165,30 +161,15 @@ class Fit:
 
 
 def fit_misfit(misfit: Misfit, share: Tensor, stated: bool) -> Fit:
-    """Fit, replay at what was found, fit again, until the values settle.
+    """Least squares by trust-region reflective steps, with the exact Jacobian.
 
     Args:
-        misfit: of the planes; anchored here.
+        misfit: of the planes.
         share: start, 0 to 1, (n,).
         stated: whether the noise is known.
     Raises:
         RuntimeError: the least squares do not converge.
     """
-    misfit = misfit.anchored(misfit.values(share))
-    error = 0.0
-    for _ in range(MOST_ANCHORS):
-        found = _least_squares(misfit, share)
-        values = misfit.values(found)
-        again = misfit.anchored(values)
-        error = float((again.impedance(values) - misfit.impedance(values)).abs().max())
-        settled = float((found - share).abs().max()) < SETTLED or error < ANCHORED
-        misfit, share = again, found
-        if settled:
-            break
-    return Fit(misfit, share, stated, *misfit.slopes(share), error)
-
-
-def _least_squares(misfit: Misfit, share: Tensor) -> Tensor:
     from scipy.optimize import least_squares
 
     kept: dict[bytes, tuple[Tensor, Tensor]] = {}
@@ -217,4 +198,5 @@ def _least_squares(misfit: Misfit, share: Tensor) -> Tensor:
             f"least squares stopped after {found.nfev} evaluations ({found.message}), sum of "
             f"squares {2 * found.cost:.3g}; narrow the bounds or free fewer parameters"
         )
-    return torch.from_numpy(np.asarray(found.x, dtype=np.float64))
+    share = torch.from_numpy(np.asarray(found.x, dtype=np.float64))
+    return Fit(misfit, share, stated, *misfit.slopes(share))

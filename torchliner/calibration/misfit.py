@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
 
-from torchliner.calibration.level_weights import LevelWeights, responses_of
-from torchliner.forward_mode import dual_level
+from torchliner.calibration.speed_weights import SpeedWeights, responses_of
+from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
@@ -22,12 +21,12 @@ class FreeLiners:
     """Planes whose liners share free parameters.
 
     Args:
-        planes: level weights, one a plane.
+        planes: weights of node speeds, one a plane.
         liners: one a plane; the same object where they share one.
         names: of the free parameters, n of them.
     """
 
-    planes: Sequence[LevelWeights]
+    planes: Sequence[SpeedWeights]
     liners: Sequence[LinerModel]
     names: tuple[str, ...]
 
@@ -38,12 +37,15 @@ class FreeLiners:
         return [made[id(liner)] for liner in self.liners]
 
     def responses(self, values: Any) -> list[Tensor]:
-        """R of each plane's liner at its lines and levels, (L, V)."""
+        """R of each plane's liner at its lines and speeds, (F, Q, K)."""
         moved = self.moved(values)
+        shared: dict[Any, list[int]] = {}
+        for i, (liner, plane) in enumerate(zip(moved, self.planes, strict=True)):
+            alone = None if plane.ready.kernels is None else i
+            shared.setdefault((id(liner), plane.reader.basis, alone), []).append(i)
         found: dict[int, Tensor] = {}
-        for each in {id(liner): liner for liner in moved}.values():
-            members = [i for i, liner in enumerate(moved) if liner is each]
-            rows = responses_of(each, [self.planes[i] for i in members])
+        for members in shared.values():
+            rows = responses_of(moved[members[0]], [self.planes[i] for i in members])
             found |= dict(zip(members, rows, strict=True))
         return [found[i] for i in range(len(moved))]
 
@@ -54,8 +56,7 @@ class FreeLiners:
 
     def impedances(self, values: Tensor) -> Tensor:
         """The same for many, (M, n) to (M, D), a block of them at a time."""
-        shapes = [plane.weights.shape for plane in self.planes]
-        work = sum(lines * max(levels, columns) for lines, levels, columns in shapes)
+        work = sum(len(p.reader.frequency) * sum(p.weights.shape) for p in self.planes)
         blocks = []
         for block in values.split(max(1, WORK_NUMBERS // work)):
             rows = zip(*(self.responses(each) for each in block.unbind()), strict=True)
@@ -63,11 +64,10 @@ class FreeLiners:
             blocks.append(torch.cat(found, dim=-1))
         return torch.cat(blocks)
 
-    def anchored(self, values: Tensor) -> Self:
-        """The same, made exact at ``values`` by a whole replay of every plane."""
-        moved = self.moved(values.unbind())
-        planes = [p.anchored(liner) for p, liner in zip(self.planes, moved, strict=True)]
-        return replace(self, planes=planes)
+    def model_error(self, values: Any) -> float:
+        """Largest error in R of the interpolation over |v|, with these values."""
+        both = zip(self.planes, self.moved(values), strict=True)
+        return max(plane.model_error(liner) for plane, liner in both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +112,11 @@ class Misfit(FreeLiners):
 
     def slopes(self, share: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals (m,) and their derivatives in the place in the box, (m, n)."""
-        rows, columns = torch.zeros(0), []
-        for along in torch.eye(len(share), dtype=share.dtype):
-            with dual_level():
-                values = self.values(forward_ad.make_dual(share, along))
-                found = forward_ad.unpack_dual(self.residuals(values, self.impedance(values)))
-                rows, slope = found.primal, found.tangent
-                columns.append(torch.zeros_like(rows) if slope is None else slope)
-        return rows, torch.stack(columns, dim=1)
+        at = [each.clone().requires_grad_() for each in share.detach()]
+        values = self.values(torch.stack(at))
+        rows = self.residuals(values, self.impedance(values))
+        columns = [torch.zeros_like(rows) if c is None else c for c in slopes_of(rows, at)]
+        return rows.detach(), torch.stack(columns, dim=1)
 
 
 @dataclass(frozen=True, eq=False)

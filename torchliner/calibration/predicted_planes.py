@@ -7,6 +7,7 @@ from typing import Any
 
 from torchliner.calibration.budget import correlation_of
 from torchliner.calibration.calibrate import Calibration
+from torchliner.reduction.moments import Moments
 from torchliner.tdibc.educe import educe
 
 
@@ -51,7 +52,7 @@ def prediction_rows(
 
     Args:
         found: calibration.
-        plane: velocity plane.
+        plane: velocity plane, or its moments.
         before: liner as it was, whose other numbers the prediction keeps.
         label: of the plane; default its case.
         reference: name of the impedance beside which it is put, if the plane has it.
@@ -59,8 +60,9 @@ def prediction_rows(
     """
     names = ("phase", "edge", "drive", "mean", "kernel")
     chosen = {name: getattr(found.choices, name) for name in names}
-    values = educe(plane, before, **chosen).of_liner(found.order)
+    values = educe(plane, before, interval=None, **chosen).of_liner(found.order)
     prediction = found.predict(plane, before)
+    plane = plane.plane if isinstance(plane, Moments) else plane
     true = plane.reference.get(reference)
     rows = []
     for i, frequency in enumerate(prediction.frequency.tolist()):

@@ -1,10 +1,9 @@
-r"""Derivatives of the educed impedance in every parameter of a liner, from one replay.
+r"""Derivatives of the educed impedance in every parameter of a liner, from one reading of the data.
 
-The educed reflection is linear in the response R(f, |v|) of the liner, and so are the kernels and
-the tables of the ends of the record. Hence its derivative is the replay of dR/dp in the place of R:
-for each parameter a few more lines (``replay.lines``) in the same pass over the data, whose tables
-over the levels are filled by forward differentiation of the liner alone. Averages and phase rules
-then follow by forward differentiation of the sums.
+The educed reflection is linear in the response R(f, |v|) of the liner, which is read at a few
+speeds alone. So dR/dp there, by forward differentiation of the liner's formula, and the moments of
+|v| that R is read with give its derivative; averages and phase rules follow by forward
+differentiation too.
 """
 
 from __future__ import annotations
@@ -20,24 +19,19 @@ from torch.autograd import forward_ad
 
 from torchliner.calibration.budget import OF_PLACES, Budget, OfParameters, budget_of
 from torchliner.checks import require_choice, tell
-from torchliner.conversions import reflection_from_impedance
-from torchliner.forward_mode import dual_level
+from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
-from torchliner.reduction.probe_velocity import with_smaller_slabs
-from torchliner.replay.edges import EdgeTable, Reach
+from torchliner.reduction.basis import Response, checked_speeds, response_of
+from torchliner.reduction.moments import Moments
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import impedance_of, reflection_at_levels
-from torchliner.replay.levels import interpolate
-from torchliner.replay.lines import Line, plan_lines
-from torchliner.replay.phase_rule import phase_rule
-from torchliner.replay.spectral import spectral_sums
+from torchliner.tdibc.assemble import assemble
 from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.engines import with_liner
+from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared, Progress
-from torchliner.tdibc.replayed import Replayed
+from torchliner.tdibc.replayed import Replayed, find_walls
 
 FIELDS = {  # of the sensitivities, by that of the map which they differentiate
     "probes": "impedance",
@@ -60,8 +54,8 @@ class Sensitivities(OfParameters):
         cells, cells_velocity_first, cells_coherent_first: (n, C, F), by order of averaging; the
             last is None where it was left out.
         liner, liner_velocity_first, liner_coherent_first: whole liner, (n, F), by order.
-        level_error: largest error of dR/dp from the interpolation between velocity levels, relative
-            to the largest |dR/dp|, (n,).
+        level_error: largest error of dR/dp from its interpolation over |v|, at any |v| of the data
+            and relative to the largest |dR/dp|, (n,); that of the mean over a record is far less.
         found: the map itself.
     """
 
@@ -134,7 +128,7 @@ class Sensitivities(OfParameters):
 
 
 def sensitivities(
-    plane: VelocityPlane,
+    plane: VelocityPlane | Moments,
     liner: Liner,
     frequency: Any = None,
     parameters: Sequence[str] | None = None,
@@ -143,10 +137,10 @@ def sensitivities(
     progress: Progress | None = None,
     **choices: Any,
 ) -> Sensitivities:
-    """dZ/dp of the liner, its cells and every probe, for all parameters in one replay.
+    """dZ/dp of the liner, its cells and every probe, for all parameters from one reading.
 
     Args:
-        plane: wall-normal velocity, (..., T) m/s.
+        plane: wall-normal velocity, (..., T) m/s, or its moments.
         liner: one that states ``numbers``, as SDoF liners do.
         frequency: Hz, one or several; default the plane's tone.
         parameters: names of ``liner.numbers()``; default all. ``temperature`` and
@@ -163,7 +157,7 @@ def sensitivities(
         DataWarning: as ``educe``.
     Source: Roncen et al. (2026), section 3, differentiated.
     """
-    if not isinstance(plane, VelocityPlane):
+    if not isinstance(plane, (VelocityPlane, Moments)):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     model = as_liner(liner)
     numbers = named_numbers(model, parameters)
@@ -176,93 +170,59 @@ def sensitivities(
             "and incident out"
         )
     ready = prepare([plane], model, frequency, chosen, progress)[0]
-    backward = phase_rule(chosen.phase).needs_backward
-    lines = plan_lines(
-        model, ready.frequency.tolist(), ready.record, ready.grid, ready.kernels,
-        of_kernel=chosen.uses_kernel_response, backward=backward,
-    )  # fmt: skip
-    errors = []
-    for name, number in numbers.items():
-        more, error = _tangent_lines(ready, name, number.value, backward)
-        lines += more
-        errors.append(error)
-    sums, notes = with_smaller_slabs(
-        ready.drive.velocity,
-        lambda: spectral_sums(
-            ready.drive, lines, ready.grid, compile_loops=chosen.compile, progress=progress
-        ),
-    )
-    ready = dataclasses.replace(ready, notes=(*ready.notes, *notes))
-    result = _assemble(ready, numbers, sums, torch.tensor(errors), reference_phase)
-    tell(result.found.notes)
-    return result
+    replayed = replay(ready)
+    nominal = replayed.map(chosen.phase, reference_phase)
+    slopes, errors = _model_slopes(ready, numbers)
+    rule, wall = replayed.rule(chosen.phase, reference_phase), find_walls(ready)[0]
+    rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
+    for slope in slopes:
+        # Sums are linear in R, averages and phase rules are not.
+        moved = ready.read_with(lambda *_, slope=slope: slope)
+        with dual_level():
+            along = Replayed(ready, LineSums(
+                forward_ad.make_dual(replayed.sums.forward, moved.forward),
+                None if moved.backward is None else
+                forward_ad.make_dual(replayed.sums.backward, moved.backward),
+            ))  # fmt: skip
+            reflection = rule.reflection(along.means)
+            peak = 2 * ready.velocity_amplitude
+            found = assemble(ready, chosen.phase, reflection, rule.held, peak, [], wall=wall)
+            for name, field in FIELDS.items():
+                if (part := getattr(found, field)) is not None:
+                    tangent = forward_ad.unpack_dual(part).tangent
+                    rows[name].append(torch.zeros_like(part) if tangent is None else tangent)
+    stacked = {name: torch.stack(each) for name, each in rows.items() if each}
+    tell(nominal.notes)
+    return Sensitivities(numbers, **stacked, level_error=errors, found=nominal)
 
 
-def _tangent(dual: Tensor) -> Tensor:
-    found = forward_ad.unpack_dual(dual).tangent
-    return torch.zeros_like(dual) if found is None else found
+def _model_slopes(ready: Prepared, numbers: Mapping[str, Number]) -> tuple[Tensor, Tensor]:
+    """dR/dp at the reader's lines and speeds, (n, lines, K), and its relative error between, (n,).
 
+    Raises:
+        ValueError: no derivative passes the liner's formula.
+    """
+    assert ready.reader is not None
+    values = [torch.tensor(n.value, dtype=torch.float64).requires_grad_() for n in numbers.values()]
+    moved = ready.liner.with_numbers(dict(zip(numbers, values, strict=True)))
+    lines, basis = ready.reader.read.flatten(), ready.reader.basis
+    speed = checked_speeds(ready.top_speed)
 
-def _tangent_lines(
-    ready: Prepared, name: str, at_value: float, backward: bool
-) -> tuple[list[Line], float]:
-    """Lines of dR/dp, and the largest relative error of its interpolation between levels."""
-    record, grid, liner = ready.record, ready.grid, ready.liner
-    middle = ((grid.speeds[1:] + grid.speeds[:-1]) / 2)[:, None]
-    lines, errors = [], []
-    with dual_level():
-        value = torch.tensor(at_value, dtype=torch.float64)
-        moved = liner.with_numbers({name: forward_ad.make_dual(value, torch.ones_like(value))})
-        kernels = with_liner(ready, moved).kernels
-        if kernels is not None:
-            # Taps, response and edge tables are linear in R: its tangent in, theirs out.
-            kernels = dataclasses.replace(kernels, taps=_tangent(kernels.taps))
-        for frequency in ready.frequency.tolist():
-            at = torch.tensor(record.line_frequencies(frequency)[0], dtype=torch.float64)
-            table = _tangent(reflection_at_levels(moved, at, grid))
-            between_levels = reflection_from_impedance(impedance_of(moved, at, middle))
-            if forward_ad.unpack_dual(between_levels).tangent is None:
+    def slopes(response: Response, speeds: Tensor) -> Tensor:
+        found = slopes_of(response(lines, speeds), values)
+        for name, each in zip(numbers, found, strict=True):
+            if each is None:
                 raise ValueError(
-                    f"{type(liner).__name__}.impedance passes no derivative in {name}; compute it "
+                    f"{type(moved).__name__}.impedance passes no derivative in {name}; compute it "
                     "with torch from the number as with_numbers stores it, without float()"
                 )
-            exact = _tangent(between_levels)
-            between = interpolate(table, *grid.locate(middle[:, 0]))
-            errors.append(float((between - exact).abs().max() / exact.abs().max().clamp(1e-300)))
-            edges = None
-            if ready.chosen.uses_kernel_response:
-                assert kernels is not None
-                table = kernels.response(at)
-            if record.needs_table(frequency):
-                assert kernels is not None
-                edges = EdgeTable(kernels, Reach(record, kernels.taps.shape[1]), frequency)
-            lines.append(Line(frequency, record, None, table, edges, backward))
-    return lines, max(errors)
+        return torch.stack([each for each in found if each is not None])
 
-
-def _assemble(
-    ready: Prepared,
-    numbers: Mapping[str, Number],
-    sums: LineSums,
-    level_error: Tensor,
-    reference_phase: Any,
-) -> Sensitivities:
-    """Averages and phase rule, differentiated along each parameter's tangent of the sums."""
-    phase, count = ready.chosen.phase, len(ready.frequency)
-    forward = sums.forward.split(count, dim=1)
-    backward = None if sums.backward is None else sums.backward.split(count, dim=1)
-    rows: dict[str, list[Tensor]] = {name: [] for name in FIELDS}
-    for i in range(1, len(numbers) + 1):
-        with dual_level():
-            moved = LineSums(
-                forward_ad.make_dual(forward[0], forward[i]),
-                None if backward is None else forward_ad.make_dual(backward[0], backward[i]),
-            )
-            found = Replayed(ready, moved).map(phase, reference_phase)
-            for name, field in FIELDS.items():
-                if (value := getattr(found, field)) is not None:
-                    rows[name].append(_tangent(value))
-    at_values = LineSums(forward[0], None if backward is None else backward[0])
-    nominal = Replayed(ready, at_values).map(phase, reference_phase)
-    stacked = {name: torch.stack(each) for name, each in rows.items() if each}
-    return Sensitivities(numbers, **stacked, level_error=level_error, found=nominal)
+    at_nodes, wanted = slopes(response_of(moved), torch.cat([basis.speeds, speed])).tensor_split(
+        [basis.count], dim=-1
+    )
+    between = basis.coefficients(at_nodes) @ basis.functions(speed).T.to(wanted)
+    away, scale = (each.abs().amax((1, 2)) for each in (between - wanted, wanted))
+    if ready.kernels is not None:
+        at_nodes = slopes(ready.response(moved), basis.speeds)
+    return at_nodes, away / scale.clamp(1e-300)

@@ -10,7 +10,7 @@ from torchliner import names
 from torchliner.cli.options import argument, dest, stated
 
 SHOWN = (
-    "phase order drive mean wall_filter engine edge window interval seed device dtype memory"
+    "phase order drive mean wall_filter engine edge window interval device dtype memory"
 ).split()  # by --help; --help-all shows the others too
 
 
@@ -66,8 +66,6 @@ CHOICES: dict[str, dict[str, Any]] = {
     "error bars": {
         "--interval LEVEL": "confidence level, 0 to 1; default 0.95",
         "--no-intervals": "no error bars",
-        "--draws N": "of the moving-block bootstrap; default 999",
-        "--seed N": "of the bootstrap; default 0",
         "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
     },
     "closure": {
@@ -79,7 +77,6 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--dtype": (names.DTYPES, "precision; default: that of the data"),
         "--memory SIZE": "for slabs and work, e.g. 500MB, 2GB; default: what is fast, 0.2 GB, for "
                          "--engine unfold 1 GB",
-
     },
 }  # fmt: skip
 ALL = [dest(spec) for group in CHOICES.values() for spec in group]

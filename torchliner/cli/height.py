@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
-    with progress_bar(len(lengths or []) or 8, "averaging lengths", options, "length") as step:
+    with progress_bar(len(planes), "heights", options, "height") as step:
         study = study_heights(
             planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, flow=flow,
             progress=step, **chosen_from(options, CHOICES),

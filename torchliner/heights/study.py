@@ -121,8 +121,8 @@ def study_heights(
 
     Args:
         planes: of one case at different heights, each a line along x or a (z, x) plane with even
-            spacing. Planes in files are read by slabs; the averaged velocities of all planes at
-            one length are held in memory, 256 MB a plane at most (fewer windows beyond that).
+            spacing. Planes in files are read by slabs; the averaged velocities of one plane at
+            all lengths are held in memory, 256 MB at most (fewer windows beyond that).
         liner: as for ``educe``; its ``cell_pitch``, ``surface_porosity`` and ``orifice_diameter``
             are used where it has them.
         frequency: Hz, one; default the planes' own tone.
@@ -131,7 +131,7 @@ def study_heights(
         cell_pitch: L_c, m; default the liner's.
         flow: mean flow for the jets' height.
         reference_phase: rad, for ``phase="given"``.
-        progress: called with 1 per averaging length.
+        progress: called with 1 per plane.
         choices: see ``torchliner.tdibc.choices.Choices``; tones only. A ``wall_filter`` acts on
             the averages over probes.
     Raises:
@@ -159,10 +159,9 @@ def study_heights(
             for ready in prepare(some, model, wanted, replace(chosen, order=order))
         ]
 
-    maps = educe(ordered, chosen.order)
-    rows = []
-    for length in long:
-        rows += _rows_at(length, ordered, grids, maps, educe)
+    maps, rows = educe(ordered, chosen.order), []
+    for plane, grid, seen in zip(ordered, grids, maps, strict=True):
+        rows += _rows_of(plane, grid, long, seen, educe)
         if progress is not None:
             progress(1)
     notes, facts = [note for seen in maps for note in seen.notes], []
@@ -224,22 +223,17 @@ def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[fl
     return sorted(set(lengths))
 
 
-def _rows_at(
-    length: float,
-    planes: Sequence[VelocityPlane],
-    grids: Sequence[Grid],
-    maps: Sequence[ImpedanceMap],
-    educe: Educe,
+def _rows_of(
+    plane: VelocityPlane, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe
 ) -> list[LengthRow]:
-    """One averaging length at every height; all planes share one pass of levels and kernels."""
-    shapes = [(grid.rows, grid.columns) for grid in grids]
-    cut = []
-    for plane, grid, seen, shape in zip(planes, grids, maps, shapes, strict=True):
-        used = torch.isfinite(seen.reflection[..., 0].real).cpu().reshape(shape)
-        cut.append(windows_of(grid, length, used, plane.samples))
-    found = educe([averaged_planes(p, [w])[0] for p, w in zip(planes, cut, strict=True)])
+    """One plane at every averaging length, for which it is read once."""
+    shape = (grid.rows, grid.columns)
+    used = torch.isfinite(seen.reflection[..., 0].real).cpu().reshape(shape)
+    cut = [windows_of(grid, length, used, plane.samples * len(lengths)) for length in lengths]
     rows = []
-    for plane, shape, windows, seen, averaged in zip(planes, shapes, cut, maps, found, strict=True):
+    for length, windows, averaged in zip(
+        lengths, cut, educe(averaged_planes(plane, cut)), strict=True
+    ):
         probes = windows.mean(seen.averaged_admittance[..., 0].detach().cpu().reshape(shape))
         velocity = admittance_from_reflection(averaged.reflection[..., 0].detach().cpu())
         (z_probes, s_probes), (z_velocity, s_velocity) = _average(probes), _average(velocity)

@@ -12,23 +12,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_admittance
 from torchliner.records import Interval, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells
 from torchliner.signals.plane_waves import split_waves
-from torchliner.signals.tone_blocks import (
-    DRAWS,
-    FEWEST_RUNS,
-    SEED,
-    SMALLEST_WIDTH,
-    blocks_of,
-)
+from torchliner.signals.resampling import FROM_ADMITTANCE, ITSELF
+from torchliner.signals.tone_blocks import FEWEST_RUNS, SMALLEST_WIDTH, blocks_of
 
 LEVEL = 0.95
 
 
 def require_level(level: float | None) -> None:
-    """Refuse what is no share of the draws; None is for no intervals."""
+    """Refuse what is no share of all cases; None is for no intervals."""
     if level is not None and not 0 < level < 1:
         raise ValueError(f"interval is {level:g}; it is a level between 0 and 1 (95 % is 0.95)")
 
@@ -76,20 +70,19 @@ def dean_uncertainty(
         through, pressure = member @ through, member @ pressure
         first = "_pressure_first"
         series = {
-            "cells": (admittance, 1 / at["cell_impedance"], impedance_from_admittance),
-            "liner": (admittance.mean(1), 1 / at["liner_impedance"], impedance_from_admittance),
+            "cells": (admittance, 1 / at["cell_impedance"], FROM_ADMITTANCE),
+            "liner": (admittance.mean(1), 1 / at["liner_impedance"], FROM_ADMITTANCE),
             f"cells{first}": (blocks.h1(through, pressure, at[f"cell_impedance{first}"]),
-                              at[f"cell_impedance{first}"], _itself),
+                              at[f"cell_impedance{first}"], ITSELF),
             f"liner{first}": (blocks.h1(through.mean(1), pressure.mean(1),
                                         at[f"liner_impedance{first}"]),
-                              at[f"liner_impedance{first}"], _itself),
+                              at[f"liner_impedance{first}"], ITSELF),
         }  # fmt: skip
-        for name, (change, value, convert) in series.items():
-            parts.setdefault(name, []).append(blocks.interval(change, value, level, convert))
+        for name, (change, value, conversion) in series.items():
+            parts.setdefault(name, []).append(blocks.interval(change, value, level, conversion))
     return PointUncertainty(
         **{name: Interval.joined(each, -1) for name, each in parts.items()},
-        settings={"level": level, "draws": DRAWS, "seed": SEED, "resampled": "time",
-                  "blocks": count},
+        settings={"level": level, "resampled": "time", "blocks": count},
     )  # fmt: skip
 
 
@@ -141,7 +134,3 @@ def few_blocks_note(name: str, found: Interval | None, level: float | None) -> l
         f"{name}: the error bars rest on {runs:.2g} independent blocks of time, fewer than "
         f"{FEWEST_RUNS}; they are rough"
     ]
-
-
-def _itself(impedance: Tensor) -> Tensor:
-    return impedance

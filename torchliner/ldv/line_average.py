@@ -6,7 +6,7 @@ no draw is needed for it; with the variances :math:`s_n^2` of a station's admitt
 segments the draws scatter by :math:`\sqrt{\sum s_n^2}/N`. This is neither the spread along the line
 nor the uncertainty of the result. For the latter the segments of each station are resampled by the
 moving-block bootstrap of ``signals.bootstrap``: runs of two segments or more allow for what
-overlapping segments share. Stations are measured one after another, so their draws are independent.
+overlapping segments share. Stations are measured one after another, so their variances add.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from torchliner.conversions import (
 )
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
-from torchliner.signals.bootstrap import can_resample, deviations, mean_factor, run_lengths
-from torchliner.signals.resampling import Resampling, impedance_bounds
+from torchliner.signals.bootstrap import can_resample
+from torchliner.signals.resampling import FROM_ADMITTANCE, ITSELF, Resampling, impedance_interval
 from torchliner.tdibc.choices import Choices
 
+SEED = 0  # of the Monte Carlo
 DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB
 
 
@@ -39,7 +40,7 @@ def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
 
     Args:
         reflection: R of the segments, (S, F).
-        choices: level, draws, seed.
+        choices: with the level.
     """
     count = len(reflection)
     if choices.interval is None or not can_resample(count):
@@ -47,10 +48,7 @@ def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
     values = impedance_from_reflection(reflection)
     middle = values.mean(0)
     bias = middle - impedance_from_reflection(reflection.mean(0))
-    resampling = Resampling(
-        _equal_weights(count), choices.interval, choices.draws, choices.seed,
-        convert=lambda impedance: impedance,
-    )  # fmt: skip
+    resampling = Resampling(_equal_weights(count), choices.interval, ITSELF)
     found = resampling.over_time(values - middle, middle - bias)
     return dataclasses.replace(found, bias=bias)
 
@@ -60,7 +58,7 @@ def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAvera
 
     Args:
         line: stations.
-        choices: level, draws and seed of the interval; the seed serves the Monte Carlo too.
+        choices: with the level of the interval.
         draws: of the Monte Carlo, the paper's 5000.
     Raises:
         ValueError: no station counts.
@@ -72,7 +70,7 @@ def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAvera
         )
     admittance, counts = segment_admittances(line), line.segments[line.used]
     mean = mean_over_segments(admittance, counts)
-    drawn = monte_carlo(admittance, counts, draws, choices.seed)
+    drawn = monte_carlo(admittance, counts, draws, SEED)
     impedance = line.impedance[line.used]
     several = len(impedance) > 1  # one station has no spread
     return LineAverage(
@@ -119,44 +117,26 @@ def _deviation(values: Tensor) -> Tensor:
 def _line_interval(
     line: ImpedanceLine, admittance: Tensor, counts: Tensor, choices: Choices
 ) -> Interval | None:
-    """Independent draws of each station, added; Student's factor by Welch and Satterthwaite."""
+    """Variances of the stations, added; their degrees of freedom by Welch and Satterthwaite."""
     if choices.interval is None or not can_resample(int(counts.min())):
         return None
-    total = torch.zeros(choices.draws, admittance.shape[2], dtype=torch.complex128)
     power = torch.zeros(admittance.shape[2], dtype=torch.float64)
-    share = torch.zeros_like(power)
-    for n, count in enumerate(counts.tolist()):
-        draws, runs = _station_draws(admittance[n, :count], choices.draws, choices.seed + 1 + n)
-        draws = draws / len(counts)
-        variance = draws.abs().square().mean(0)
-        total += draws
-        power += variance
-        share += variance**2 / (runs - 1)
-    runs_of_line = torch.where(share > 0, 1 + power**2 / share.clamp(min=1e-300), counts.sum() / 2)
+    square, share = torch.zeros_like(admittance[0, 0]), torch.zeros_like(power)
+    for station, count in zip(admittance, counts.tolist(), strict=True):
+        how = Resampling(_equal_weights(count), choices.interval)
+        own, turned, lengths = how.moments(station[:count] - station[:count].mean(0))
+        power += own / len(counts) ** 2
+        square += turned / len(counts) ** 2
+        share += (own / len(counts) ** 2) ** 2 / (count / lengths - 1)
+    runs = torch.where(share > 0, 1 + power**2 / share.clamp(min=1e-300), counts.sum() / 2)
     mean = mean_over_segments(admittance, counts)
     bias = mean - admittance_from_reflection(mean_over_segments(line.reflection[line.used], counts))
     if line.wall is not None:
         bias = torch.where(line.wall[line.used], 0, bias)
     value, off = mean.mean(0), bias.mean(0)
-    parts = [
-        impedance_bounds(
-            total[:, f : f + 1].T, (value - off)[f : f + 1], float(runs_of_line[f]),
-            choices.interval, impedance_from_admittance,
-        )
-        for f in range(len(value))
-    ]  # fmt: skip
-    low, high, error = (torch.cat(each) for each in zip(*parts, strict=True))
+    found = impedance_interval(value - off, power, square, runs, choices.interval, FROM_ADMITTANCE)
     moved = impedance_from_admittance(value) - impedance_from_admittance(value - off)
-    return Interval(low, high, error, runs_of_line, moved)
-
-
-def _station_draws(admittance: Tensor, draws: int, seed: int) -> tuple[Tensor, float]:
-    """Deviations of a station's mean, (M, F), from (S, F), and how many runs they rest on."""
-    count = len(admittance)
-    length = int(run_lengths(admittance).max())  # one, so that all frequencies are drawn together
-    matrix = deviations(_equal_weights(count), length, draws, seed).to(admittance)
-    moved = matrix @ (admittance - admittance.mean(0)) * mean_factor(count, length)
-    return moved, count / length
+    return dataclasses.replace(found, bias=moved)
 
 
 def _equal_weights(count: int) -> Tensor:

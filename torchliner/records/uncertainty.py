@@ -55,7 +55,7 @@ class Uncertainty:
         cells, cells_velocity_first, cells_coherent_first: (C, F), by order of averaging, the last
             None where it was left out.
         liner, liner_velocity_first, liner_coherent_first: (F,).
-        settings: level, draws, seed, what was resampled, blocks.
+        settings: level, what was resampled, blocks.
     """
 
     probes: Interval
@@ -76,7 +76,7 @@ class PointUncertainty:
     Args:
         cells, cells_pressure_first: (C, F).
         liner, liner_pressure_first: (F,).
-        settings: level, draws, seed, what was resampled, blocks.
+        settings: level, what was resampled, blocks.
     """
 
     cells: Interval

@@ -77,6 +77,11 @@ class Chebyshev:
         """By the discrete cosine transform."""
         return values @ self._transform.to(values)
 
+    def weights(self, moments: Tensor) -> Tensor:
+        """What values at ``speeds`` are weighed with, (..., K, P), from moments, (..., K, P): the
+        adjoint of ``coefficients``, sum_k c_k m_k = sum_k w_k R(v_k)."""
+        return self._transform.to(moments) @ moments
+
     def functions(self, speed: Tensor) -> Tensor:
         """T_k."""
         place = (speed.to(torch.float64) - self.centre) / (speed + self.centre)
@@ -122,10 +127,15 @@ class Levels:
         """The values themselves."""
         return values
 
+    def weights(self, moments: Tensor) -> Tensor:
+        """The moments themselves."""
+        return moments
+
     def locate(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """First level of each stencil (int64) and its weights, (4, ...), for |v| of any shape."""
         ends = torch.tensor(self.kinks, dtype=speed.dtype, device=speed.device)
-        step = torch.bucketize(speed, ends, right=True).sub_(1).clamp_(0, len(ends) - 2)
+        step = torch.bucketize(speed.contiguous(), ends, right=True)
+        step = step.sub_(1).clamp_(0, len(ends) - 2)
         place = self.parts * (speed - ends[step]) / (ends[step + 1] - ends[step])
         first = (place.floor() - 1).clamp(0, self.parts + 1 - STENCIL).nan_to_num(0)
         t = place - first
@@ -178,7 +188,7 @@ def interpolation_error(
     basis: Basis, response: Response, frequency: Tensor, top: float
 ) -> tuple[float, float]:
     """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands."""
-    speed = _checked(top)
+    speed = checked_speeds(top)
     with torch.no_grad():
         wanted = response(frequency, speed)
         found = basis.coefficients(response(frequency, basis.speeds))
@@ -236,7 +246,7 @@ def _best_chebyshev(
         flat = torch.cat([response(frequency, speed.flatten()) for response in responses])
         return flat.unflatten(1, speed.shape)
 
-    wanted = values_at(_checked(TOP_SPEED, FIRST_CHECKED))[:, None]
+    wanted = values_at(checked_speeds(TOP_SPEED, FIRST_CHECKED))[:, None]
     best, least = Chebyshev(*ANY_LINER), float("inf")
     for count in COUNTS:
         made, functions = _candidates(count)
@@ -256,9 +266,10 @@ def _best_chebyshev(
 def _candidates(count: int) -> tuple[list[Chebyshev], Tensor]:
     """Of all centres, and their functions at the speeds that are checked first, (C, V, K)."""
     made = [Chebyshev(count, centre) for centre in CENTRES]
-    speed = _checked(TOP_SPEED, FIRST_CHECKED)
+    speed = checked_speeds(TOP_SPEED, FIRST_CHECKED)
     return made, torch.stack([basis.functions(speed) for basis in made])
 
 
-def _checked(top: float, count: int = CHECKED) -> Tensor:
+def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
+    """Where an interpolation is compared, 0 to ``top``, m/s."""
     return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3

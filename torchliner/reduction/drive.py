@@ -81,7 +81,7 @@ class DriveSpeed:
         low.fill_(torch.inf)
         high.fill_(-torch.inf)
         assert self.periodic is not None
-        for (begin, end), slab in self._groups(self.bounds()):
+        for (begin, end), slab in self._groups(self.bounds(), averages=False):
             star = Taken(
                 self._rows(begin, end), self.periodic.deviation.to(self.dtype),
                 self.periodic.scale.to(self.dtype),
@@ -90,8 +90,10 @@ class DriveSpeed:
             high.copy_(torch.maximum(high, star.amax(0)))
         return dataclasses.replace(seen, smallest=smallest, largest=largest)
 
-    def _groups(self, bounds: Bounds) -> Iterator[tuple[tuple[int, int], list[Tensor]]]:
-        return zip(bounds, self.velocity.slabs(bounds), strict=True)
+    def _groups(
+        self, bounds: Bounds, averages: bool
+    ) -> Iterator[tuple[tuple[int, int], list[Tensor]]]:
+        return zip(bounds, self.velocity.slabs(bounds, averages=averages), strict=True)
 
     def _rows(self, begin: int, end: int) -> Tensor:
         """1 and the harmonics, (t, K)."""
@@ -101,7 +103,7 @@ class DriveSpeed:
 
     def _columns(self, bounds: Bounds, groups: Sequence[int]) -> Iterator[list[Columns]]:
         """Probes, cell averages and, with a periodic part, v*."""
-        for (begin, end), slab in self._groups(bounds):
+        for (begin, end), slab in self._groups(bounds, averages=1 in groups):
             rows = self._rows(begin, end).contiguous()
             found = []
             for i in groups:

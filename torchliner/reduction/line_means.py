@@ -60,15 +60,16 @@ class LineReader:
         frequency: Tensor, response: Response, backward: bool,
     ) -> None:  # fmt: skip
         self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
-        self.frequency = frequency
-        read = (frequency[:, None] - torch.tensor([line for line, _ in window])).flatten()
-        if float(read.min()) <= 0:
+        self.frequency, self.response = frequency, response
+        shift = torch.tensor([line for line, _ in window], dtype=torch.float64)
+        self.read = frequency[:, None] - shift  # Hz, where R is asked for, (F, lines)
+        if float(self.read.min()) <= 0:
             raise ValueError(
-                f"the window's lines reach down to {float(read.min()):g} Hz around "
+                f"the window's lines reach down to {float(self.read.min()):g} Hz around "
                 f"{float(frequency.min()):g} Hz; take a longer record, or leave window out"
             )
-        values = response(read, basis.speeds)
-        self.coefficients = basis.coefficients(values).unflatten(0, (len(frequency), len(window)))
+        values = response(self.read.flatten(), basis.speeds)
+        self.coefficients = basis.coefficients(values).unflatten(0, self.read.shape)
         for line in lines_needed(window, frequency, backward):
             if index_of(plan.lines, line) is None:
                 there = ", ".join(f"{each:.6g} Hz" for each in plan.lines) or "none"
@@ -77,6 +78,22 @@ class LineReader:
                     f"the window needs (there are: {there}); reduce the data again with that phase "
                     "rule, frequency and window, or choose phase='averaged'"
                 )
+
+    def of(self, response: Response) -> LineReader:
+        """The same of another response."""
+        return LineReader(
+            self.plan, self.basis, self.window, self.frequency, response, self.backward
+        )
+
+    def weights(self, group: GroupMoments) -> Tensor:
+        """Of R at ``read`` less ``frequency`` and at the basis' speeds in ``forward``, complex128,
+        (lines, K, P); the same ones at each frequency and for each response."""
+        rows = []
+        for line, c in self.window:
+            real, imaginary = self._moment(group.totals, -line)
+            sums = torch.complex(real, torch.zeros_like(real) if imaginary is None else imaginary)
+            rows.append(c * self.basis.weights(sums))
+        return torch.stack(rows)
 
     def _moment(self, sums: Tensor, line: float) -> tuple[Tensor, Tensor | None]:
         """Real and imaginary part of the sums of T_k e^{-2 pi j line t}, (..., K, P) each."""

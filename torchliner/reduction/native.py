@@ -114,6 +114,26 @@ def add_lines(
     del kept
 
 
+def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
+    """Sums of v over cells, (t, C), float64.
+
+    Args:
+        slab: v, m/s, (t, P), columns side by side in memory.
+        runs: of neighbouring columns of one cell: first column, how many, cell; int64, (n, 3).
+        count: C.
+    """
+    found = torch.zeros(len(slab), count, dtype=torch.float64)
+    slab_of, kept = _slab(slab, [], None, None)
+    given = (
+        ctypes.c_void_p(_address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
+        ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
+    )  # fmt: skip
+    share = max(1, -(-len(slab) // torch.get_num_threads()))
+    _in_threads("cells", slab, share, len(slab), (ctypes.byref(slab_of), *given))
+    del kept
+    return found
+
+
 class _Slab(ctypes.Structure):
     _fields_ = [
         ("v", ctypes.c_void_p),
@@ -208,19 +228,23 @@ if hasattr(os, "register_at_fork"):  # the child has none of its parent's thread
 
 def _over_columns(name: str, slab: Tensor, *structures: ctypes.Structure) -> None:
     """Call a function of the library over ranges of columns, one a thread of torch."""
+    columns = slab.shape[1]
+    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
+    _in_threads(name, slab, share, columns, [ctypes.byref(each) for each in structures])
+
+
+def _in_threads(name: str, slab: Tensor, share: int, count: int, given: Sequence[Any]) -> None:
+    """Call a function of the library with ranges of ``share`` of ``count`` columns or rows."""
     library = _library()
     kind = str(slab.dtype).removeprefix("torch.")
     if library is None or kind not in ("float32", "float64") or not slab.is_cpu:
         raise ValueError(f"no compiled sums of {slab.dtype} on {slab.device}: {reason}")
     function = library[f"{name}_{kind}"]
-    columns = slab.shape[1]
-    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
-    given = [ctypes.byref(each) for each in structures]
 
     def over(left: int) -> None:
-        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, columns)))
+        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, count)))
 
-    lefts = range(0, columns, max(share, 1))
+    lefts = range(0, count, max(share, 1))
     others = [_pool().submit(over, left) for left in lefts[1:]]
     for left in lefts[:1]:
         over(left)
@@ -234,8 +258,9 @@ def _library() -> ctypes.CDLL | None:
     global reason
     try:
         library = ctypes.CDLL(str(_built()))
-        for function in ("moments_float32", "moments_float64", "lines_float32", "lines_float64"):
-            library[function].restype = None
+        for name in ("moments", "lines", "cells"):
+            for kind in ("float32", "float64"):
+                library[f"{name}_{kind}"].restype = None
     except (OSError, AttributeError, subprocess.TimeoutExpired, RuntimeError) as problem:
         reason = str(problem)
         return None

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, rows_per_slab
+from torchliner.reduction import native
 from torchliner.reduction.sources import block_elements, blocks
 
 NARROW = 1 << 16  # velocities of a slab, at least: few columns get longer slabs
@@ -44,6 +45,7 @@ class ProbeVelocity:
         self.memory = memory
         self.most_rows: int | None = None  # set where a device turned out to be too small
         self.derived = 0  # columns that are formed of these beside them
+        self.samples_read = 0
         if cells is None:
             return
         self.widths = (plane.probes, cells.count)
@@ -52,6 +54,7 @@ class ProbeVelocity:
         self.labels = torch.where(inside, cells.labels, cells.count).to(device)
         sizes = torch.bincount(cells.labels[inside], minlength=cells.count)
         self.weights = (1 / sizes.clamp(min=1).to(torch.float64)).to(device)
+        self.runs = _runs(self.labels.cpu(), cells.count)
         self.matrix: Tensor | None = None
         if cells.count <= FEW_CELLS:
             self.matrix = cells.membership(used).to(device, dtype)
@@ -73,20 +76,25 @@ class ProbeVelocity:
         rows = most - most % step
         return bounds_of(self.samples, min(rows, self.most_rows or rows))
 
-    def slabs(self, bounds: Bounds) -> Iterator[list[Tensor]]:
-        """Probes (t, P) and cell averages (t, C) of each slab, m/s."""
+    def slabs(self, bounds: Bounds, *, averages: bool = True) -> Iterator[list[Tensor]]:
+        """Probes (t, P) and, unless left out, cell averages (t, C) of each slab, m/s."""
         stored = self.plane.stored
         if stored is not None:
             source = read_ahead(stored, bounds, self.device)
         else:
             source = (self.plane.read(*each).to(self.device) for each in bounds)
         for slab in source:
+            self.samples_read += len(slab)
             if self.used is not None:
                 slab = torch.where(self.used, slab, torch.zeros((), dtype=slab.dtype))
             found = [slab.to(self.dtype)]
-            yield found if len(self.widths) == 1 else [*found, self._averages(slab)]
+            wanted = averages and len(self.widths) > 1
+            yield [*found, self._averages(slab)] if wanted else found
 
     def _averages(self, slab: Tensor) -> Tensor:
+        if slab.device.type == "cpu" and slab.stride(1) == 1 and native.available():
+            sums = native.cell_sums(slab.to(self.dtype), self.runs, self.widths[1])
+            return (sums * self.weights).to(self.dtype)
         if self.matrix is not None:
             return slab.to(self.dtype) @ self.matrix
         count = self.widths[1]
@@ -94,6 +102,14 @@ class ProbeVelocity:
         for rows, columns in blocks(slab.shape[0], slab.shape[1], block_elements(self.device)):
             sums[rows].index_add_(1, self.labels[columns], slab[rows, columns].to(torch.float64))
         return (sums[:, :count] * self.weights).to(self.dtype)
+
+
+def _runs(labels: Tensor, count: int) -> Tensor:
+    """Neighbouring columns of one cell: first, how many, cell; int64, (n, 3)."""
+    change = torch.nn.functional.pad(labels.diff() != 0, (1, 1), value=True)
+    edges = change.nonzero()[:, 0]
+    runs = torch.stack([edges[:-1], edges.diff(), labels[edges[:-1]]], dim=1)
+    return runs[runs[:, 2] < count].contiguous()
 
 
 T = TypeVar("T")

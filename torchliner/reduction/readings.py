@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -17,7 +17,7 @@ from torchliner.reduction.periodic import Harmonics, PeriodicPart, PeriodicSums,
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.reduction.sources import Columns, in_full_precision
-from torchliner.reduction.speed_sums import SpeedSums, constant_moments
+from torchliner.reduction.speed_sums import GroupMoments, SpeedSums, constant_moments
 from torchliner.reduction.survey import Survey, SurveySums
 
 Progress = Callable[[int], None]
@@ -105,7 +105,8 @@ def read_once(
             )
             for i, width in enumerate(velocity.widths)
         ]  # fmt: skip
-        sums = [] if wanted.needs_survey else _speed_sums(velocity, wanted, velocity.widths)
+        widths = () if wanted.basis is None or wanted.needs_survey else velocity.widths
+        sums = _speed_sums(velocity, wanted.plan, wanted.basis, widths, wanted.keeps_blocks)
         _first(velocity, surveys, sums, progress)
         found = [each.result() for each in surveys]
         joined = Survey.join(found)
@@ -122,16 +123,11 @@ def read_once(
 
 
 def _speed_sums(
-    velocity: ProbeVelocity, wanted: Wanted, widths: tuple[int, ...]
-) -> list[SpeedSums]:
-    if wanted.basis is None:
-        return []
-    return [
-        SpeedSums(
-            wanted.plan, wanted.basis, width, velocity.dtype, velocity.device, wanted.keeps_blocks
-        )
-        for width in widths
-    ]
+    source: ProbeVelocity | DriveSpeed, plan: PassPlan, basis: Basis | None,
+    widths: tuple[int, ...], keeps_blocks: bool,
+) -> list[SpeedSums]:  # fmt: skip
+    dtype, device = source.dtype, source.device
+    return [SpeedSums(plan, basis, width, dtype, device, keeps_blocks) for width in widths if basis]
 
 
 @in_full_precision
@@ -175,26 +171,46 @@ def read_again(
     drive = DriveSpeed(velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic)
     if periodic is not None and wanted.true_extremes:
         seen = drive.with_extremes(seen)
-    groups = [each.result() for each in first.sums]
-    notes: list[str] = []
-    if wanted.basis is not None and wanted.drive == "rms":
-        groups = [constant_moments(wanted.plan, wanted.basis, rms.double()) for rms in drive.rms]
-    elif wanted.basis is not None and len(groups) < len(drive.widths):
-        missing = range(len(groups), len(drive.widths))
-
-        def work() -> list[SpeedSums]:
-            sums = _speed_sums(velocity, wanted, tuple(drive.widths[i] for i in missing))
-            _second(drive, missing, sums, progress)
-            return sums
-
-        more, notes = with_smaller_slabs(velocity, work)
-        groups += [each.result() for each in more]
-    elif progress is not None:
-        progress(velocity.samples)
-    found = PlaneSums(
-        wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, tuple(groups)
+    known = [each.result() for each in first.sums]
+    groups, notes = moments_of(
+        drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
     )
+    found = PlaneSums(wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, groups)
     return drive, found, notes
+
+
+def moments_of(
+    drive: DriveSpeed,
+    plan: PassPlan,
+    basis: Basis | None,
+    known: Sequence[GroupMoments],
+    keeps_blocks: bool,
+    progress: Progress | None = None,
+) -> tuple[tuple[GroupMoments, ...], list[str]]:
+    """Of every group of |v|: a reading for those that are not known yet, if any.
+
+    Args:
+        drive: |v|; the rms over the record needs no reading.
+        plan, basis, keeps_blocks, progress: see ``Wanted`` and ``read_once``.
+        known: of the first groups.
+    Returns:
+        Moments, none without a basis; notes.
+    """
+    if basis is None or len(known) == len(drive.widths):
+        if progress is not None:
+            progress(drive.samples)
+        return tuple(known), []
+    if drive.drive == "rms":
+        return tuple(constant_moments(plan, basis, rms.double()) for rms in drive.rms), []
+    missing = range(len(known), len(drive.widths))
+
+    def work() -> list[SpeedSums]:
+        sums = _speed_sums(drive, plan, basis, drive.widths[len(known) :], keeps_blocks)
+        _second(drive, missing, sums, progress)
+        return sums
+
+    more, notes = with_smaller_slabs(drive.velocity, work)
+    return (*known, *(each.result() for each in more)), notes
 
 
 @in_full_precision

@@ -107,7 +107,8 @@ class SpeedSums:
                 self._turned(values.unflatten(-1, (len(same), self.width)), starts)
                 for values in (whole, parts[0])
             )
-            self.totals += torch.round(whole.sum(2) / QUANTUM) * QUANTUM
+            # Each piece by itself, or the last bits would tell how many a slab holds.
+            self.totals += torch.round(whole / QUANTUM).sum(2) * QUANTUM
             if self.of_blocks is not None:
                 blocks = torch.tensor([block for _, _, block in same], device=speed.device)
                 self.of_blocks.index_add_(0, blocks, own.movedim(2, 0))

@@ -288,6 +288,28 @@ void lines(const Slab& s, const Lines& l, long first, long last) {
   }
 }
 
+// Sums of v over cells, of rows from..to-1: runs of neighbouring columns (first, count, cell), at
+// most RUN of them in the precision of v.
+constexpr long RUN = 256;
+template <class T>
+void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_count, double* out,
+           int64_t from, int64_t to) {
+  constexpr int N = Vector<T>::lanes;
+  for (long t = from; t < to; t++)
+    for (long r = 0; r < run_count; r++) {
+      const T* v = (const T*)s.v + t * s.row_stride + runs[3 * r];
+      for (long left = runs[3 * r + 1]; left > 0; left -= RUN, v += RUN) {
+        const long n = std::min(left, RUN), whole = n - n % N;
+        V<T> wide = {};
+        for (long j = 0; j < whole; j += N) wide += load(v + j);
+        double sum = 0;
+        for (long j = 0; j < N; j++) sum += wide[j];
+        for (long j = whole; j < n; j++) sum += v[j];
+        out[t * cell_count + runs[3 * r + 2]] += sum;
+      }
+    }
+}
+
 }  // namespace
 
 #define EXPORTED(T, name)                                                                      \
@@ -297,6 +319,10 @@ void lines(const Slab& s, const Lines& l, long first, long last) {
   }                                                                                            \
   extern "C" void lines_##name(const Slab* s, const Lines* l, int64_t from, int64_t to) {      \
     lines<T>(*s, *l, from, to);                                                                \
+  }                                                                                            \
+  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n, int64_t count,    \
+                               double* out, int64_t from, int64_t to) {                         \
+    cells<T>(*s, runs, n, count, out, from, to);                                                \
   }
 EXPORTED(float, float32)
 EXPORTED(double, float64)

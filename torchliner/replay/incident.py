@@ -38,8 +38,8 @@ class Means:
 
     Args:
         averaged: R of the complex tone e^{j omega t}, (P, F).
-        a, b: <R> and <R e^{-2 j omega t}>, free of the window's leakage from one to the other;
-            ``averaged`` and None without backward sums.
+        a, b: <R> and <R e^{-2 j omega t}>, free of the window's leakage from one to the other, so
+            that b of a frozen |v| is 0; ``averaged`` and None without backward sums.
     """
 
     averaged: Tensor
@@ -48,7 +48,7 @@ class Means:
 
     @classmethod
     def of(cls, sums: LineSums, window: WindowSums) -> Means:
-        """From an engine's sums."""
+        """From the lines of a reflected signal, in which R(-f) = R* replies to e^{-j omega t}."""
         averaged = sums.forward / window.zero
         if sums.backward is None:
             return cls(averaged, averaged, None)
@@ -56,3 +56,12 @@ class Means:
         a = (window.zero * sums.forward - window.twice * sums.backward.conj()) / determinant
         b = (window.zero * sums.backward - window.twice * sums.forward.conj()) / determinant
         return cls(averaged, a, b)
+
+    @classmethod
+    def of_emissions(cls, sums: LineSums, window: WindowSums) -> Means:
+        """From sums over emission times, each weighed with R(f) whichever way the tone turns."""
+        averaged = sums.forward / window.zero
+        if sums.backward is None:
+            return cls(averaged, averaged, None)
+        b = (sums.backward - window.twice * averaged) / window.zero
+        return cls(averaged, averaged, b)

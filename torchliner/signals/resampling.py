@@ -1,26 +1,56 @@
-"""Intervals of Z from the deviation of R, block by block."""
+r"""Intervals of Z from the deviation of R, block by block.
+
+The replicates of R scatter by :math:`E|d|^2` and :math:`E[d^2]`, an ellipse in the plane of R. The
+bounds of the resistance are its least and largest value on the ellipse that is Student's quantile
+times as large, and so for the reactance: what the likelihood of R leaves of each by itself, exact
+where Z is linear, and as crooked as Z(R) where it is not. Z has a pole (R = 1, a rigid wall); an
+ellipse around it says that the record does not bound Z, as Fieller's theorem does for any ratio.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_reflection
+from torchliner.conversions import impedance_from_admittance, impedance_from_reflection
 from torchliner.records import Interval
 from torchliner.signals.bootstrap import (
-    deviations,
+    beyond_runs,
     mean_factor,
+    neighbour_correlation,
+    replicate_covariance,
     run_lengths,
-    student_factor,
-    tails,
-    tile_draws,
+    student_quantile,
+    tile_moments,
 )
 
 COLUMNS = 4096  # of probes and frequencies, at most, whose block deviations are held at once
-DRAWN = 1 << 22  # draws times columns at once
+ANGLES = 32  # on the ellipse; with a parabola through the best three 1e-4 of half a width, and 1e-2
+# where the ellipse comes half as near to the pole as its centre
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """How Z follows from what is resampled.
+
+    Args:
+        impedance: Z, an analytic function of it.
+        slope: dZ by it, of the same shape.
+        pole: where Z is infinite; nan for nowhere.
+    """
+
+    impedance: Callable[[Tensor], Tensor]
+    slope: Callable[[Tensor], Tensor]
+    pole: complex
+
+
+FROM_REFLECTION = Conversion(impedance_from_reflection, lambda r: 2 / (1 - r) ** 2, 1)
+FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
+ITSELF = Conversion(lambda z: z, torch.ones_like, math.nan)
 
 
 @dataclass(frozen=True)
@@ -30,123 +60,122 @@ class Resampling:
     Args:
         weights: of the blocks in the window, float64, (S,), of sum 1.
         level: of the intervals, 0 to 1.
-        draws: M.
-        seed: of the generator.
-        dtype: complex, of the draws of single probes: they are many, and their bounds are known
-            to some per cent.
-        convert: impedance from the quantity that is resampled, the reflection unless stated; all
+        conversion: from the quantity that is resampled, the reflection unless stated; all
             docstrings below call it R.
-        matrices: by length of a run, filled as they are needed.
+        covariances: by length of a run, filled as they are needed.
     """
 
     weights: Tensor
     level: float
-    draws: int
-    seed: int
-    dtype: torch.dtype = torch.complex128
-    convert: Callable[[Tensor], Tensor] = impedance_from_reflection
-    matrices: dict[int, Tensor] = field(default_factory=dict, repr=False)
+    conversion: Conversion = FROM_REFLECTION
+    covariances: dict[int, Tensor] = field(default_factory=dict, repr=False)
 
-    def matrix(self, length: int) -> Tensor:
-        """``deviations`` for runs of ``length`` blocks, made once for all probes."""
-        if length not in self.matrices:
-            self.matrices[length] = deviations(self.weights, length, self.draws, self.seed)
-        return self.matrices[length]
-
-    def over_time(self, series: Tensor, reflection: Tensor) -> Interval:
-        """Runs of blocks of time, each column with the run length that suits it.
+    def moments(self, series: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """E|d|^2 and E[d^2] of the mean's deviation and blocks of a run, each column its own.
 
         Args:
-            series: deviation of R in each block, complex, (S, ...).
-            reflection: R, (...).
+            series: deviation of R in each block, complex, (S, N).
         """
-        flat, middle = series.flatten(1).to(self.dtype), reflection.flatten().to(self.dtype)
-        step = max(1, DRAWN // self.draws)
-        parts = [
-            self._columns(flat[:, low : low + step], middle[low : low + step])
-            for low in range(0, len(middle), step)
-        ]
-        low, high, error, runs = (
-            torch.cat(each).reshape(reflection.shape) for each in zip(*parts, strict=True)
-        )
-        exact = reflection.dtype
-        return Interval(
-            low.to(exact), high.to(exact), error.to(exact), runs, torch.zeros_like(reflection)
-        )
-
-    def _columns(self, series: Tensor, reflection: Tensor) -> tuple[Tensor, ...]:
-        lengths, count = run_lengths(series), len(series)
-        low, high, error = (torch.empty_like(reflection) for _ in range(3))
+        count = len(series)
+        rho = neighbour_correlation(series)
+        lengths = run_lengths(rho, count)
+        power, square = torch.zeros_like(series[0].real), torch.zeros_like(series[0])
         for length in lengths.unique().tolist():
             mine = lengths == length
-            draws = (self.matrix(length).to(series) @ series[:, mine]).T
-            draws = draws * mean_factor(count, length)
-            low[mine], high[mine], error[mine] = self._bounds(
-                draws, reflection[mine], count / length
-            )
-        return low, high, error, count / lengths.to(torch.float64)
-
-    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Interval:
-        """Tiles of time and of rows that are alike.
-
-        What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
-        more, the tiles' draws are widened to that.
-
-        Args:
-            series: deviation of R in each block and row, (S, G, F).
-            reflection: R of the mean over the rows, (F,).
-            wide: rows of a tile.
-        """
-        count, rows = series.shape[:2]
-        long = int(run_lengths(series.mean(1)).max())
-        draws = tile_draws(series, self.weights.to(series.device), (long, wide), self.draws,
-                           self.seed)  # fmt: skip
-        runs = count / long * (rows / wide)
-        together = (self.matrix(long).to(series) @ series.mean(1)).abs().square().mean(0)
-        alone = draws.abs().square().mean(0).clamp(min=1e-300)
-        draws = draws * (together / alone).clamp(min=1).sqrt()
-        bounds = self._bounds(draws.T * mean_factor(count, long), reflection, runs)
-        behind = torch.full(reflection.shape, runs, dtype=torch.float64, device=reflection.device)
-        low, high, error = bounds
-        return Interval(low, high, error, behind, torch.zeros_like(reflection))
-
-    def _bounds(self, draws: Tensor, reflection: Tensor, runs: float) -> tuple[Tensor, ...]:
-        return impedance_bounds(draws, reflection, runs, self.level, self.convert)
+            if length not in self.covariances:
+                covariance = replicate_covariance(self.weights, length)
+                self.covariances[length] = covariance * mean_factor(count, length)
+            own = series[:, mine]
+            pairs = torch.view_as_real(own)
+            spread = (self.covariances[length].to(pairs) @ pairs.flatten(1)).view_as(pairs)
+            power[mine] = (pairs * spread).sum((0, 2))
+            square[mine] = (own * torch.view_as_complex(spread)).sum(0)
+        beyond = beyond_runs(rho, lengths)
+        return power * beyond, square * beyond, lengths
 
     def second_moment(self, series: Tensor) -> Tensor:
         """E of the square of the mean's deviation, not of its modulus: complex, (...).
 
         Args:
-            series: deviation of each block, complex, (S, ...).
+            series: deviation of R in each block, complex, (S, ...).
         """
-        flat = series.flatten(1)
-        lengths, count = run_lengths(flat), len(flat)
-        found = torch.empty_like(flat[0])
-        for length in lengths.unique().tolist():
-            mine = lengths == length
-            matrix = self.matrix(length)
-            covariance = (matrix.T @ matrix / self.draws * mean_factor(count, length) ** 2).to(flat)
-            found[mine] = (flat[:, mine] * (covariance @ flat[:, mine])).sum(0)
-        return found.reshape(series.shape[1:])
+        return self.moments(series.flatten(1))[1].reshape(series.shape[1:])
+
+    def over_time(self, series: Tensor, reflection: Tensor) -> Interval:
+        """Runs of blocks of time, each column with the run length that suits it.
+
+        Args:
+            series: deviation of R in each block, complex128, (S, ...).
+            reflection: R, (...).
+        """
+        power, square, lengths = self.moments(series.flatten(1))
+        runs = len(series) / lengths.to(torch.float64)
+        found = impedance_interval(
+            reflection.flatten(), power, square, runs, self.level, self.conversion
+        )
+        return found.map(lambda value: value.reshape(reflection.shape))
+
+    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Interval:
+        """Tiles of time and of rows that are alike.
+
+        What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
+        more, the tiles' scatter is raised to that, which rests on the runs of time alone.
+
+        Args:
+            series: deviation of R in each block and row, complex128, (S, G, F).
+            reflection: R of the mean over the rows, (F,).
+            wide: rows of a tile.
+        """
+        count, rows = series.shape[:2]
+        rho = neighbour_correlation(series.mean(1))
+        long = int(run_lengths(rho, count).max())
+        power, square = tile_moments(series, self.weights, (long, wide))
+        together, _ = tile_moments(series.mean(1, keepdim=True), self.weights, (long, 1))
+        factor = (together / power.clamp(min=1e-300)).clamp(min=1)
+        runs = count / long * torch.where(factor > 1, 1.0, rows / wide)
+        factor = factor * mean_factor(count, long) * beyond_runs(rho, torch.full_like(rho, long))
+        return impedance_interval(
+            reflection, power * factor, square * factor, runs, self.level, self.conversion
+        )
 
 
-def impedance_bounds(
-    draws: Tensor, value: Tensor, runs: float, level: float, convert: Callable[[Tensor], Tensor]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Both ends of the interval of Z and its standard error, (N,) each.
+def impedance_interval(
+    value: Tensor, power: Tensor, square: Tensor, runs: Tensor, level: float, conversion: Conversion
+) -> Interval:
+    """Bounds of Z and its standard error, (N,); infinite where the record does not bound Z.
 
     Args:
-        draws: deviations of the resampled quantity, complex, (N, M).
-        value: the quantity itself, (N,).
-        runs: independent runs that the draws rest on.
+        value: what was resampled, complex128, (N,).
+        power, square: E|d|^2 and E[d^2] of its deviation, (N,) each.
+        runs: independent runs that they rest on, (N,).
         level: of the interval, 0 to 1.
-        convert: impedance from the quantity.
+        conversion: to Z.
     """
-    student = student_factor(runs, level)
-    impedance = convert(value[:, None] + student * draws)
-    found = []
-    for part in (impedance.real, impedance.imag):
-        low, high = tails(part, level)
-        found.append((low, high, part.std(dim=1) / student))
-    low, high, error = (torch.complex(*pair) for pair in zip(*found, strict=True))
-    return low, high, error
+    quantile = student_quantile(runs, level)
+    # d = e^{jt} (long cos a + j short sin a), t half the angle of E[d^2].
+    size = square.abs()
+    long, short = ((power + sign * size).clamp(min=0).div(2).sqrt() for sign in (1, -1))
+    turn = torch.exp(0.5j * square.angle())
+    angle = math.tau / ANGLES * torch.arange(ANGLES, device=runs.device)[:, None].to(runs)
+    ring = torch.complex(long * quantile * angle.cos(), short * quantile * angle.sin()) * turn
+    z = conversion.impedance(value + ring)
+    pole = (conversion.pole - value) * turn.conj()
+    inside = (pole.real * short) ** 2 + (pole.imag * long) ** 2 < (long * short * quantile) ** 2
+    low, high = (
+        torch.complex(*(
+            sign * torch.where(inside, math.inf, _peak(sign * part)) for part in (z.real, z.imag)
+        ))
+        for sign in (-1, 1)
+    )  # fmt: skip
+    slope = conversion.slope(value)
+    turned = (slope**2 * square).real
+    error = (slope.abs() ** 2 * power + torch.stack([turned, -turned])).clamp(min=0).div(2).sqrt()
+    return Interval(low, high, torch.complex(*error), runs, torch.zeros_like(value))
+
+
+def _peak(values: Tensor) -> Tensor:
+    """Largest value of a smooth periodic function at equal steps, (A, N): (N,)."""
+    top, place = values.max(0)
+    before, after = (values.gather(0, ((place + step) % len(values))[None])[0] for step in (-1, 1))
+    curve = 2 * top - before - after
+    return top + torch.where(curve > 0, (after - before) ** 2 / (8 * curve), 0.0)

@@ -8,7 +8,7 @@ form that ``bootstrap`` resamples. Over several segments the blocks are the segm
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -16,15 +16,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_reflection
 from torchliner.records import Interval
 from torchliner.signals.blocks import plan_blocks
 from torchliner.signals.bootstrap import can_resample
-from torchliner.signals.resampling import Resampling
+from torchliner.signals.resampling import FROM_REFLECTION, Conversion, Resampling
 from torchliner.signals.transfer import segment_amplitudes
 from torchliner.signals.windows import make_window
 
-DRAWS, SEED = 999, 0  # of the bootstrap
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a steady tone leaves rounding
 
@@ -62,11 +60,10 @@ class TimeBlocks:
         series: Tensor,
         value: Tensor,
         level: float,
-        convert: Callable[[Tensor], Tensor] = impedance_from_reflection,
+        conversion: Conversion = FROM_REFLECTION,
     ) -> Interval:
         """Of Z from the deviation of a quantity in each block, (S, ...); see ``Resampling``."""
-        how = Resampling(self.weights, level, DRAWS, SEED, convert=convert)
-        return how.over_time(series, value)
+        return Resampling(self.weights, level, conversion).over_time(series, value)
 
 
 def blocks_of(

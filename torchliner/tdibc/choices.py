@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, fields
 from typing import Any, Self
@@ -27,9 +26,7 @@ from torchliner.names import (
 from torchliner.records.slabs import WORK_BYTES
 from torchliner.replay.waves import parse_signal
 
-MOST_DRAWS = 100_000
 WHOLE_PERIODS = "whole periods"
-FEWEST_TAIL_DRAWS = 5.0  # beyond both ends of an interval together
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
@@ -89,7 +86,6 @@ class Choices:
             Default: what is fast, about 0.2 GB, for ``unfold`` 1 GB.
         interval: level of the statistical intervals, 0 to 1; None for no intervals.
             Available for tones only.
-        draws, seed: of the moving-block bootstrap behind them.
         resample: what is resampled for the whole liner: ``time``, ``time-span`` (and rows along
             z: whole cells, else rows of probes) or ``time-cells`` (and cells, as if independent).
         order: of averaging, which gives the map's ``answer``. ``coherent first`` (the default for
@@ -135,8 +131,6 @@ class Choices:
     incident: Any = None
     segment: float | None = None
     interval: float | None = 0.95
-    draws: int = 999
-    seed: int = 0
     resample: str = "time"
     wall_filter: float | None = None
     order: str = "auto"
@@ -222,15 +216,6 @@ class Choices:
         require_positive("interval", self.interval)
         if self.interval >= 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
-        for name, most in (("draws", MOST_DRAWS), ("seed", 2**63 - 1)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ValueError(f"{name} is {getattr(self, name)}; it is 0 to {most}")
-        fewest = math.ceil(FEWEST_TAIL_DRAWS / (1 - self.interval) - 1e-9)
-        if self.draws < fewest:
-            raise ValueError(
-                f"draws is {self.draws}; an interval of {100 * self.interval:g} % needs at least "
-                f"{fewest}"
-            )
 
     def _fill_in(self) -> None:
         """Defaults that depend on the incident signal, and what does not go with one."""

@@ -29,6 +29,7 @@ from torch import Tensor
 from torchliner.conversions import reflection_from_impedance, spl_from_pressure_amplitude
 from torchliner.records import Closure, ImpedanceMap
 from torchliner.records.closure import Gap, gap_of
+from torchliner.signals.resampling import ITSELF
 from torchliner.signals.tones import line_sums
 from torchliner.tdibc.intervals import Series, resampling_of
 from torchliner.tdibc.known_pressure import INCIDENT, KnownPressure, known_pressure
@@ -221,7 +222,7 @@ def _ends(
         away = (z * at_wall * away + whole) / (z * at_wall + at_wall[:1])
     if known.away is not None:
         away = away - known.away
-    how = dataclasses.replace(resampling_of(prepared), convert=torch.log)
-    found = how.over_time(torch.nan_to_num(away), torch.ones_like(z))
+    how = dataclasses.replace(resampling_of(prepared), conversion=ITSELF)
+    found = how.over_time(torch.nan_to_num(away), torch.zeros_like(z))
     unknown = ~torch.isfinite(away.sum(0))
     return torch.where(unknown, torch.nan, found.low), torch.where(unknown, torch.nan, found.high)

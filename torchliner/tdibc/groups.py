@@ -79,8 +79,9 @@ class Groups:
         """Over time, (G, F); nan for a group without members, which has no mean."""
         bias = self.bias(how)
         found = how.over_time(self.series, reflection_from_admittance(self.mean - bias))
-        known = torch.where(self.empty, torch.nan, 1.0)
-        return self.with_bias(found, bias).map(lambda value: value * known)
+        found = self.with_bias(found, bias)
+        # Not by a factor of nan or 1, which infinite bounds would not survive.
+        return found.map(lambda value: torch.where(self.empty, torch.nan, value))
 
     def with_bias(self, interval: Interval, bias: Tensor) -> Interval:
         """An interval that was formed without the bias of Y, and that bias in Z."""

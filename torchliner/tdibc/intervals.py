@@ -1,9 +1,9 @@
 r"""How far a map may be off because its record is finite: moving blocks over time.
 
 The educed R is a weighted mean over time, so the block means of one pass (``replay.block_lines``)
-hold all that a bootstrap needs. What is resampled is the first-order deviation of R; R is turned
-into Z draw by draw. Averages over probes are resampled with the same blocks of time for all
-probes, so that eddies which pass several of them are not counted several times.
+hold all that a bootstrap needs. What is resampled is the first-order deviation of R, whose scatter
+bounds Z (``signals.resampling``). Averages over probes are resampled with the same blocks of time
+for all probes, so that eddies which pass several of them are not counted several times.
 
 What an interval does not cover: how Z differs from place to place (the spread), what the model, the
 phase rule and the other choices do (``torchliner audit``), and a record that is not stationary.
@@ -15,7 +15,6 @@ The bounds are without that bias.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable
 
@@ -52,7 +51,6 @@ def uncertainty_of(
     chosen, plane, cells = prepared.chosen, prepared.plane, prepared.cells
     assert prepared.blocks is not None
     how = resampling_of(prepared)
-    of_probes = dataclasses.replace(how, dtype=torch.complex64) if prepared.single else how
     # What adds nothing to a mean admittance: probes left out, or wall.
     excluded = ~prepared.used.to(reflection.device)[:, None].expand(-1, reflection.shape[1])
     excluded = excluded if wall is None else excluded | wall
@@ -66,7 +64,7 @@ def uncertainty_of(
     parts = []
     for part in _parts(plane.probes, reflection):
         series = deviations(part)
-        parts.append(of_probes.over_time(series, reflection[part]))
+        parts.append(how.over_time(series, reflection[part]))
         _add(groups.values(), part, reflection[part], series, how, excluded[part])
     averaged = reflection[prepared.averaged]
     series = deviations(prepared.averaged)
@@ -94,7 +92,7 @@ def uncertainty_of(
         liner_velocity_first=first.interval(how).map(_only),
         **further,
         settings={
-            "level": how.level, "draws": how.draws, "seed": how.seed,
+            "level": how.level,
             "resampled": chosen.resample if wide else "time",
             "blocks": prepared.blocks.count, "periods_per_block": prepared.blocks.periods,
         },
@@ -107,7 +105,7 @@ def resampling_of(prepared: Prepared) -> Resampling:
     chosen = prepared.chosen
     assert prepared.blocks is not None and chosen.interval is not None  # noqa: PT018
     weights = prepared.blocks.sums(prepared.record.weights(0, prepared.plane.samples))
-    return Resampling(weights / weights.sum(), chosen.interval, chosen.draws, chosen.seed)
+    return Resampling(weights / weights.sum(), chosen.interval)
 
 
 def _parts(probes: int, reflection: Tensor) -> Iterable[slice]:

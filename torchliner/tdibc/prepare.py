@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import torch
@@ -17,7 +17,6 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.reduction.basis import (
     Basis,
-    Response,
     choose_basis,
     interpolation_error,
     response_of,
@@ -26,7 +25,7 @@ from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
 from torchliner.reduction.moments import Moments, PlaneSums
 from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
-from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.plan import PassPlan, merged
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, read_again, read_once
 from torchliner.reduction.survey import Survey
@@ -40,7 +39,7 @@ from torchliner.signals.segments import segment_starts
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
-from torchliner.tdibc.prepared import Prepared, Progress
+from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.reduced import check_settings, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
@@ -77,6 +76,9 @@ def prepare(
     progress: Progress | None = None,
     *,
     every_rule: bool = False,
+    basis: Basis | None = None,
+    liners: Sequence[LinerModel] = (),
+    further_lines: Callable[[Record], Iterable[float]] | None = None,
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -85,6 +87,10 @@ def prepare(
         liner, frequency, progress: see ``educe``.
         chosen: all choices.
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
+        basis: functions of |v|, for liners that are read later; default the fewest that this one
+            needs.
+        liners: others that will be read off the same moments.
+        further_lines: Hz, waves to be summed beside those of window and phase rule.
     Raises:
         ValueError: see ``educe``.
     """
@@ -92,15 +98,18 @@ def prepare(
     asked = [ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
     backward = every_rule or phase_rule(chosen.phase).needs_backward
-    basis = None
-    if chosen.incident is None and (chosen.engine == "spectral" or chosen.interval is not None):
+    if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
+        basis = None
+    elif basis is None and any(each.known is None for each in asked):
         tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
-        if any(each.known is None for each in asked):
-            basis = choose_basis([model], read, tolerance)
+        basis = choose_basis([model, *liners], read, tolerance)
     found = [
-        read_plane(each, model, chosen, basis, backward=backward, progress=progress)
+        read_plane(
+            each, model, chosen, basis, backward=backward, progress=progress,
+            further_lines=further_lines(each.record) if further_lines else (),
+        )
         for each in asked
-    ]
+    ]  # fmt: skip
     surveys = [sums.survey for _, sums, _ in found]
     grid = velocity_grid([each.plane for each in asked], surveys, model, chosen)
     band = kernel_band(model, read, chosen)
@@ -118,7 +127,7 @@ def prepare(
             kernels.require_band(each.frequency)
             notes += review_signal(kernels, chosen, each.sent)
             if chosen.engine == "spectral":
-                response = _response_of(kernels)
+                response = kernel_response(kernels)
         reader, error = None, None
         if sums.basis is not None:
             lines = reader_lines(record, chosen)
@@ -132,11 +141,6 @@ def prepare(
         notes += review_tables(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
-
-
-def _response_of(kernels: KernelTable) -> Response:
-    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
-    return lambda frequency, _: kernels.response(frequency).T
 
 
 def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]:
@@ -155,9 +159,8 @@ def _review_basis(
     Raises:
         ValueError: it is too large for any digit that is printed.
     """
-    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
-    top = min(peak, model.speed_max or peak)
-    error, speed = interpolation_error(basis, response_of(model), read, max(top, 1e-3))
+    top = top_speed(seen, model)
+    error, speed = interpolation_error(basis, response_of(model), read, top)
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(
             f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
@@ -244,7 +247,8 @@ def _resampled(asked: Asked, chosen: Choices, notes: list[str]) -> Blocks | None
 
 def read_plane(
     asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
-    backward: bool | None = None, progress: Progress | None = None,
+    backward: bool | None = None, further_lines: Iterable[float] = (),
+    progress: Progress | None = None,
 ) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
     """One or two readings of a plane.
 
@@ -255,6 +259,7 @@ def read_plane(
         basis: functions of |v| that are summed; None for a survey alone.
         backward: whether the rows of all phase rules are summed; default if the chosen one needs
             them.
+        further_lines: Hz, waves to be summed beside those of window and phase rule.
         progress: called with numbers of samples done.
     Returns:
         |v| for the other engines, the sums, notes.
@@ -266,9 +271,11 @@ def read_plane(
     plane, record, notes = asked.plane, asked.record, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
     rate = plane.sampling_rate
-    lines = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
-    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks,
-                    lines if basis is not None else ())  # fmt: skip
+    lines: tuple[float, ...] = ()
+    if basis is not None:
+        of_window = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
+        lines = merged([*of_window, *further_lines])
+    plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks, lines)
     harmonics = None
     if chosen.order == ORDERS[2]:
         harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from torch import Tensor
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.reduction.basis import Response, response_of
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.line_means import LineReader
 from torchliner.reduction.moments import PlaneSums
@@ -19,7 +21,7 @@ from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
 from torchliner.replay.incident import LineSums
-from torchliner.replay.kernels import KernelTable
+from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import WindowSums
@@ -69,6 +71,25 @@ class Prepared:
     grid: VelocityGrid
     kernels: KernelTable | None
     notes: tuple[str, ...]
+
+    @property
+    def top_speed(self) -> float:
+        """Largest |v| of the data, no more than the liner knows, m/s."""
+        return top_speed(self.survey, self.liner)
+
+    def response(self, liner: LinerModel) -> Response:
+        """R of another liner, by the model or by impulse responses as chosen."""
+        if self.kernels is None:
+            return response_of(liner)
+        old = self.kernels
+        return kernel_response(
+            build_kernels(liner, old.grid, old.sampling_rate, kind=old.kind, band=old.band)
+        )
+
+    def read_with(self, response: Response) -> LineSums:
+        """``line_sums`` of another response on the same moments."""
+        assert self.reader is not None
+        return dataclasses.replace(self, reader=self.reader.of(response)).line_sums
 
     @functools.cached_property
     def window_sums(self) -> WindowSums:
@@ -153,3 +174,14 @@ class Prepared:
         """All of |v| at once, (N, n), for the reference engine."""
         slabs = self.driving.slabs([(0, self.driving.samples)])
         return torch.cat([part.speed for slab in slabs for part in slab], dim=1).T
+
+
+def top_speed(seen: Survey, liner: LinerModel) -> float:
+    """Largest |v| of the data, no more than the liner knows, m/s."""
+    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).nan_to_num(0).max())
+    return max(min(peak, liner.speed_max or peak), 1e-3)
+
+
+def kernel_response(kernels: KernelTable) -> Response:
+    """H at the speeds of the kernels' own levels, in the order of ``basis.Response``."""
+    return lambda frequency, _: kernels.response(frequency).T

@@ -33,7 +33,9 @@ class Replayed:
     @functools.cached_property
     def means(self) -> Means:
         """What the phase rules take, of all columns."""
-        return Means.of(self.sums, self.prepared.window_sums)
+        of_moments = self.prepared.chosen.engine == "spectral"
+        of = Means.of_emissions if of_moments else Means.of
+        return of(self.sums, self.prepared.window_sums)
 
     def rule(
         self, phase: str, reference_phase: Any = None, coherent: tuple[Tensor, Tensor] | None = None
