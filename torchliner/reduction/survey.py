@@ -82,6 +82,15 @@ class Survey:
         kept = VelocityBlocks.join(blocks) if blocks else None
         return dataclasses.replace(parts[0], **joined, blocks=kept)
 
+    def part(self, count: int) -> Survey:
+        """Of the first columns alone."""
+        columns = set(vars(self)) - {"segments", "blocks", "cell_blocks"}
+        cut: Any = {name: getattr(self, name)[:count] for name in columns}
+        kept = self.blocks
+        if kept is not None:
+            cut["blocks"] = VelocityBlocks(*(each[:, :count] for each in vars(kept).values()))
+        return dataclasses.replace(self, **cut)
+
     def to_frequencies(self, place: Tensor) -> Survey:
         """With the lines at ``place``, int64, (F,), of those that were measured; -1: nan."""
         missing = place < 0

@@ -40,7 +40,7 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
-from torchliner.tdibc.reduced import check_settings, record_of
+from torchliner.tdibc.reduced import fitted, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
     review_cells,
@@ -201,7 +201,7 @@ def ask(
         ValueError: it cannot be answered from such a record, or from such moments.
     """
     if isinstance(given, Moments):
-        check_settings(given, chosen, liner)
+        given = fitted(given, chosen, liner)
         plane, plan = given.plane, given.sums.plan
         wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
         record = record_of(given, chosen)

@@ -2,37 +2,45 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from torchliner.liners.model import LinerModel
+from torchliner.names import ORDERS
 from torchliner.reduction.moments import Moments
 from torchliner.replay.edges import Record
 from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
 
+COHERENT_FIRST = ORDERS[2]
 
-def check_settings(known: Moments, chosen: Choices, liner: LinerModel) -> None:
-    """Refuse what moments were not made for.
+
+def fitted(known: Moments, chosen: Choices, liner: LinerModel) -> Moments:
+    """Moments as they answer what is chosen: those of one order of averaging hold others too.
 
     Raises:
-        ValueError: another drive, order, cell and so on.
+        ValueError: they were made for another drive, order, cell and so on.
     """
     name = known.plane.name
-    for key, made in known.settings.items():
-        wanted = getattr(chosen, key)
-        if wanted != made:
-            raise ValueError(
-                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; choose "
-                f"{key}={made!r}, or reduce the data again"
-            )
     if chosen.engine != "spectral":
         raise ValueError(
             f"{name} holds moments, which engine {chosen.engine!r} cannot replay; leave engine and "
             "incident out, or take the plane that was reduced"
         )
+    for key, made in known.settings.items():
+        wanted = getattr(chosen, key)
+        if wanted != made and not (key == "order" and wanted != COHERENT_FIRST):
+            raise ValueError(
+                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; choose "
+                f"{key}={made!r}, or reduce the data again"
+            )
     if liner.cell_pitch != known.cell_pitch:
         raise ValueError(
             f"{name} was reduced for cells of {_length(known.cell_pitch)}, and the liner's are of "
             f"{_length(liner.cell_pitch)}; reduce the data again with that liner"
         )
+    if chosen.order == COHERENT_FIRST:
+        return known
+    return dataclasses.replace(known, sums=known.sums.without_coherent())
 
 
 def _length(pitch: float | None) -> str:
