@@ -149,6 +149,17 @@ def test_parts_of_the_record(planes, onera):
         assert abs(row(found, *which).impedance - complex(single.answer[0])) < EXACT
 
 
+def test_every_second_sample_under_a_window(onera):
+    """The window's own waves, too, change sign from sample to sample; from sample 1 on."""
+    plane, choices = make_plane(), {"order": "probes first", "window": "hann"}
+    later = torch.cat([plane.velocity[:, -1:], plane.velocity], dim=1)
+    whole = audit(dataclasses.replace(plane, velocity=later), onera, pre_roll=1 / RATE, **choices)
+    half = dataclasses.replace(plane, velocity=plane.velocity[:, ::2], sampling_rate=RATE / 2)
+    single = educed(half, onera, **choices)
+    mine = row(whole, "sampling rate", "every second").impedance
+    assert abs(mine - complex(single.answer[0])) < EXACT
+
+
 def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
     """No phase of the incident wave lies outside the rows of a stated phase."""
     rows = [each.impedance for each in found.of("phase rule") if "given" in each.variant]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import math
@@ -76,6 +77,18 @@ def test_known_parameters_are_recovered(order, window):
     assert found.on_bound == found.unseen == ()
 
 
+def test_liners_of_their_own_share_the_parameters():
+    """Two cavities, one vena contracta and offset; rms |v| is that of the columns averaged over."""
+    deep = [start(), start().replace(cavity_depth=30e-3)]
+    wanted = [complex(impedance(each, liner.with_numbers(TRUE)))
+              for each, liner in zip(planes(), deep, strict=True)]  # fmt: skip
+    found = calibrate(planes(), deep, wanted, BOUNDS, draws=0)
+    assert found.values.tolist() == pytest.approx(list(TRUE.values()), abs=1e-7)
+    assert [each.cavity_depth for each in found.liners] == [each.cavity_depth for each in deep]
+    cells = [each.velocity.unflatten(0, (2, 4)).mean(1) for each in planes()]
+    assert found.speeds == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
+
+
 def test_data_are_read_once(monkeypatch):
     """Fit, Jacobian, posterior: one preparation a plane, whatever is asked of it afterwards."""
     wanted, read = references(), []
@@ -83,6 +96,39 @@ def test_data_are_read_once(monkeypatch):
     monkeypatch.setattr(reading, "read_once", lambda *all: read.append(1) or real(*all))
     calibrate(planes(), start(), wanted, BOUNDS, noise=0.002, draws=400)
     assert len(read) == 2
+
+
+def test_moments_stand_for_planes(monkeypatch):
+    """Reduced for any liner, they give the same fit and prediction, and no data are read."""
+    order = "coherent first"
+    wanted = calibrate(planes(), start(), references(order), BOUNDS, order=order, draws=0)
+    reduced = [tl.moments(each, cell_pitch=5e-3, dtype="float64") for each in planes()]
+    monkeypatch.setattr(reading, "read_once", None)
+    found = calibrate(reduced, start(), references(order), BOUNDS, order=order, draws=0)
+    assert torch.allclose(found.values, wanted.values, rtol=1e-10)
+    predicted = found.predict(reduced[1], start())
+    assert complex(predicted.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
+
+
+@dataclasses.dataclass(frozen=True)
+class Kinked(Resistive):
+    """Resistance that rises from 1 m/s on alone, known up to 20 m/s."""
+
+    speed_max = 20.0
+    speed_kinks = (1.0, 2.0, 4.0, 8.0)
+
+    def impedance(self, frequency, speed=0.0):
+        return super().impedance(frequency, (torch.as_tensor(speed) - 1).clamp(min=0))
+
+
+def test_models_with_kinks_are_fitted():
+    """Their basis is that of tables, whatever the numbers; Chebyshev would miss the kink."""
+    true = Kinked(0.2, 0.15, 1e-4, 0.04)
+    wanted = [impedance(each, true, "probes first") for each in planes()]
+    found = calibrate(planes(), true.replace(a=0.05), wanted, {"a": (0.01, 1.0)},
+                      order="probes first", draws=0)  # fmt: skip
+    assert isinstance(found.liner, Kinked)
+    assert float(found.values[0]) == pytest.approx(0.15, abs=1e-6)
 
 
 def test_what_the_interpolation_leaves_is_noted(monkeypatch):

@@ -92,7 +92,7 @@ def test_chance_is_not_taken_for_sound(onera):
 def test_frozen_speed_gives_the_model(onera, speed):
     found = educed(frozen_plane(speed, periods=20.0), onera)
     wanted = onera.impedance(FREQUENCY, speed)
-    assert relative_error(found.answer, wanted) < 1e-9
+    assert relative_error(found.answer, wanted) < 3e-9  # R is known to 1e-9
 
 
 def mixed(samples: int = 600, seed: int = 0) -> torch.Tensor:

@@ -123,7 +123,7 @@ def test_engines_agree_through_the_public_name(liner):
             )  # fmt: skip
             for engine in ("direct", "spectral")
         )
-        assert float((direct.reflection - spectral.reflection).abs().max()) < INTERPOLATED
+        assert float((direct.reflection - spectral.reflection).abs().max()) < 3 * INTERPOLATED
 
 
 def test_self_consistent_wave_reproduces_the_velocity(liner):
@@ -238,7 +238,7 @@ def test_drives(liner):
                   - shifted.reflection).abs().max()) < 1e-9  # fmt: skip
     # a running window longer than twice the record is the rms
     long = tl.educe(plane_of(v), liner, drive="running-rms", running_window=1.0)
-    assert relative_error(long.impedance, found.impedance) < 1e-12
+    assert relative_error(long.impedance, found.impedance) < 1e-10
 
 
 @pytest.mark.parametrize("window", [31, 30])

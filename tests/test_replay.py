@@ -38,8 +38,9 @@ from torchliner.signals.windows import make_window
 
 FREQUENCIES = torch.tensor([FREQUENCY, 2100.0], dtype=torch.float64)
 GRID = VelocityGrid(16.0)
-# Levels that kernels and moments share, so that both interpolate the same.
-SHARED = Levels(tuple(16 * (i / 10) ** 2 for i in range(11)), 8)
+# The same levels and cubics between them, for kernels and for moments.
+UNIFORM = VelocityGrid(16.0, 161, "uniform", "cubic")
+SHARED = Levels((0.0, 16.0), 160)
 OFF_AT_THE_ENDS = 5e-11  # s^3: 4e-5 at 11 ms, 4e-10 at 0.5 s
 SMOOTH = Chebyshev(96, 1.5)  # R of the presets to 1e-9
 
@@ -171,7 +172,7 @@ def test_a_liner_of_ones_own_is_read_like_a_preset(liner):
 
 @pytest.fixture(scope="module")
 def kernels(liner):
-    return build_kernels(liner, SHARED, RATE)
+    return build_kernels(liner, UNIFORM, RATE)
 
 
 def of_kernels(kernels):
@@ -238,7 +239,7 @@ def test_frozen_velocity_returns_the_response(kernels, edge, samples):
     speed = torch.full((2, samples), 2.0, dtype=torch.float64)
     window = WindowSums.of(record.window.weights, 0, FREQUENCIES, RATE)
     means = Means.of(direct_sums(speed, kernels, FREQUENCIES, record), window)
-    wanted = interpolate(kernels.response(FREQUENCIES), *SHARED.locate(speed[:, 0]))
+    wanted = interpolate(kernels.response(FREQUENCIES), *UNIFORM.locate(speed[:, 0]))
     assert float((means.a - wanted).abs().max()) < 1e-12
     assert float(means.b.abs().max()) < 1e-12
 
@@ -274,7 +275,7 @@ def test_frozen_velocity_knows_no_phase(liner, psi):
 def test_start_up_error_of_the_literal_sum(kernels, samples, low, high):
     """'silent' begins with no wave: 2.8e-4 for 16 periods, 1.5e-8 for 1 s at most, with Hann."""
     speed = torch.full((1, samples), 0.3, dtype=torch.float64)
-    wanted = interpolate(kernels.response(FREQUENCIES), *SHARED.locate(speed[:, 0]))
+    wanted = interpolate(kernels.response(FREQUENCIES), *UNIFORM.locate(speed[:, 0]))
     errors = {}
     for edge in ("silent", "finite"):
         record = make_record(samples, "hann", edge)
@@ -316,7 +317,7 @@ def test_smallest_sizes(kernels, liner, samples):
     record = make_record(samples, "boxcar", "finite")
     speed = torch.full((1, samples), 1.0, dtype=torch.float64)
     sums = direct_sums(speed, kernels, FREQUENCIES, record)
-    wanted = interpolate(kernels.response(FREQUENCIES), *SHARED.locate(speed[:, 0]))
+    wanted = interpolate(kernels.response(FREQUENCIES), *UNIFORM.locate(speed[:, 0]))
     assert float((sums.forward / samples - wanted).abs().max()) < 1e-12
     response = response_of(liner)
     found = read_lines(response, speed).forward / samples

@@ -153,6 +153,13 @@ def test_slopes_of_impulse_responses():
     assert abs(complex(found.liner[1, 0]) - 1) > 0.05
 
 
+def test_moments_stand_for_a_plane(wrapped):
+    reduced = tl.moments(cells_plane(), model(), dtype="float64")
+    found = tl.sensitivities(reduced, model())
+    for key in ("probes", "cells_velocity_first", "liner_coherent_first"):
+        assert largest(getattr(found, key), getattr(wrapped, key)) < 1e-7
+
+
 def test_scaling_is_by_value(wrapped):
     """1 % of the parameter, and any step."""
     wanted = 0.01 * wrapped.values[:, None] * wrapped.liner

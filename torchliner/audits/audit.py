@@ -30,14 +30,16 @@ from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
+from torchliner.reduction.basis import choose_basis
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.closure import closure_ratio
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.known_pressure import known_pressure
-from torchliner.tdibc.prepare import prepare
+from torchliner.tdibc.prepare import ask, prepare
 from torchliner.tdibc.prepared import Prepared
 from torchliner.tdibc.replayed import Replayed
+from torchliner.tdibc.review_kernels import frequencies_read
 
 PHASES = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell
@@ -114,13 +116,18 @@ class _Work:
         self.model = as_liner(liner)
         self.liners, self.skipped = other_liners(self.model)
         self.order, self.progress, self.others = order, progress, planes[1:]
+        asked = ask(planes[0], self.model, frequency, chosen)
+        if len(asked.frequency) != 1:
+            raise ValueError(f"an audit has one frequency; {len(asked.frequency)} are given")
+        self.basis = choose_basis(
+            [self.model, *(liner for _, _, liner in self.liners)],
+            frequencies_read(asked.record, asked.frequency, chosen),
+            chosen.model_tolerance(planes[0].velocity.dtype),
+        )
         (self.ready,) = prepare(
-            planes[:1], self.model, frequency, chosen, progress, every_rule=True,
-            liners=[other for _, _, other in self.liners],
-            further_lines=lambda record: further_lines(record, chosen),
+            planes[:1], self.model, asked.frequency, chosen, progress, every_rule=True,
+            basis=self.basis, further_lines=tuple(further_lines(asked.record, chosen)),
         )  # fmt: skip
-        if len(self.ready.frequency) != 1:
-            raise ValueError(f"an audit has one frequency; {len(self.ready.frequency)} are given")
         self.rows: list[AuditRow] = []
         self.readings = 0
 
@@ -227,7 +234,7 @@ class _Work:
         averaged = averaged_planes(plane, cut)
         self.readings += 1
         rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0])
-        small = prepare(averaged, ready.liner, ready.frequency, rules)
+        small = prepare(averaged, ready.liner, ready.frequency, rules, basis=self.basis)
         for share, each in zip(shares, small, strict=True):
             found = replay(each).map("averaged")
             self._add(
@@ -241,7 +248,9 @@ class _Work:
             raise CannotApply("one plane is given; name the other heights too")
         rules = dataclasses.replace(self.ready.chosen, interval=None)
         for plane in self.others:
-            (ready,) = prepare([plane], self.model, self.ready.frequency, rules, self.progress)
+            (ready,) = prepare(
+                [plane], self.model, self.ready.frequency, rules, self.progress, basis=self.basis
+            )
             name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
             self._add("height", name, self._averaged(ready), ready)
             self.readings += readings_of(ready)

@@ -169,17 +169,17 @@ class Variants:
 
     def _halves(self) -> Iterator[Variant]:
         ready, blocks = self.ready, self.reader.plan.blocks
-        half, groups = blocks.count // 2, ready.sums.groups
+        half = blocks.count // 2
         periods = half * blocks.periods
         if periods < FEWEST_PERIODS and not ready.chosen.allow_short:
             raise CannotApply(
                 f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}"
             )
-        if not ready.keeps_blocks or half == 0:
+        kept = [group.of_blocks for group in ready.sums.groups if group.of_blocks is not None]
+        if not kept or half == 0:
             raise CannotApply("no moments of blocks are kept: |v| is constant, or interval None")
         for name, first in (("first", 0), ("second", blocks.count - half)):
-            blocked = [group.of_blocks for group in groups if group.of_blocks is not None]
-            parts = [sums[first : first + half] for sums in blocked]
+            parts = [blocks_of[first : first + half] for blocks_of in kept]
             own = [GroupMoments(part.sum(0, dtype=torch.float64), None) for part in parts]
             begin, end = blocks.borders[first], blocks.borders[first + half]
             window = make_window("boxcar", end - begin)

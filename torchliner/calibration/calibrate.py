@@ -18,7 +18,12 @@ from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
 from torchliner.calibration.misfit import ClosureMisfit, FreeLiners, Misfit
 from torchliner.calibration.posterior import Posterior, Prediction
-from torchliner.calibration.speed_weights import SpeedWeights, driving_speed, speed_weights
+from torchliner.calibration.speed_weights import (
+    SpeedWeights,
+    driving_speed,
+    responses_of,
+    speed_weights,
+)
 from torchliner.calibration.targets import (
     bounds_of,
     nepers_of,
@@ -126,11 +131,14 @@ class Calibration:
         best = base.with_numbers(dict(zip(self.parameters, self.values.tolist(), strict=True)))
         weights = _weights([plane], [best], frequency, self.choices)
         free, ready = FreeLiners(weights, [base], self.parameters), weights[0].ready
+        before = weights[0].impedance(responses_of(base, weights)[0])
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
         notes = self._beyond(ready.plane, driving_speed(ready, self.order))
         tell(notes, depth=2)
-        best_z = free.impedance(self.values)
-        return Prediction(ready.frequency, best_z, draws, self.posterior, tuple(notes))
+        return Prediction(
+            ready.frequency, free.impedance(self.values), before, draws, self.posterior,
+            tuple(notes),
+        )  # fmt: skip
 
     def _beyond(self, plane: VelocityPlane, speed: float) -> list[str]:
         """Whether the plane is faster or slower than all that was fitted."""
@@ -164,7 +172,7 @@ def calibrate(
     """Fit parameters to reference impedances, or to closure, phase ``averaged``.
 
     Args:
-        planes: one or several.
+        planes: one or several, or their moments.
         liners: that state ``numbers``, one for all planes, or one each; the free parameters are
             shared by all of them.
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every

@@ -107,6 +107,7 @@ class Prediction:
     Args:
         frequency: Hz, (F,).
         impedance: at the best values, complex, (F,).
+        before: with the liner's own numbers, (F,).
         draws: at each draw of the posterior, (M, F); None without one.
         posterior: the weights of the draws.
         notes: warnings, with numbers.
@@ -114,6 +115,7 @@ class Prediction:
 
     frequency: Tensor
     impedance: Tensor
+    before: Tensor
     draws: Tensor | None
     posterior: Posterior | None
     notes: tuple[str, ...] = ()

@@ -8,7 +8,6 @@ from typing import Any
 from torchliner.calibration.budget import correlation_of
 from torchliner.calibration.calibrate import Calibration
 from torchliner.reduction.moments import Moments
-from torchliner.tdibc.educe import educe
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,6 @@ def prediction_rows(
         reference: name of the impedance beside which it is put, if the plane has it.
         noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
     """
-    names = ("phase", "edge", "drive", "mean", "kernel")
-    chosen = {name: getattr(found.choices, name) for name in names}
-    values = educe(plane, before, interval=None, **chosen).of_liner(found.order)
     prediction = found.predict(plane, before)
     plane = plane.plane if isinstance(plane, Moments) else plane
     true = plane.reference.get(reference)
@@ -69,7 +65,7 @@ def prediction_rows(
         rows.append(
             PredictionRow(
                 label or str(plane.provenance.get("case", plane.title)), frequency, plane.height,
-                complex(values[i]), complex(prediction.impedance[i]),
+                complex(prediction.before[i]), complex(prediction.impedance[i]),
                 complex(prediction.standard[i]), correlation_of(prediction.covariance[i]), true,
                 None if true is None else prediction.misses(complex(true), noise, i),
                 prediction.notes,

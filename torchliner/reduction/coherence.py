@@ -7,6 +7,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from torchliner.records.slabs import SLAB_ROWS
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.sums import add_lines
 from torchliner.signals.tones import waves
@@ -73,22 +74,19 @@ class _Segments:
         steps = torch.arange(begin, end)
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         rows = rows * self.hann[steps % self.length]
-        first = begin // self.length
-        borders = list(range((first + 1) * self.length, end, self.length))
-        edges = [begin, *borders, end]
-        cuts = sorted({*edges, *(low + begin for low, _, _ in self.plan.pieces(
-            begin, end, weighed=False))})  # fmt: skip
+        number = steps // self.length - begin // self.length
+        starts = (steps % self.length % SLAB_ROWS == 0).nonzero()[:, 0].tolist()
+        cuts = sorted({0, *starts, end - begin})
+        blocks = number[torch.tensor(cuts[:-1])].tolist()
         pieces = [
-            (low - begin, high - begin, low // self.length - first) for low, high in pairwise(cuts)
+            (low, high, block) for (low, high), block in zip(pairwise(cuts), blocks, strict=True)
         ]
-        sums = torch.zeros(
-            len(edges) - 1, *self.open.shape, dtype=torch.float64, device=slab.device
-        )
+        count = blocks[-1] + 1
+        sums = torch.zeros(count, *self.open.shape, dtype=torch.float64, device=slab.device)
         both = torch.stack([rows.real, rows.imag]).to(slab.device, slab.dtype)
         add_lines(slab[: end - begin], pieces, both, sums, None, None, None)
         sums[0] += self.open
-        windows = torch.stack([rows[low - begin : high - begin].sum()
-                               for low, high in pairwise(edges)])  # fmt: skip
+        windows = torch.zeros(count, dtype=torch.complex128).index_add_(0, number, rows)
         windows[0] += self.open_window
         whole = len(sums) - (end % self.length != 0)
         self._close(sums[:whole], windows[:whole].to(slab.device))

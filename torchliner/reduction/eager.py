@@ -119,9 +119,10 @@ def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:
     Raises:
         ValueError: if a piece has no row, more than 256, or rows that the slab has not.
     """
+    count = len(slab)
     for low, high, _ in pieces:
-        if not (0 <= low < high <= len(slab) and high - low <= ROWS):
-            raise ValueError(f"a piece is 1 to {ROWS} of the {len(slab)} rows, not {low} to {high}")
+        if not (0 <= low < high <= count and high - low <= ROWS):
+            raise ValueError(f"a piece is 1 to {ROWS} of the {count} rows, not {low} to {high}")
     if not pieces:
         return torch.zeros(0, 1 if rows is None else 1 + len(rows), dtype=torch.float64)
     known = torch.tensor([[high - low] for low, high, _ in pieces], dtype=torch.float64)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -63,16 +63,15 @@ class PassPlan:
     def pieces(self, low: int, high: int, *, weighed: bool) -> list[Piece]:
         """Of a slab of samples ``low`` .. ``high`` - 1; without ``weighed`` all of them."""
         places, numbers = self._borders
-        cuts = {low, high, *range(-(-low // SLAB_ROWS) * SLAB_ROWS, high, SLAB_ROWS)}
-        cuts |= {place for place in places if low < place < high}
-        edges = sorted(cuts)
-        found, at = [], -1
-        for first, last in pairwise(edges):
-            while at + 1 < len(places) and places[at + 1] <= first:
-                at += 1
-            if not weighed or numbers[at] <= self.rest:
-                found.append((first - low, last - low, numbers[at]))
-        return found
+        inner = [place for place in places if low < place < high]
+        multiples = range(-(-low // SLAB_ROWS) * SLAB_ROWS, high, SLAB_ROWS)
+        edges = np.unique(np.array([low, high, *inner, *multiples]))
+        number = np.array(numbers)[np.searchsorted(places, edges[:-1], side="right") - 1]
+        first, last = edges[:-1] - low, edges[1:] - low
+        if weighed:
+            kept = number <= self.rest
+            first, last, number = first[kept], last[kept], number[kept]
+        return list(zip(first.tolist(), last.tolist(), number.tolist(), strict=True))
 
     def rows(self, low: int, high: int) -> Tensor | None:
         """cos and sin of the lines, float64, (2 L, t); None without any."""

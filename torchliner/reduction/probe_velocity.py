@@ -15,7 +15,7 @@ from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, r
 from torchliner.reduction import native
 from torchliner.reduction.sources import block_elements, blocks
 
-NARROW = 1 << 16  # velocities of a slab, at least: few columns get longer slabs
+NARROW = 1 << 19  # velocities of a slab, at least: few columns get longer slabs
 FEW_CELLS = 64  # up to here a product with the averaging matrix beats scattered additions
 
 

@@ -10,9 +10,8 @@ from torch import Tensor
 from torchliner.reduction.basis import STENCIL, Basis, Chebyshev, Levels
 from torchliner.reduction.plan import PassPlan, Piece, wave_rows
 from torchliner.reduction.sources import Columns, Taken
-from torchliner.reduction.sums import add_moments
+from torchliner.reduction.sums import NARROW, add_moments, by_length
 
-NARROW = 64  # columns: fewer are folded, so that time fills the vectors
 LEVEL_ELEMENTS = 1 << 16  # velocities whose levels are looked up at once
 QUANTUM = 2.0**-32  # of which all sums of pieces are multiples, see ``native``
 
@@ -91,12 +90,10 @@ class SpeedSums:
 
         Waves start anew in each piece and are turned afterwards.
         """
-        by_length: dict[int, list[Piece]] = {}
-        for piece in pieces:
-            by_length.setdefault(piece[1] - piece[0], []).append(piece)
         lines, rate = self.plan.lines, self.plan.sampling_rate
-        for length, same in by_length.items():
-            wide = torch.stack([speed[low:high] for low, high, _ in same], dim=1).flatten(1)
+        for length, same in by_length(pieces).items():
+            first = torch.tensor([low for low, _, _ in same])
+            wide = speed[torch.arange(length)[:, None] + first].flatten(1)
             rows = wave_rows(lines, rate, 0, length).to(speed) if lines else None
             shape = (len(self.totals), self.basis.count, wide.shape[1])
             whole = torch.zeros(shape, dtype=torch.float64, device=speed.device)

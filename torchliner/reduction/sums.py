@@ -5,10 +5,13 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from torchliner.reduction import eager, native
 from torchliner.reduction.plan import Piece
+
+NARROW = 64  # columns: fewer are folded, so that time fills the vectors
 
 
 def _kernel(slab: Tensor) -> ModuleType:
@@ -34,7 +37,36 @@ def add_lines(
         squares: (B, P), float64.
         smallest, largest: (P,), float64.
     """
+    if slab.shape[1] < NARROW and len(pieces) > 1:
+        _add_narrow(slab, pieces, rows, sums, squares)
+        if smallest is not None and largest is not None:
+            torch.minimum(smallest, slab[pieces[0][0] : pieces[-1][1]].amin(0), out=smallest)
+            torch.maximum(largest, slab[pieces[0][0] : pieces[-1][1]].amax(0), out=largest)
+        return
     _kernel(slab).add_lines(slab, pieces, rows, sums, squares, smallest, largest)
+
+
+def by_length(pieces: list[Piece]) -> dict[int, list[Piece]]:
+    """Pieces of equal length, which fit side by side."""
+    found: dict[int, list[Piece]] = {}
+    for piece in pieces:
+        found.setdefault(piece[1] - piece[0], []).append(piece)
+    return found
+
+
+def _add_narrow(
+    slab: Tensor, pieces: list[Piece], rows: Tensor, sums: Tensor, squares: Tensor | None
+) -> None:
+    """``add_lines`` of few columns: pieces of equal length as a batch of products."""
+    for length, same in by_length(pieces).items():
+        first = torch.tensor([low for low, _, _ in same], device=slab.device)
+        block = torch.tensor([number for *_, number in same], device=slab.device)
+        where = first[:, None] + torch.arange(length, device=slab.device)
+        own = slab[where]  # (n, length, P)
+        found = torch.bmm(rows[:, where].movedim(0, 1), own)
+        sums.index_add_(0, block, found.to(torch.float64))
+        if squares is not None:
+            squares.index_add_(0, block, own.square().sum(1).to(torch.float64))
 
 
 def add_moments(

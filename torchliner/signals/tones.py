@@ -10,6 +10,7 @@ from torch import Tensor
 
 BLOCK = 1 << 14  # samples at once, so that a long record needs no matrix of its length
 ELEMENTS = 1 << 22  # complex values of many signals at once, 64 MB
+STEP = 256  # samples whose waves are computed, and turned to wherever they are needed
 INDISTINCT = 1e-6  # of the determinant of tone and conjugate; 1 over many periods
 
 
@@ -34,8 +35,11 @@ def line_sums(values: Tensor, frequency: Tensor, sampling_rate: float, begin: in
 
 def waves(frequency: Tensor, sampling_rate: float, begin: int, end: int) -> Tensor:
     """e^{-j omega t} at samples begin .. end - 1, complex128, (F, t)."""
-    steps = torch.arange(begin, end, dtype=torch.float64)
-    return torch.exp(-1j * torch.outer(2 * torch.pi / sampling_rate * frequency.cpu(), steps))
+    turn = (2 * torch.pi / sampling_rate * frequency.cpu())[:, None]
+    own = torch.exp(-1j * turn * torch.arange(min(end - begin, STEP), dtype=torch.float64))
+    starts = torch.arange(begin, max(end, begin + 1), STEP, dtype=torch.float64)
+    found = torch.exp(-1j * turn * starts)[:, :, None] * own[:, None]
+    return found.flatten(1)[:, : end - begin]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -77,8 +77,7 @@ def prepare(
     *,
     every_rule: bool = False,
     basis: Basis | None = None,
-    liners: Sequence[LinerModel] = (),
-    further_lines: Callable[[Record], Iterable[float]] | None = None,
+    further_lines: Sequence[float] = (),
 ) -> list[Prepared]:
     """Check the data and read them, once or twice; basis, levels and kernels all planes share.
 
@@ -89,8 +88,7 @@ def prepare(
         every_rule: keep what any phase rule can be read off; default what the chosen one needs.
         basis: functions of |v|, for liners that are read later; default the fewest that this one
             needs.
-        liners: others that will be read off the same moments.
-        further_lines: Hz, waves to be summed beside those of window and phase rule.
+        further_lines: Hz, waves that are summed beside those of window and phase rule.
     Raises:
         ValueError: see ``educe``.
     """
@@ -102,11 +100,11 @@ def prepare(
         basis = None
     elif basis is None and any(each.known is None for each in asked):
         tolerance = min(chosen.model_tolerance(each.plane.velocity.dtype) for each in asked)
-        basis = choose_basis([model, *liners], read, tolerance)
+        basis = choose_basis([model], read, tolerance)
     found = [
         read_plane(
             each, model, chosen, basis, backward=backward, progress=progress,
-            further_lines=further_lines(each.record) if further_lines else (),
+            further_lines=further_lines,
         )
         for each in asked
     ]  # fmt: skip
@@ -247,8 +245,8 @@ def _resampled(asked: Asked, chosen: Choices, notes: list[str]) -> Blocks | None
 
 def read_plane(
     asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
-    backward: bool | None = None, further_lines: Iterable[float] = (),
-    progress: Progress | None = None,
+    backward: bool | None = None, progress: Progress | None = None,
+    further_lines: Sequence[float] = (),
 ) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
     """One or two readings of a plane.
 
@@ -259,7 +257,7 @@ def read_plane(
         basis: functions of |v| that are summed; None for a survey alone.
         backward: whether the rows of all phase rules are summed; default if the chosen one needs
             them.
-        further_lines: Hz, waves to be summed beside those of window and phase rule.
+        further_lines: Hz, waves that are summed beside those of window and phase rule.
         progress: called with numbers of samples done.
     Returns:
         |v| for the other engines, the sums, notes.
@@ -274,7 +272,7 @@ def read_plane(
     lines: tuple[float, ...] = ()
     if basis is not None:
         of_window = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
-        lines = merged([*of_window, *further_lines])
+        lines = merged((*of_window, *further_lines))
     plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks, lines)
     harmonics = None
     if chosen.order == ORDERS[2]:
