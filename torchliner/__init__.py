@@ -37,6 +37,8 @@ _HOMES = {
     "read_points": "torchliner.io.point_file",
     "educe": "torchliner.tdibc.educe",
     "moments": "torchliner.tdibc.reduce",
+    "moments_part": "torchliner.tdibc.parts",
+    "MomentsPart": "torchliner.reduction.parts",
     "Moments": "torchliner.reduction.moments",
     "educe_bursts": "torchliner.ldv.educe_bursts",
     "BurstFilters": "torchliner.signals.burst_validation",

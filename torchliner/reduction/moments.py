@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,20 @@ class Moments:
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
         return resolve("torchliner.tdibc.educe:educe")(self, liner, frequency, **choices)
+
+    @staticmethod
+    def sum(parts: Sequence[Any], given: Moments | None = None) -> Moments:
+        """Moments of a record from all its parts in time, of ``torchliner.moments_part``.
+
+        Args:
+            parts: in any order: the result is the same to the bit.
+            given: the sum of the first reading, where ``parts`` are of the second.
+        Raises:
+            TypeError: something else than parts.
+            ValueError: of another record or by other choices; samples overlap or are missing.
+        """
+        found: Moments = resolve("torchliner.tdibc.parts:sum_parts")(parts, given)
+        return found
 
     def error(self, liner: Any, frequency: Any = None) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.

@@ -38,9 +38,16 @@ def fitted(known: Moments, chosen: Choices, liner: LinerModel) -> Moments:
             f"{name} was reduced for cells of {_length(known.cell_pitch)}, and the liner's are of "
             f"{_length(liner.cell_pitch)}; reduce the data again with that liner"
         )
-    if chosen.order == COHERENT_FIRST:
-        return known
-    return dataclasses.replace(known, sums=known.sums.without_coherent())
+    if chosen.order != COHERENT_FIRST:
+        known = dataclasses.replace(known, sums=known.sums.without_coherent())
+    needed = 2 + (known.sums.periodic is not None)
+    if len(known.sums.groups) < needed:
+        raise ValueError(
+            f"{name} is the sum of a first reading alone; reduce each part once more with given= "
+            "this sum, and add what comes of that with Moments.sum(parts, given=...)"
+            + ("; or choose order='probes first'" if len(known.sums.groups) == 2 else "")
+        )
+    return known
 
 
 def _length(pitch: float | None) -> str:
