@@ -79,6 +79,8 @@ class _Segments:
         if begin >= end:
             return
         self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
+        if self.inside is None:
+            self.inside = begin % self.length != 0
         steps = torch.arange(begin, end)
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         rows = rows * self.hann[steps % self.length]
@@ -127,7 +129,10 @@ class _Segments:
             elif self.inside and self.head is None:
                 self.head = joint, joint_window
             else:
-                self._close(joint[None], torch.tensor([joint_window]).to(joint.device))
+                self._close(
+                    joint[None],
+                    torch.tensor([joint_window], dtype=torch.complex128, device=joint.device),
+                )
         if self.inside is None:
             self.inside = False
         if other.head is not None or not other.inside:
