@@ -14,6 +14,7 @@ from torchliner.names import did_you_mean
 FACTORS: dict[str, dict[str, float]] = {
     "velocity": {"m/s": 1.0, "m s-1": 1.0, "m s^-1": 1.0, "m.s-1": 1.0, "mm/s": 1e-3, "cm/s": 1e-2,
                  "km/s": 1e3, "ft/s": 0.3048},
+    "velocity squared": {"m2/s2": 1.0, "m2 s-2": 1.0},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import liner_names, read_planes, show_results
+from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
 from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
 from torchliner.names import SOURCE_SIDES
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
+    from torchliner.reduction.moments import Moments
 
 OPTIONS = {
     "": shared("--liner")
     | {
-        "planes PLANE ...": "plane files; several: heights of a case",
+        "planes PLANE ...": "plane files, or what torchliner reduce made of them; several: heights "
+                            "of a case",
         **frequency_option("the tone of the file, or the lines of --incident"),
         "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
         "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
@@ -56,8 +57,9 @@ def run(options: argparse.Namespace) -> int:
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
-    planes = [replace(plane, **stated_by_user) for plane in read_planes(options.planes)]
-    found = _educed(options, planes, wall or pressure)
+    records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
+    planes = planes_of(records)
+    found = _educed(options, records, wall or pressure)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
     for path, result in zip(outputs, found, strict=False):
@@ -69,27 +71,27 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _educed(
-    options: argparse.Namespace, planes: list[VelocityPlane], pressure: Any
+    options: argparse.Namespace, records: list[VelocityPlane | Moments], pressure: Any
 ) -> list[ImpedanceMap]:
     """The map of each plane; planes of one liner share levels and kernels."""
     from torchliner.liners.catalogue import load_liner
     from torchliner.tdibc.educe import educe
 
     choices = chosen_from(options, ALL) | {"incident": _incident(options)}
-    names = liner_names(options.liner, planes, options.planes)
+    names = liner_names(options.liner, records, options.planes)
     found: dict[int, ImpedanceMap] = {}
     for name in dict.fromkeys(names):
         members = [i for i, each in enumerate(names) if each == name]
-        total = sum(2 * planes[i].samples for i in members)
+        total = sum(2 * each.samples for each in planes_of([records[i] for i in members]))
         with progress_bar(
             total, options.planes[members[0]].name, options, reading=total // 2
         ) as step:
             several = educe(
-                [planes[i] for i in members], load_liner(name), options.frequency,
+                [records[i] for i in members], load_liner(name), options.frequency,
                 pressure=pressure, progress=step, reflected=options.reflected, **choices,
             )  # fmt: skip
         found |= dict(zip(members, several, strict=True))
-    return [found[i] for i in range(len(planes))]
+    return [found[i] for i in range(len(records))]
 
 
 def _incident(options: argparse.Namespace) -> Any:

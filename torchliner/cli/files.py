@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from torchliner.cli.options import print_json
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
+    from torchliner.reduction.moments import Moments
 
 
 def show_results(
@@ -58,20 +60,54 @@ def write_copy(text: str, path: Path) -> None:
 
 
 def read_planes(paths: Sequence[Path], *, lazy: bool = True) -> list[VelocityPlane]:
-    """The planes, by default with their velocity still in the file."""
+    """The planes, by default with their velocity still in the file.
+
+    Raises:
+        ValueError: a file holds moments alone.
+    """
+    from torchliner.io.moments_file import holds_moments
     from torchliner.io.plane_file import read_plane
 
+    for path in paths:
+        if holds_moments(path):
+            raise ValueError(
+                f"{path} holds moments of |v|; its time samples are gone, which this needs: name "
+                "the plane file that was reduced"
+            )
     return [read_plane(path, lazy=lazy) for path in paths]
 
 
+def read_records(paths: Sequence[Path]) -> list[VelocityPlane | Moments]:
+    """Planes, or the moments that planes were reduced to."""
+    from torchliner.io.moments_file import holds_moments, read_moments
+
+    return [read_moments(path) if holds_moments(path) else read_planes([path])[0] for path in paths]
+
+
+def planes_of(records: Sequence[VelocityPlane | Moments]) -> list[VelocityPlane]:
+    """What is stated of the planes; those that were reduced have no velocity."""
+    from torchliner.reduction.moments import Moments
+
+    return [each.plane if isinstance(each, Moments) else each for each in records]
+
+
+def with_facts(record: Any, facts: dict[str, Any]) -> Any:
+    """A plane, or moments of one, with other facts about the case."""
+    plane = getattr(record, "plane", None)
+    return replace(record, **facts if plane is None else {"plane": replace(plane, **facts)})
+
+
 def liner_names(
-    liner: str | None, planes: Sequence[VelocityPlane], paths: Sequence[Path]
+    liner: str | None, records: Sequence[VelocityPlane | Moments], paths: Sequence[Path]
 ) -> list[str]:
     """The liner of each plane: that of --liner, else the preset its file names."""
+    planes = planes_of(records)
     return [liner or preset_named(p.liner, path) for p, path in zip(planes, paths, strict=True)]
 
 
-def only_liner(liner: str | None, planes: Sequence[VelocityPlane], paths: Sequence[Path]) -> Any:
+def only_liner(
+    liner: str | None, planes: Sequence[VelocityPlane | Moments], paths: Sequence[Path]
+) -> Any:
     """The one liner of all planes.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from torchliner.cli.files import read_planes, show_results
+from torchliner.cli.files import planes_of, read_planes, read_records, show_results
 from torchliner.cli.options import shared
 
 OPTIONS = {
@@ -15,16 +15,20 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
-    from torchliner.reduction.inspection import inspect_plane
+    from torchliner.records import VelocityPlane
+    from torchliner.reduction.inspection import inspect_moments, inspect_plane
     from torchliner.report.figures import draw_velocity
 
-    (plane,) = read_planes([options.plane])
-    found = inspect_plane(plane)
+    # Of moments there is nothing to draw: the plane is asked for.
+    (plane,) = (
+        read_records([options.plane]) if options.figure is None else read_planes([options.plane])
+    )
+    found = inspect_plane(plane) if isinstance(plane, VelocityPlane) else inspect_moments(plane)
     show_results(
         options,
         lambda: _text(found),
         lambda: {"facts": found.facts, "failures": found.failures, "missing": found.missing},
-        figure=lambda path: draw_velocity([plane], path),
+        figure=lambda path: draw_velocity(planes_of([plane]), path),
     )
     return 1 if found.failures else 0
 

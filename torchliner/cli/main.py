@@ -46,6 +46,7 @@ GROUPS = {
     "files": {
         "info": "describe and check a velocity plane",
         "convert": "write a plane file from simulation files or plain arrays",
+        "reduce": "moments of a plane: any liner later, without the data",
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}

@@ -6,7 +6,7 @@ import argparse
 
 from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import only_liner, read_planes, show_results
+from torchliner.cli.files import only_liner, planes_of, read_records, show_results
 from torchliner.cli.options import order_option, progress_bar, shared, split_pair
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
@@ -43,12 +43,11 @@ def run(options: argparse.Namespace) -> int:
     )
 
     tolerances, correlation = _tolerances(options)
-    (plane,) = planes = read_planes([options.plane])
+    (plane,) = planes = read_records([options.plane])
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
-    with progress_bar(
-        2 * plane.samples, options.plane.name, options, reading=plane.samples
-    ) as step:
+    samples = planes_of(planes)[0].samples
+    with progress_bar(2 * samples, options.plane.name, options, reading=samples) as step:
         choices = chosen_from(options, CHOICES)
         found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
     frequency, order = found.found.frequency.tolist(), options.order

@@ -39,6 +39,11 @@ class ToneCoherence:
         for each in self.each:
             each.add(begin, slab)
 
+    def follow(self, other: ToneCoherence) -> None:
+        """Add what comes next in the record."""
+        for own, next_one in zip(self.each, other.each, strict=True):
+            own.follow(next_one)
+
     def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
         """Of v without its mean, (F, P)."""
         found = [each.result(mean, mean_square) for each in self.each]
@@ -63,6 +68,9 @@ class _Segments:
         self.window, self.window_power = 0j, 0.0
         self.open = torch.zeros(2, width, dtype=torch.float64, device=device)
         self.open_window = 0j
+        # Of a part of a record: whether it begins within a segment, and what it has of that.
+        self.inside: bool | None = None
+        self.head: tuple[Tensor, complex] | None = None
         self.rounding = 1e-12
 
     def add(self, begin: int, slab: Tensor) -> None:
@@ -71,6 +79,8 @@ class _Segments:
         if begin >= end:
             return
         self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
+        if self.inside is None:
+            self.inside = begin % self.length != 0
         steps = torch.arange(begin, end)
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         rows = rows * self.hann[steps % self.length]
@@ -89,7 +99,10 @@ class _Segments:
         windows = torch.zeros(count, dtype=torch.complex128).index_add_(0, number, rows)
         windows[0] += self.open_window
         whole = len(sums) - (end % self.length != 0)
-        self._close(sums[:whole], windows[:whole].to(slab.device))
+        headed = int(bool(self.inside) and self.head is None and whole > 0)
+        if headed:
+            self.head = sums[0], complex(windows[0])
+        self._close(sums[headed:whole], windows[headed:whole].to(slab.device))
         done = whole == len(sums)
         self.open = torch.zeros_like(self.open) if done else sums[-1]
         self.open_window = 0j if done else complex(windows[-1])
@@ -102,6 +115,33 @@ class _Segments:
         self.cross += windows.real @ real + windows.imag @ imaginary
         self.window += complex(windows.sum())
         self.window_power += float(windows.abs().square().sum())
+
+    def follow(self, other: _Segments) -> None:
+        """Add what comes next in the record."""
+        if other.inside is None:
+            return  # beyond the last whole segment
+        self.rounding = max(self.rounding, other.rounding)
+        if other.inside:
+            own, window = (other.open, other.open_window) if other.head is None else other.head
+            joint, joint_window = self.open + own, self.open_window + window
+            if other.head is None:
+                self.open, self.open_window = joint, joint_window
+            elif self.inside and self.head is None:
+                self.head = joint, joint_window
+            else:
+                self._close(
+                    joint[None],
+                    torch.tensor([joint_window], dtype=torch.complex128, device=joint.device),
+                )
+        if self.inside is None:
+            self.inside = False
+        if other.head is not None or not other.inside:
+            self.open, self.open_window = other.open, other.open_window
+        self.line += other.line
+        self.power += other.power
+        self.cross += other.cross
+        self.window += other.window
+        self.window_power += other.window_power
 
     def result(self, mean: Tensor, mean_square: Tensor) -> Tensor:
         """(P,)."""

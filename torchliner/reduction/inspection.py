@@ -13,6 +13,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.slabs import slab_bounds
 from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.reduction.moments import Moments
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import Wanted, read_once
@@ -48,14 +49,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     everywhere = torch.ones(plane.probes, dtype=torch.bool)
     first, _ = read_once(velocity, wanted, sort_into_cells(plane, None), everywhere, None)
     seen = first.survey
-    facts: dict[str, Any] = {
-        "title": plane.title,
-        "probes": "x".join(str(n) for n in plane.probe_shape) or "1",
-        "samples": plane.samples,
-        "sampling rate (Hz)": float(plane.sampling_rate),
-        "duration (ms)": 1e3 * plane.duration,
-        "precision": str(plane.velocity.dtype).removeprefix("torch."),
-    }
+    facts = _shape(plane)
     facts.update(_stated(plane))
     failures: list[str] = []
     _velocity_facts(plane, seen, facts, failures)
@@ -76,9 +70,43 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
         facts["coherence with the tone (median)"] = float(seen.coherence.median())
     if not int(seen.bad.sum()):
         facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
+    return Inspection(facts, failures, _missing(plane))
+
+
+def inspect_moments(known: Moments) -> Inspection:
+    """What is left of a plane: the same facts without its spectrum, and what the moments are."""
+    plane, sums = known.plane, known.sums
+    facts: dict[str, Any] = _shape(plane)
+    facts |= {f"reduced with {key.replace('_', ' ')}": value
+              for key, value in known.settings.items() if value is not None}  # fmt: skip
+    facts["cells"] = sums.cells.count
+    if known.cell_pitch is not None:
+        facts["cell pitch (mm)"] = 1e3 * known.cell_pitch
+    facts["blocks"] = sums.plan.rest
+    if sums.basis is not None:
+        facts["functions of |v|"] = sums.basis.count
+        facts["moments (MB)"] = known.size / 1e6
+    facts["waves beside (Hz)"] = ", ".join(f"{line:g}" for line in sums.plan.lines) or "none"
+    facts |= _stated(plane)
+    failures: list[str] = []
+    _velocity_facts(plane, sums.survey.part(plane.probes), facts, failures)
+    return Inspection(facts, failures, _missing(plane))
+
+
+def _shape(plane: VelocityPlane) -> dict[str, Any]:
+    return {
+        "title": plane.title,
+        "probes": "x".join(str(n) for n in plane.probe_shape) or "1",
+        "samples": plane.samples,
+        "sampling rate (Hz)": float(plane.sampling_rate),
+        "duration (ms)": 1e3 * plane.duration,
+        "precision": str(plane.velocity.dtype).removeprefix("torch."),
+    }
+
+
+def _missing(plane: VelocityPlane) -> list[str]:
     missing = [name for name in OPTIONAL if getattr(plane, name) in (None, "")]
-    missing += [name for name in ("x", "z") if getattr(plane, name) is None]
-    return Inspection(facts, failures, missing)
+    return missing + [name for name in ("x", "z") if getattr(plane, name) is None]
 
 
 def _stated(plane: VelocityPlane) -> dict[str, Any]:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.checks import frequency_tensor
+from torchliner.liners.model import as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.reduction.basis import Basis
+from torchliner.reduction.basis import Basis, interpolation_error, response_of
 from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
 from torchliner.reduction.survey import Survey
+
+ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
+SETTINGS = (  # of an eduction, that the moments contain
+    "drive", "mean", "order", "pre_roll", "running_window", "oncoming_rms", "window",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +52,13 @@ class PlaneSums:
     periodic: PeriodicPart | None
     basis: Basis | None
     groups: tuple[GroupMoments, ...]
+
+    def without_coherent(self) -> PlaneSums:
+        """As if the order ``coherent first`` had not been asked for, views."""
+        if self.periodic is None:
+            return self
+        seen = self.survey.part(len(self.used) + self.cells.count)
+        return dataclasses.replace(self, survey=seen, periodic=None, groups=self.groups[:2])
 
 
 class ReducedVelocity:
@@ -87,6 +104,46 @@ class Moments:
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
         return resolve("torchliner.tdibc.educe:educe")(self, liner, frequency, **choices)
+
+    @staticmethod
+    def sum(parts: Sequence[Any], given: Moments | None = None) -> Moments:
+        """Moments of a record from all its parts in time, of ``torchliner.moments_part``.
+
+        Args:
+            parts: in any order: the result is the same to the bit.
+            given: the sum of the first reading, where ``parts`` are of the second.
+        Raises:
+            TypeError: something else than parts.
+            ValueError: of another record or by other choices; samples overlap or are missing.
+        """
+        found: Moments = resolve("torchliner.tdibc.parts:sum_parts")(parts, given)
+        return found
+
+    def error(self, liner: Any, frequency: Any = None) -> float:
+        """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.
+
+        Args:
+            liner: whose R.
+            frequency: Hz; default 300 to 6000 Hz.
+        """
+        model, seen = as_liner(liner), self.sums.survey
+        asked = ASKED if frequency is None else frequency_tensor(frequency)
+        peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).max())
+        top = min(peak, model.speed_max or peak)
+        assert self.sums.basis is not None
+        return interpolation_error(self.sums.basis, response_of(model), asked, top)[0]
+
+    @property
+    def readings(self) -> int:
+        """Of the data, that the moments took: a second one where a statistic comes first."""
+        settings = self.settings
+        steady = settings["drive"] == "rms"
+        again = settings["drive"] == "running-rms" or settings["mean"] == "removed"
+        return 2 if self.sums.periodic is not None or (again and not steady) else 1
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""
+        resolve("torchliner.io.moments_file:write_moments")(self, path)
 
     @property
     def size(self) -> int:

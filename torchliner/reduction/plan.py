@@ -73,6 +73,11 @@ class PassPlan:
             first, last, number = first[kept], last[kept], number[kept]
         return list(zip(first.tolist(), last.tolist(), number.tolist(), strict=True))
 
+    def numbers(self, low: int, high: int) -> range:
+        """Of the weighed blocks that samples ``low`` .. ``high`` - 1 reach."""
+        found = [block for _, _, block in self.pieces(low, high, weighed=True)]
+        return range(found[0], found[-1] + 1) if found else range(0)
+
     def rows(self, low: int, high: int) -> Tensor | None:
         """cos and sin of the lines, float64, (2 L, t); None without any."""
         return wave_rows(self.lines, self.sampling_rate, low, high) if self.lines else None

@@ -45,6 +45,7 @@ class ProbeVelocity:
         self.memory = memory
         self.most_rows: int | None = None  # set where a device turned out to be too small
         self.derived = 0  # columns that are formed of these beside them
+        self.span = (0, self.samples)  # samples that are read, of a part of a record
         self.samples_read = 0
         if cells is None:
             return
@@ -74,7 +75,10 @@ class ProbeVelocity:
         # digit depends on the slabs.
         step = next((n for n in (math.lcm(tile, SLAB_ROWS), tile, SLAB_ROWS) if n <= most), 1)
         rows = most - most % step
-        return bounds_of(self.samples, min(rows, self.most_rows or rows))
+        rows = min(rows, self.most_rows or rows)
+        begin, end = self.span
+        whole = min(end, -(-begin // SLAB_ROWS) * SLAB_ROWS)
+        return [*bounds_of(whole, rows, begin), *bounds_of(end, rows, whole)]
 
     def slabs(self, bounds: Bounds, *, averages: bool = True) -> Iterator[list[Tensor]]:
         """Probes (t, P) and, unless left out, cell averages (t, C) of each slab, m/s."""

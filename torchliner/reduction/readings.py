@@ -91,43 +91,77 @@ def read_once(
     """
 
     def work() -> First:
-        periodic: list[PeriodicSums | None] = [None] * len(velocity.widths)
-        if wanted.harmonics is not None:
-            periodic = [
-                PeriodicSums(wanted.harmonics, width, velocity.device) for width in velocity.widths
-            ]
-        last = len(velocity.widths) - 1
-        surveys = [
-            SurveySums(
-                wanted.plan, wanted.tones, wanted.weights, width, velocity.device,
-                wanted.keeps_blocks and (wanted.velocity_blocks or i == last),
-                periodic[i],
-            )
-            for i, width in enumerate(velocity.widths)
-        ]  # fmt: skip
-        widths = () if wanted.basis is None or wanted.needs_survey else velocity.widths
-        sums = _speed_sums(velocity, wanted.plan, wanted.basis, widths, wanted.keeps_blocks)
+        surveys, sums = running_sums(velocity, wanted)
         _first(velocity, surveys, sums, progress)
-        found = [each.result() for each in surveys]
-        joined = Survey.join(found)
-        if not wanted.velocity_blocks:
-            joined = dataclasses.replace(joined, blocks=None)
-        joined = dataclasses.replace(joined, cell_blocks=found[-1].blocks)
-        probes, of_cells = periodic[0], periodic[-1]
-        part = None
-        if probes is not None and of_cells is not None:
-            part = periodic_part(probes, of_cells, cells, used)
-        return First(joined, part, sums)
+        return first_of(surveys, sums, wanted, cells, used)
 
     return with_smaller_slabs(velocity, work)
 
 
+def running_sums(
+    velocity: ProbeVelocity, wanted: Wanted, *, part: bool = False
+) -> tuple[list[SurveySums], list[SpeedSums]]:
+    """Of a first reading, before its first sample; of a whole record, or of parts of it."""
+    periodic: list[PeriodicSums | None] = [None] * len(velocity.widths)
+    if wanted.harmonics is not None:
+        periodic = [
+            PeriodicSums(wanted.harmonics, width, velocity.device) for width in velocity.widths
+        ]
+    last = len(velocity.widths) - 1
+    surveys = [
+        SurveySums(
+            wanted.plan, wanted.tones, wanted.weights, width, velocity.device,
+            wanted.keeps_blocks and (wanted.velocity_blocks or i == last),
+            periodic[i], part=part,
+        )
+        for i, width in enumerate(velocity.widths)
+    ]  # fmt: skip
+    widths = () if wanted.needs_survey else velocity.widths
+    return surveys, _speed_sums(velocity, wanted.plan, wanted.basis, widths, wanted.keeps_blocks)
+
+
+def first_of(
+    surveys: list[SurveySums], sums: list[SpeedSums], wanted: Wanted, cells: Cells, used: Tensor
+) -> First:
+    """What the running sums of a first reading say in the end."""
+    found = [each.result() for each in surveys]
+    joined = Survey.join(found)
+    if not wanted.velocity_blocks:
+        joined = dataclasses.replace(joined, blocks=None)
+    joined = dataclasses.replace(joined, cell_blocks=found[-1].blocks)
+    probes, of_cells = surveys[0].periodic, surveys[-1].periodic
+    part = None
+    if probes is not None and of_cells is not None:
+        part = periodic_part(probes, of_cells, cells, used)
+    return First(joined, part, sums)
+
+
+def read_part(
+    velocity: ProbeVelocity, wanted: Wanted, progress: Progress | None
+) -> tuple[list[SurveySums], list[SpeedSums]]:
+    """First reading of the samples ``velocity.span`` of a record."""
+
+    def work() -> tuple[list[SurveySums], list[SpeedSums]]:
+        surveys, sums = running_sums(velocity, wanted, part=True)
+        _first(velocity, surveys, sums, progress)
+        return surveys, sums
+
+    return with_smaller_slabs(velocity, work)[0]
+
+
 def _speed_sums(
     source: ProbeVelocity | DriveSpeed, plan: PassPlan, basis: Basis | None,
-    widths: tuple[int, ...], keeps_blocks: bool,
+    widths: Sequence[int], keeps_blocks: bool,
 ) -> list[SpeedSums]:  # fmt: skip
+    velocity = source.velocity if isinstance(source, DriveSpeed) else source
+    whole = velocity.span == (0, velocity.samples)
+    numbers = None if whole else plan.numbers(*velocity.span)
     dtype, device = source.dtype, source.device
-    return [SpeedSums(plan, basis, width, dtype, device, keeps_blocks) for width in widths if basis]
+    return [
+        SpeedSums(plan, basis, width, dtype, device, keeps_blocks, numbers)
+        for width in widths
+        if basis
+    ]
 
 
 def _first(
@@ -160,6 +194,23 @@ def read_again(
     Returns:
         |v| for the other engines; all sums; notes.
     """
+    drive, seen = driven(velocity, wanted, first, cells, used)
+    if drive.periodic is not None and wanted.true_extremes:
+        seen = drive.with_extremes(seen)
+    known = [each.result() for each in first.sums]
+    groups, notes = moments_of(
+        drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
+    )
+    found = PlaneSums(
+        wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups
+    )
+    return drive, found, notes
+
+
+def driven(
+    velocity: ProbeVelocity, wanted: Wanted, first: First, cells: Cells, used: Tensor
+) -> tuple[DriveSpeed, Survey]:
+    """|v| once the survey is known, and the survey with the columns of v*."""
     seen, periodic = first.survey, first.periodic
     if periodic is not None:
         if wanted.oncoming_rms is not None:
@@ -168,14 +219,7 @@ def read_again(
         blocks = wanted.plan.blocks if wanted.keeps_blocks else None
         seen = with_coherent(seen, periodic, cells, wanted.tones, wanted.weights, blocks)
     drive = DriveSpeed(velocity, wanted.drive, wanted.mean, seen, wanted.running_samples, periodic)
-    if periodic is not None and wanted.true_extremes:
-        seen = drive.with_extremes(seen)
-    known = [each.result() for each in first.sums]
-    groups, notes = moments_of(
-        drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
-    )
-    found = PlaneSums(wanted.plan, wanted.tones, seen, cells, used, periodic, wanted.basis, groups)
-    return drive, found, notes
+    return drive, seen
 
 
 def moments_of(
@@ -201,15 +245,23 @@ def moments_of(
         return tuple(known), []
     if drive.drive == "rms":
         return tuple(constant_moments(plan, basis, rms.double()) for rms in drive.rms), []
-    missing = range(len(known), len(drive.widths))
+    more, notes = read_rest(drive, plan, basis, len(known), keeps_blocks, progress)
+    return (*known, *(each.result() for each in more)), notes
+
+
+def read_rest(
+    drive: DriveSpeed, plan: PassPlan, basis: Basis | None, known: int, keeps_blocks: bool,
+    progress: Progress | None,
+) -> tuple[list[SpeedSums], list[str]]:  # fmt: skip
+    """Second reading, of the groups beyond the ``known`` first; of a part if that is all there."""
+    missing = range(known, len(drive.widths))
 
     def work() -> list[SpeedSums]:
-        sums = _speed_sums(drive, plan, basis, drive.widths[len(known) :], keeps_blocks)
+        sums = _speed_sums(drive, plan, basis, drive.widths[known:], keeps_blocks)
         _second(drive, missing, sums, progress)
         return sums
 
-    more, notes = with_smaller_slabs(drive.velocity, work)
-    return (*known, *(each.result() for each in more)), notes
+    return with_smaller_slabs(drive.velocity, work)
 
 
 def _second(

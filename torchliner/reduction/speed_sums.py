@@ -49,23 +49,33 @@ class SpeedSums:
         basis: functions of |v|.
         width: P.
         keeps_blocks: whether sums over blocks are kept.
+        numbers: of the blocks that the samples of a part reach; default all, and the rest.
     """
 
     def __init__(
         self, plan: PassPlan, basis: Basis, width: int, dtype: torch.dtype,
-        device: torch.device, keeps_blocks: bool,
+        device: torch.device, keeps_blocks: bool, numbers: range | None = None,
     ) -> None:  # fmt: skip
+        self.numbers = range(plan.rest + 1) if numbers is None else numbers
         self.plan, self.basis, self.width, self.dtype = plan, basis, width, dtype
         shape = (1 + 2 * len(plan.lines), basis.count, width)
         self.totals = torch.zeros(shape, dtype=torch.float64, device=device)
         self.of_blocks = None
         if keeps_blocks:
-            blocks = (plan.rest + 1, *shape)
+            blocks = (len(self.numbers), *shape)
             self.of_blocks = torch.zeros(blocks, dtype=dtype, device=device)
 
     def add(self, begin: int, columns: Columns) -> None:
         """Samples from ``begin`` on."""
-        pieces = self.plan.pieces(begin, begin + len(columns.velocity), weighed=True)
+        first = self.numbers.start
+        pieces = [
+            (low, high, block - first)
+            for low, high, block in self.plan.pieces(
+                begin, begin + len(columns.velocity), weighed=True
+            )
+        ]
+        if not pieces:
+            return
         if self.width < NARROW and isinstance(self.basis, Chebyshev) and len(pieces) > 1:
             self._add_folded(begin, columns.speed, pieces)
             return
@@ -121,6 +131,13 @@ class SpeedSums:
         c, s = values[1 : 1 + count], values[1 + count :]
         return torch.cat([values[:1], cosine * c - sine * s, sine * c + cosine * s])
 
+    def follow(self, other: SpeedSums) -> None:
+        """Add a part; totals are exact in any order, blocks that parts share to rounding."""
+        self.totals += other.totals
+        if self.of_blocks is not None and other.of_blocks is not None:
+            first = other.numbers.start - self.numbers.start
+            self.of_blocks[first : first + len(other.numbers)] += other.of_blocks
+
     def result(self) -> GroupMoments:
         """After the last sample."""
         return GroupMoments(self.totals, self.of_blocks)
@@ -155,7 +172,8 @@ def add_levels(
 
 def constant_moments(plan: PassPlan, basis: Basis, speed: Tensor) -> GroupMoments:
     """Of columns whose |v|, (P,), never changes; no sums over blocks."""
-    functions = basis.functions(speed.cpu()).T.to(speed.device)
+    # Contiguous as the sums of samples are, so that a product adds in the same order.
+    functions = basis.functions(speed.cpu()).T.contiguous().to(speed.device)
     sums = plan.wave_sums(torch.tensor(plan.lines, dtype=torch.float64)).to(speed.device)
     weights = torch.cat([sums.real.new_full((1,), plan.end - plan.begin), sums.real, -sums.imag])
     return GroupMoments(weights[:, None, None] * functions, None)

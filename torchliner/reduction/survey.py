@@ -82,6 +82,15 @@ class Survey:
         kept = VelocityBlocks.join(blocks) if blocks else None
         return dataclasses.replace(parts[0], **joined, blocks=kept)
 
+    def part(self, count: int) -> Survey:
+        """Of the first columns alone."""
+        columns = set(vars(self)) - {"segments", "blocks", "cell_blocks"}
+        cut: Any = {name: getattr(self, name)[:count] for name in columns}
+        kept = self.blocks
+        if kept is not None:
+            cut["blocks"] = VelocityBlocks(*(each[:, :count] for each in vars(kept).values()))
+        return dataclasses.replace(self, **cut)
+
     def to_frequencies(self, place: Tensor) -> Survey:
         """With the lines at ``place``, int64, (F,), of those that were measured; -1: nan."""
         missing = place < 0
@@ -102,6 +111,30 @@ class Survey:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class BlockSums:
+    """Sums of v over the samples ``low`` to ``high`` - 1 of one block.
+
+    Args:
+        number: of the block.
+        low, high: samples.
+        sums: of v times the rows of a pass, (R, P).
+        squares: of v, (P,).
+    """
+
+    number: int
+    low: int
+    high: int
+    sums: Tensor
+    squares: Tensor
+
+    def joined(self, later: BlockSums) -> BlockSums:
+        """With what comes next of the same block."""
+        return BlockSums(
+            self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares
+        )
+
+
 class SurveySums:
     """Running sums of one group of columns.
 
@@ -112,11 +145,12 @@ class SurveySums:
         width: P.
         keeps_blocks: whether the means over blocks are kept.
         periodic: to be given the harmonics' sums.
+        part: whether samples before these or after them are another's: blocks are kept apart.
     """
 
     def __init__(
         self, plan: PassPlan, tones: Tensor, weights: Tensor, width: int, device: torch.device,
-        keeps_blocks: bool, periodic: PeriodicSums | None = None,
+        keeps_blocks: bool, periodic: PeriodicSums | None = None, *, part: bool = False,
     ) -> None:  # fmt: skip
         self.plan, self.tones, self.weights, self.periodic = plan, tones.cpu(), weights, periodic
         self.flat = bool((weights[plan.begin : plan.end] == weights[plan.begin]).all())
@@ -134,6 +168,7 @@ class SurveySums:
         self.coherence = ToneCoherence(plan, self.tones, width, device)
         self.means: list[tuple[Tensor, Tensor]] | None = [] if keeps_blocks else None
         self.open: tuple[int, int, int] | None = None  # block, its first sample and the next
+        self.apart: list[BlockSums] | None = [] if part else None
 
     def _rows(self, low: int, high: int) -> Tensor:
         """Ones; waves; the same under the window if it is not flat; harmonics: (R, t)."""
@@ -175,22 +210,55 @@ class SurveySums:
     def _close(self) -> None:
         """The block that is open is complete."""
         assert self.open is not None
-        number, low, high = self.open
-        count = 2 * len(self.tones)
-        self.total += self.current
-        self.square += self.current_square
-        if number <= self.plan.rest:
-            self.weighed += self.current[1 : 1 + count]
-        if self.means is not None and number < self.plan.rest:
-            self.means.append(
-                (self.current[: 1 + count] / (high - low), self.current_square / (high - low))
-            )
-        if self.periodic is not None:
-            own = torch.cat([self.current[:1], self.current[len(self.current) - self.harmonics :]])
-            self.periodic.add(low, high, own)
+        own = BlockSums(*self.open, self.current, self.current_square)
+        if self.apart is None:
+            self._fold(own)
+        else:
+            self.apart.append(dataclasses.replace(own, sums=own.sums.clone(),
+                                                  squares=own.squares.clone()))  # fmt: skip
         self.current.zero_()
         self.current_square.zero_()
         self.open = None
+
+    def _fold(self, block: BlockSums) -> None:
+        count, length = 2 * len(self.tones), block.high - block.low
+        self.total += block.sums
+        self.square += block.squares
+        if block.number <= self.plan.rest:
+            self.weighed += block.sums[1 : 1 + count]
+        if self.means is not None and block.number < self.plan.rest:
+            self.means.append((block.sums[: 1 + count] / length, block.squares / length))
+        if self.periodic is not None:
+            own = torch.cat([block.sums[:1], block.sums[len(block.sums) - self.harmonics :]])
+            self.periodic.add(block.low, block.high, own)
+
+    def follow(self, other: SurveySums) -> None:
+        """Add the part that comes next in the record; both are kept apart by blocks."""
+        assert self.apart is not None
+        assert other.apart is not None
+        for each in (self, other):
+            if each.open is not None:
+                each._close()
+        first, *others = other.apart
+        last = self.apart[-1] if self.apart else None
+        if last is not None and last.number == first.number:
+            self.apart[-1] = last.joined(first)
+        else:
+            self.apart.append(first)
+        self.apart += others
+        self.smallest = torch.minimum(self.smallest, other.smallest)
+        self.largest = torch.maximum(self.largest, other.largest)
+        self.first_bad = torch.where(self.first_bad < 0, other.first_bad, self.first_bad)
+        self.bad = self.bad + other.bad
+        self.coherence.follow(other.coherence)
+
+    def whole(self) -> SurveySums:
+        """Of parts that are all there: ready for its result."""
+        assert self.apart is not None
+        for block in self.apart:
+            self._fold(block)
+        self.apart = None
+        return self
 
     def result(self) -> Survey:
         """After the last sample."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.reduction.moments import ReducedVelocity
 from torchliner.report import figures
 from torchliner.report.closure_figure import closure_table, draw_closure
 from torchliner.report.numbers import impedance_along_x, velocity_along_x
@@ -50,6 +51,13 @@ def _draw_group(
         draw_spectrum(results, folder / "spectrum.png")
         for result, stem in zip(results, stems, strict=True):
             impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
-    for plane, stem in zip(planes, stems, strict=True):
+    # Of moments the velocity is gone.
+    there = [
+        pair
+        for pair in zip(planes, stems, strict=True)
+        if not isinstance(pair[0].velocity, ReducedVelocity)
+    ]
+    for plane, stem in there:
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
-    figures.draw_velocity(planes, folder / "velocity.png")
+    if there:
+        figures.draw_velocity([plane for plane, _ in there], folder / "velocity.png")

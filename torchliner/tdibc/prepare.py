@@ -35,7 +35,7 @@ from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.reading import Asked, read_plane, reader_lines
-from torchliner.tdibc.reduced import check_settings, record_of
+from torchliner.tdibc.reduced import fitted, record_of
 from torchliner.tdibc.review import (
     needs_kernels,
     review_liner,
@@ -161,7 +161,7 @@ def ask(
         ValueError: it cannot be answered from such a record, or from such moments.
     """
     if isinstance(given, Moments):
-        check_settings(given, chosen, liner)
+        given = fitted(given, chosen, liner)
         plane, plan = given.plane, given.sums.plan
         wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
         record = record_of(given, chosen)

@@ -21,7 +21,7 @@ from torchliner.reduction.periodic import MOST_TONES, Harmonics, coherent_tones
 from torchliner.reduction.plan import PassPlan, merged
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, read_again, read_once
-from torchliner.reduction.survey import Survey
+from torchliner.reduction.survey import Survey, SurveySums
 from torchliner.replay.edges import Record
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.blocks import Blocks
@@ -84,8 +84,24 @@ def read_plane(
         backward = phase_rule(chosen.phase).needs_backward
     if asked.known is not None:
         return None, asked.known.sums, list(asked.notes)
-    plane, record, notes = asked.plane, asked.record, list(asked.notes)
+    plane, notes = asked.plane, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
+    wanted = wanted_of(asked, liner, chosen, basis, backward, further_lines)
+    velocity, first, used = _first_reading(plane, cells, wanted, chosen, progress, notes)
+    notes += review_survey(plane, first.survey, used)
+    kept = cells.kept(used)
+    if first.periodic is not None:
+        notes += review_coherent(plane, kept, first.periodic, asked.frequency, liner, chosen)
+    drive, sums, more = read_again(velocity, wanted, first, kept, used, progress)
+    return drive, sums, notes + more
+
+
+def wanted_of(
+    asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, backward: bool,
+    further_lines: Sequence[float] = (),
+) -> Wanted:  # fmt: skip
+    """What the readings of a plane are asked for; arguments as for ``read_plane``."""
+    plane, record = asked.plane, asked.record
     rate = plane.sampling_rate
     lines: tuple[float, ...] = ()
     if basis is not None:
@@ -96,20 +112,13 @@ def read_plane(
     if chosen.order == ORDERS[2]:
         harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)
     running = chosen.running_window or 1 / float(asked.frequency.min())
-    wanted = Wanted(
+    return Wanted(
         plan, _measured(plane, asked.frequency, chosen), record.weights(0, plane.samples), basis,
         chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics, chosen.oncoming_rms,
         keeps_blocks=chosen.interval is not None and chosen.incident is None,
         velocity_blocks=phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms",
         true_extremes=not (liner.speed_max is None and chosen.velocity_max is None),
     )  # fmt: skip
-    velocity, first, used = _first_reading(plane, cells, wanted, chosen, progress, notes)
-    notes += review_survey(plane, first.survey, used)
-    kept = cells.kept(used)
-    if first.periodic is not None:
-        notes += review_coherent(plane, kept, first.periodic, asked.frequency, liner, chosen)
-    drive, sums, more = read_again(velocity, wanted, first, kept, used, progress)
-    return drive, sums, notes + more
 
 
 def _first_reading(
@@ -131,13 +140,16 @@ def _first_reading(
     velocity, first = over(torch.ones(plane.probes, dtype=torch.bool), progress)
     used = (first.survey.bad[: plane.probes] == 0).cpu()
     if not bool(used.all()):
-        _refuse_bad_probes(plane, first.survey, used, chosen)
+        refuse_bad_probes(plane, first.survey, used, chosen)
         velocity, first = over(used, None)
         notes += review_cells(plane, cells, used)
     return velocity, first, used
 
 
-def _refuse_bad_probes(plane: VelocityPlane, seen: Survey, used: Tensor, chosen: Choices) -> None:
+def refuse_bad_probes(
+    plane: VelocityPlane, seen: Survey | SurveySums, used: Tensor, chosen: Choices
+) -> None:
+    """Refuse faults unless they are to be left out, and something is left."""
     first = int((~used).nonzero()[0])
     place = tuple(int(i) for i in torch.unravel_index(torch.tensor(first), plane.probe_shape))
     text = (

@@ -9,16 +9,15 @@ from torchliner.checks import tell
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.reduction.basis import ANY_LINER, Basis, Chebyshev, choose_basis
-from torchliner.reduction.moments import Moments, ReducedVelocity
+from torchliner.reduction.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import ask
 from torchliner.tdibc.prepared import Progress
-from torchliner.tdibc.reading import read_plane
-from torchliner.tdibc.reduced import SETTINGS
+from torchliner.tdibc.reading import Asked, read_plane
 from torchliner.tdibc.review_kernels import frequencies_read
 
 
-class _AnyLiner(LinerModel):
+class AnyLiner(LinerModel):
     """A liner that is not known yet, but for its cells."""
 
     def __init__(self, cell_pitch: float | None) -> None:
@@ -50,6 +49,26 @@ def moments(
         TypeError: plane is no VelocityPlane.
         ValueError: data or options that cannot give an answer.
     """
+    asked, model, chosen, basis = requested(plane, liner, frequency, cell_pitch, choices)
+    _, sums, notes = read_plane(asked, model, chosen, basis, progress=progress)
+    tell(tuple(notes))
+    return Moments(
+        without_velocity(plane), sums,
+        {name: getattr(chosen, name) for name in SETTINGS}, model.cell_pitch, tuple(notes),
+    )  # fmt: skip
+
+
+def without_velocity(plane: VelocityPlane) -> VelocityPlane:
+    """All else that is stated of a plane."""
+    left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
+    return dataclasses.replace(plane, velocity=left, streamwise=None)
+
+
+def requested(
+    plane: VelocityPlane, liner: Liner | None, frequency: Any, cell_pitch: float | None,
+    choices: dict[str, Any],
+) -> tuple[Asked, LinerModel, Choices, Basis]:  # fmt: skip
+    """What is asked of a plane, or of the record that a part belongs to."""
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     chosen = Choices(**choices)
@@ -60,17 +79,11 @@ def moments(
         )
     if liner is not None and cell_pitch is not None:
         raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
-    model = _AnyLiner(cell_pitch) if liner is None else as_liner(liner)
+    model = AnyLiner(cell_pitch) if liner is None else as_liner(liner)
     asked = ask(plane, model, frequency, chosen)
     basis: Basis = Chebyshev(*ANY_LINER)
     if liner is not None:
         tolerance = chosen.model_tolerance(plane.velocity.dtype)
         read = frequencies_read(asked.record, asked.frequency, chosen)
         basis = choose_basis([model], read, tolerance)
-    _, sums, notes = read_plane(asked, model, chosen, basis, progress=progress)
-    left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
-    tell(tuple(notes))
-    return Moments(
-        dataclasses.replace(plane, velocity=left, streamwise=None), sums,
-        {name: getattr(chosen, name) for name in SETTINGS}, model.cell_pitch, tuple(notes),
-    )  # fmt: skip
+    return asked, model, chosen, basis
