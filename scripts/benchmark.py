@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import importlib.util
 import os
 import platform
 import time
@@ -59,7 +58,8 @@ PARTS = ("engines", "loops", "worth", "stations", "duct", "files", "memory", "st
 class Bench:
     """The plane, the floor and how rows are printed."""
 
-    def __init__(self, probes: int, seconds: float, device: str) -> None:
+    def __init__(self, probes: int, seconds: float, device: str, cpu: bool) -> None:
+        self.clock = time.process_time if cpu else time.perf_counter
         generator = torch.Generator().manual_seed(0)
         velocity = 2 * torch.randn(SAMPLES, probes, generator=generator)
         self.velocity = velocity.clamp(-15.9, 15.9).to(device)
@@ -73,6 +73,11 @@ class Bench:
         x = (torch.arange(velocity.shape[1]) + 0.5) * self.pitch / 25
         return tl.VelocityPlane(velocity.T, sampling_rate=RATE, frequency=FREQUENCY, x=x)
 
+    @functools.cached_property
+    def long(self) -> Tensor:
+        """One probe, (1, n)."""
+        return self.velocity.flatten().repeat(1 + LONG // self.velocity.numel())[:LONG][None]
+
     @property
     def pitch(self) -> float:
         """Of the liner's cells, m."""
@@ -82,11 +87,11 @@ class Bench:
         """Seconds of the fastest of some runs, after one that is not counted."""
         result, fastest = None, float("inf")
         for number in range(repeats + 1):
-            start = time.perf_counter()
+            start = self.clock()
             result = work()
             if self.device.type == "cuda":
                 torch.cuda.synchronize()
-            spent = time.perf_counter() - start
+            spent = self.clock() - start
             fastest = min(fastest, spent) if number else fastest
             if spent > self.seconds:
                 return min(fastest, spent), result
@@ -150,9 +155,22 @@ def sums_row(bench: Bench, name: str) -> None:
             sums.add(begin, Columns(bench.velocity[begin:end]))
         return sums
 
+    count = bench.velocity.numel()
     seconds, _ = bench.best(work)
-    bench.row(f"moments, {basis.count} orders, {blocks.count} blocks, {name}", seconds,
-              bench.velocity.numel())  # fmt: skip
+    each = seconds / count
+    bench.row(f"moments, {basis.count} orders, {blocks.count} blocks, {name}", seconds, count)
+    long = bench.long.T
+    blocks = plan_blocks(LONG, 0, RATE / FREQUENCY)
+    plan = PassPlan(LONG, RATE, 0, LONG, blocks)
+
+    def work_long() -> None:
+        sums = SpeedSums(plan, basis, 1, torch.float32, bench.device, True)
+        for begin, end in bounds_of(LONG, 256 * SLAB_ROWS):
+            sums.add(begin, Columns(long[begin:end]))
+
+    seconds, _ = bench.best(work_long)
+    bench.row(f"moments, one probe, {LONG:.0e} samples, {name}", seconds, LONG, None,
+              f"{seconds / LONG / each:.1f} x plane, <= 3")  # fmt: skip
 
 
 def educe_rows(bench: Bench, name: str, wanted: int) -> None:
@@ -166,10 +184,10 @@ def educe_rows(bench: Bench, name: str, wanted: int) -> None:
             lambda: tl.educe(plane, bench.liner, order=order, interval=interval, **choices)
         )
 
-    seconds, found = educe(interval=None)
+    bare, found = educe(interval=None)
     exact = plain_means(bench.liner, part, [FREQUENCY], whole)
     error = float((found.reflection[:COMPARED].cpu() - exact).abs().max())
-    bench.row(f"educe, one reading, no error bars, {name}", seconds, count, error)
+    bench.row(f"educe, one reading, no error bars, {name}", bare, count, error)
     one, _ = educe()
     plain = bench.row(f"educe, one reading, error bars, {name}", one, count, error,
                       f"<= {wanted} x floor")  # fmt: skip
@@ -180,15 +198,13 @@ def educe_rows(bench: Bench, name: str, wanted: int) -> None:
     bench.row(f"educe, the one rule, no error bars, {name}", seconds, count, error)
     seconds, _ = educe(ORDERS[2])
     bench.row(f"educe, the one rule, error bars, {name}", seconds, count, error)
-    many, found = educe(frequency=MANY)
     exact = plain_means(bench.liner, part, MANY, whole)
-    error = float((found.reflection[:COMPARED].cpu() - exact).abs().max())
-    bench.row(f"educe, 60 frequencies, one reading, {name}", many, count, error,
-              f"{many / one:.2f} x one, <= 1.2")  # fmt: skip
-    long = tl.VelocityPlane(
-        bench.velocity.flatten().repeat(1 + LONG // count)[:LONG][None],
-        sampling_rate=RATE, frequency=FREQUENCY,
-    )  # fmt: skip
+    for bars, level, alone in (("no error bars", None, bare), ("error bars", 0.95, one)):
+        many, found = educe(interval=level, frequency=MANY)
+        error = float((found.reflection[:COMPARED].cpu() - exact).abs().max())
+        bench.row(f"educe, 60 frequencies, {bars}, {name}", many, count, error,
+                  f"{many / alone:.2f} x one, <= 1.2")  # fmt: skip
+    long = tl.VelocityPlane(bench.long, sampling_rate=RATE, frequency=FREQUENCY)
     seconds, found = bench.best(lambda: tl.educe(long, bench.liner, order=ORDERS[0]))
     end = plan_blocks(LONG, 0, RATE / FREQUENCY, most=1).borders[-1]
     exact = plain_means(bench.liner, long.velocity.cpu().abs(), [FREQUENCY], end)
@@ -242,35 +258,6 @@ def reflected_rows(bench: Bench) -> None:
         bench.row(f"{name}, {part.shape[1]} probes", seconds, part.numel(), error)
 
 
-def loops(bench: Bench) -> None:
-    """The published recipe on its own kernels (causal, uniform levels, linear), as loops."""
-    from benchmark_recipes import numba_recipe, numpy_recipe
-
-    grid = VelocityGrid(16.0, spacing="uniform", interpolation="linear")
-    taps = build_kernels(bench.liner, grid, RATE, kind="causal").taps
-    steps = torch.arange(SAMPLES, dtype=torch.float64)
-    wave = torch.cos(2 * torch.pi * FREQUENCY / RATE * steps)
-    turning = torch.exp(-2j * torch.pi * FREQUENCY / RATE * steps)
-    analysis = (make_window("hann", SAMPLES).weights * turning).numpy()
-    speed = bench.velocity.cpu().double().abs().T.contiguous().numpy()
-    rows: list[tuple[str, Any, Tensor]] = [("loop in NumPy, float64", numpy_recipe, taps)]
-    if importlib.util.find_spec("numba") is None:
-        print("loop in numba: not measured, numba is missing (pip install -e .[benchmark])")
-    else:
-        rows.append(("loop in numba, float64", numba_recipe(), taps))
-        rows.append(("loop in numba, fastmath, float32", numba_recipe(fast=True), taps.float()))
-    for name, recipe, own in rows:
-
-        def run(probes: int, recipe: Any = recipe, own: Tensor = own) -> float:
-            start = time.perf_counter()
-            recipe(speed[:probes], own.numpy(), 16.0, wave.numpy(), analysis)
-            return time.perf_counter() - start
-
-        run(1)
-        probes = bench.fitting(run(2) / 2)
-        bench.row(f"{name}, {probes} probes", run(probes), probes * SAMPLES)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -278,6 +265,8 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="27 400 probes; a file of 16 GB")
     parser.add_argument("--seconds", type=float, default=20.0, help="limit for slow rows")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--cpu", action="store_true",
+                        help="CPU time, not wall time: for a shared machine")  # fmt: skip
     parser.add_argument("--only", default=",".join(PARTS), help="parts, by comma")
     parser.add_argument("--folder", type=Path, help="for large files; default a temporary one")
     options = parser.parse_args()
@@ -288,15 +277,17 @@ def main() -> None:
     import benchmark_duct
     import benchmark_files
     import benchmark_ldv
+    import benchmark_recipes
     import benchmark_worth
 
     if {"engines", "loops", "worth"} & set(parts):
-        bench = Bench(27400 if options.full else 1712, options.seconds, options.device)
+        bench = Bench(27400 if options.full else 1712, options.seconds, options.device,
+                      options.cpu)  # fmt: skip
         name = torch.cuda.get_device_name() if bench.device.type == "cuda" else platform.machine()
         print(f"{name}, {torch.get_num_threads()} threads, torch {torch.__version__}; "
               f"{bench.velocity.shape[1]} probes x {SAMPLES} samples, float32, liner polito, "
               f"{FREQUENCY:g} Hz")  # fmt: skip
-        for part, of_plane in (("engines", engines), ("loops", loops)):
+        for part, of_plane in (("engines", engines), ("loops", benchmark_recipes.loops)):
             if part in parts:
                 of_plane(bench)
         if "worth" in parts:

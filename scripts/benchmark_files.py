@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,12 @@ CHILD = """
 import sys, time
 import torchliner.tdibc.educe, torchliner.report.map_table
 from torchliner.cli.main import main
-start = time.perf_counter()
+start, before = time.perf_counter(), time.process_time()
 code = main(sys.argv[1:])
-seconds = time.perf_counter() - start
+seconds = time.perf_counter() - start, time.process_time() - before
 with open("/proc/self/status") as status:
     peak = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
-print(f"{code} {seconds} {peak / 1024}")
+print(code, *seconds, peak / 1024)
 """
 
 
@@ -97,8 +97,18 @@ def slab_read(path: Path) -> float:
     return time.perf_counter() - start
 
 
-def run_child(path: Path, *options: str) -> tuple[float, float]:
-    """Seconds and peak resident memory (MB) of ``torchliner educe`` in a new process.
+def cpu_too(work: Callable[[Path], float]) -> Callable[[Path], tuple[float, float]]:
+    """Seconds, and CPU seconds beside them."""
+
+    def run(path: Path) -> tuple[float, float]:
+        before = time.process_time()
+        return work(path), time.process_time() - before
+
+    return run
+
+
+def run_child(path: Path, *options: str) -> tuple[float, float, float]:
+    """Seconds, CPU seconds and peak resident memory (MB) of ``torchliner educe``, a new process.
 
     Raises:
         RuntimeError: it failed.
@@ -106,10 +116,10 @@ def run_child(path: Path, *options: str) -> tuple[float, float]:
     words = ["educe", str(path), "--liner", "polito", "--quiet", *options]
     command = [sys.executable, "-W", "ignore", "-c", CHILD, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    code, seconds, peak = done.stdout.splitlines()[-1].split()
+    code, seconds, busy, peak = done.stdout.splitlines()[-1].split()
     if code != "0":
         raise RuntimeError(f"{' '.join(words)} ended with {code}: {done.stderr[-500:]}")
-    return float(seconds), float(peak)
+    return float(seconds), float(busy), float(peak)
 
 
 def cold_read(folder: Path | None) -> None:
@@ -121,17 +131,18 @@ def cold_read(folder: Path | None) -> None:
         once, twice = ("--order", ORDERS[0]), ("--order", ORDERS[2])
         raw = 0.0
         for name, work, wanted in (
-            ("raw read", raw_read, ""),
-            ("slabs, read ahead", slab_read, ""),
-            ("educe, one reading", lambda p: run_child(p, *once)[0], ", wanted 90"),
-            ("educe, the one rule", lambda p: run_child(p, *twice)[0], ", wanted 45"),
-            ("raw read again", raw_read, ""),
+            ("raw read", cpu_too(raw_read), ""),
+            ("slabs, read ahead", cpu_too(slab_read), ""),
+            ("educe, one reading", lambda p: run_child(p, *once)[:2], ", wanted 90"),
+            ("educe, the one rule", lambda p: run_child(p, *twice)[:2], ", wanted 45"),
+            ("raw read again", cpu_too(raw_read), ""),
         ):
             forget(path)
-            seconds = work(path)
+            seconds, busy = work(path)
             raw = raw or seconds
-            print(f"  {name:24s} {seconds:6.2f} s  {size / seconds / 1e9:5.2f} GB/s  "
-                  f"{100 * raw / seconds:4.0f} % of raw{wanted}", flush=True)  # fmt: skip
+            print(f"  {name:24s} {seconds:6.2f} s (CPU {busy:5.2f} s)  "
+                  f"{size / seconds / 1e9:5.2f} GB/s  {100 * raw / seconds:4.0f} % of raw{wanted}",
+                  flush=True)  # fmt: skip
 
 
 def peak_memory(folder: Path | None, sizes: Sequence[float]) -> None:
@@ -140,7 +151,7 @@ def peak_memory(folder: Path | None, sizes: Sequence[float]) -> None:
     for gigabytes in sizes:
         with plane_file(folder, gigabytes) as path:
             for options in ((), ("--memory", "100MB")):
-                seconds, peak = run_child(path, *options)
+                seconds, _, peak = run_child(path, *options)
                 size = path.stat().st_size / 1e9
                 name = " ".join(options) or "default"
                 print(f"  {size:6.2f} GB  {name:16s} {peak:5.0f} MB  {seconds:6.1f} s", flush=True)

@@ -5,10 +5,16 @@ Both return the windowed line of the reflected signal of each probe for one real
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
+
+from torchliner.replay.kernels import build_kernels
+from torchliner.replay.levels import VelocityGrid
+from torchliner.signals.windows import make_window
 
 Array = npt.NDArray[Any]
 
@@ -55,3 +61,31 @@ def numba_recipe(parallel: bool = True, fast: bool = False) -> Any:
         return lines
 
     return recipe
+
+
+def loops(bench: Any) -> None:
+    """Rows of ``benchmark.py``: on the recipe's own kernels (causal, uniform levels, linear)."""
+    rate, tone, samples = bench.plane.sampling_rate, bench.plane.frequency, bench.plane.samples
+    grid = VelocityGrid(16.0, spacing="uniform", interpolation="linear")
+    taps = build_kernels(bench.liner, grid, rate, kind="causal").taps
+    steps = torch.arange(samples, dtype=torch.float64)
+    wave = torch.cos(2 * torch.pi * tone / rate * steps)
+    turning = torch.exp(-2j * torch.pi * tone / rate * steps)
+    analysis = (make_window("hann", samples).weights * turning).numpy()
+    speed = bench.velocity.cpu().double().abs().T.contiguous().numpy()
+    rows: list[tuple[str, Any, torch.Tensor]] = [("loop in NumPy, float64", numpy_recipe, taps)]
+    if importlib.util.find_spec("numba") is None:
+        print("loop in numba: not measured, numba is missing (pip install -e .[benchmark])")
+    else:
+        rows.append(("loop in numba, float64", numba_recipe(), taps))
+        rows.append(("loop in numba, fastmath, float32", numba_recipe(fast=True), taps.float()))
+    for name, recipe, own in rows:
+
+        def run(probes: int, recipe: Any = recipe, own: torch.Tensor = own) -> float:
+            start = bench.clock()
+            recipe(speed[:probes], own.numpy(), 16.0, wave.numpy(), analysis)
+            return bench.clock() - start
+
+        run(1)
+        probes = bench.fitting(run(2) / 2)
+        bench.row(f"{name}, {probes} probes", run(probes), probes * samples)

@@ -124,9 +124,10 @@ def reflect(
     pressure = field.wall_pressure(x, "lined")[0].numpy()
     incident = pressure + tl.Fluid().characteristic_impedance * velocity
     plane = plane_of(x, turbulence + tone(velocity, times), field.source)
+    # The one window that both engines have and whose ends of the record are small.
     found = tl.educe(
         plane, liner, engine=engine, phase="given", reference_phase=np.angle(incident),
-        interval=None,
+        window="hann", interval=None,
     )  # fmt: skip
     return found.impedance[:, 0].numpy()
 
