@@ -47,7 +47,7 @@ OPTIONS = [
     ({"frequency": -1400.0}, "frequency.*-1400"),
     ({"frequency": []}, "no frequency"),
     (
-        {"frequency": 5000.0, "band": (300.0, 3500.0)},
+        {"frequency": 5000.0, "band": (300.0, 3500.0), "engine": "unfold"},
         "5000 Hz is outside the kernel's band, 300-3500.*band=",
     ),
     ({"frequency": 100.0}, "holds 1.43 periods of 100 Hz, fewer than 4; pass allow_short=True"),
@@ -83,7 +83,7 @@ def test_no_frequency_anywhere(liner):
 def test_short_records_only_if_asked(liner):
     """Fewer than four periods pass with allow_short."""
     with pytest.warns(tl.DataWarning, match="less than the kernel's 12 ms"):
-        found = tl.educe(good(90), liner, allow_short=True, interval=None)
+        found = tl.educe(good(90), liner, allow_short=True, interval=None, engine="unfold")
     assert found.impedance.shape == (3, 1)
 
 
@@ -143,11 +143,11 @@ def test_coarse_rate_is_doubted(liner):
 
 
 def test_record_shorter_than_the_kernel_is_doubted(liner):
-    """Below 12 ms the ends reach all of it; no kernel, no doubt."""
+    """Below 12 ms the ends reach all of it; without kernel no doubt."""
     plane = plane_of(turbulence((2, 300)))
     with pytest.warns(tl.DataWarning, match="lasts 7.14 ms, less than the kernel's 12 ms"):
-        tl.educe(plane, liner)
-    assert tl.educe(plane, liner, edge="wrap", interval=None).notes == ()
+        tl.educe(plane, liner, engine="unfold")
+    assert tl.educe(plane, liner, interval=None).notes == ()
 
 
 def test_another_gas_is_doubted(liner):

@@ -120,7 +120,7 @@ def test_engines_agree_through_the_public_name(liner):
                 edge="wrap",
                 levels=2000,
                 **extra,
-            )  # fmt: skip
+            )
             for engine in ("direct", "spectral")
         )
         assert float((direct.reflection - spectral.reflection).abs().max()) < 3 * INTERPOLATED

@@ -165,10 +165,9 @@ BEFORE = [
     (["--in-situ", "/dev/null"], "is a device or a pipe; a file is needed"),
     (["--liner", "loop.toml"], "cannot be read"),
     (["--segment", "nan"], "'nan' is not finite"),
-    (["--seed", "1e20"], "invalid whole_number value: '1e20'"),
-    (["--seed", "100000000000000000000"], "outside 0 to 2^53"),
-    (["--seed", "-1"], "outside 0 to 2^53"),
-    (["--draws", "-1"], "outside 0 to 2^53"),
+    (["--levels", "1e20"], "invalid whole_number value: '1e20'"),
+    (["--levels", "100000000000000000000"], "outside 0 to 2^53"),
+    (["--levels", "-1"], "outside 0 to 2^53"),
 ]
 
 

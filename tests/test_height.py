@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, load_script, plane_of, turbulence
+from test_audit import Counted
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
@@ -74,6 +75,14 @@ def test_identical_probes_give_the_same_at_every_length(liner):
         assert row.probes_first == pytest.approx(wanted, rel=1e-9)
         if row.windows > 1:
             assert abs(row.velocity_first_spread) < 1e-9
+
+
+def test_each_plane_is_read_three_times(planes, liner):
+    """Twice for its map, once for the windows of every length."""
+    stored = [Counted(plane.velocity) for plane in planes]
+    given = [replace(p, velocity=each) for p, each in zip(planes, stored, strict=True)]
+    study_heights(given, liner, **WHOLE)
+    assert [each.samples_read for each in stored] == [3 * 480] * 2
 
 
 def test_windows_equal_the_plain_loop():

@@ -12,7 +12,7 @@ from conftest import FREQUENCY, RATE, frozen_plane, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.records.slabs import WORK_BYTES, bounds_of, read_ahead, rows_per_slab
-from torchliner.tdibc import engines
+from torchliner.reduction import readings
 
 ENGINES = ("spectral", "unfold")
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -186,34 +186,34 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
 def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monkeypatch, error):
     """Slabs half as long, and a note that says so; other errors are not caught."""
     monkeypatch.setattr("torchliner.reduction.probe_velocity.NARROW", 1)  # slabs as of a wide plane
-    real, rows = engines.tone_sums, []
+    real, rows = readings._first, []
 
-    def narrow(ready, backward, progress):
-        first, last = ready.drive.bounds()[0]
+    def narrow(velocity, *others):
+        first, last = velocity.bounds()[0]
         rows.append(last - first)
         if rows[-1] > 70:
             raise error("CUDA out of memory. Tried to allocate 20 GiB")
-        return real(ready, backward, progress)
+        return real(velocity, *others)
 
     wanted = in_memory["spectral"]
-    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", narrow)
+    monkeypatch.setattr(readings, "_first", narrow)
     with pytest.warns(tl.DataWarning, match="memory with slabs of 256 samples; slabs of 64"):
         found = tl.educe(plane, liner)
     assert rows == [256, 128, 64]
     assert sum("ran out of memory" in note for note in found.notes) == 1
     assert float((found.reflection - wanted.reflection).abs().max()) < 1e-6
 
-    def hopeless(ready, backward, progress):
+    def hopeless(*_):
         raise error("DefaultCPUAllocator: can't allocate memory")
 
-    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", hopeless)
+    monkeypatch.setattr(readings, "_first", hopeless)
     with pytest.raises(RuntimeError, match="out of memory even with slabs of one sample of 16"):
         tl.educe(plane, liner)
 
-    def broken(ready, backward, progress):
+    def broken(*_):
         raise RuntimeError("something else")
 
-    monkeypatch.setattr("torchliner.tdibc.educe.tone_sums", broken)
+    monkeypatch.setattr(readings, "_first", broken)
     with pytest.raises(RuntimeError, match="something else"):
         tl.educe(plane, liner)
 
@@ -257,7 +257,7 @@ def test_a_plane_in_memory_is_not_changed(liner, plane):
 
 @pytest.mark.parametrize("engine", [*ENGINES, "direct"])
 def test_several_planes_share_their_tables(liner, engine, monkeypatch):
-    """One call for several heights: one kernel table, and each map as with the common levels."""
+    """One call for several heights: one table, if any, and each map as with the common levels."""
     planes = [plane_of(s * turbulence((2, 300), seed=i)) for i, s in enumerate((1.0, 0.2, 2.0))]
     from torchliner.tdibc import prepare
 
@@ -265,7 +265,7 @@ def test_several_planes_share_their_tables(liner, engine, monkeypatch):
     real = prepare.build_kernels
     monkeypatch.setattr(prepare, "build_kernels", lambda *a, **k: built.append(1) or real(*a, **k))
     maps = tl.educe(planes, liner, engine=engine)
-    assert len(built) == 1
+    assert len(built) == (engine != "spectral")
     top = maps[0].choices["velocity_max"]
     assert all(found.choices["velocity_max"] == top for found in maps)
     for plane, found in zip(planes, maps, strict=True):
@@ -283,15 +283,16 @@ def test_a_frozen_velocity_returns_the_liner(liner, engine, dtype):
     """The law of all engines, through the public door: Z of the model, but for the kernel."""
     found = tl.educe(frozen_plane(2.0, dtype=dtype), liner, engine=engine)
     wanted = liner.impedance(FREQUENCY, 2.0)
-    limit = {"spectral": 1e-12, "unfold": 3e-6, "direct": 3e-6}[engine]
+    limit = {"spectral": 1e-9, "unfold": 3e-6, "direct": 3e-6}[engine]
     limit = max(limit, 2e-5) if dtype == torch.float32 else limit
     assert float((found.impedance / wanted - 1).abs().max()) < limit
 
 
 def test_engines_agree_through_the_public_door(liner):
-    """``unfold`` is ``direct``; ``spectral`` of the kernel's response too."""
+    """``unfold`` is ``direct``; ``spectral`` of the kernel's response too, in a periodic record."""
     plane = plane_of(turbulence((3, 600), seed=11))
-    wanted = tl.educe(plane, liner, [1400.0, 2100.0], engine="direct").reflection
-    for options in ({"engine": "unfold"}, {"response": "kernel"}):
-        found = tl.educe(plane, liner, [1400.0, 2100.0], **options).reflection
-        assert float((found - wanted).abs().max()) < 1e-10
+    periodic = {"edge": "wrap", "window": "hann", "levels": 2000}
+    wanted = tl.educe(plane, liner, [1400.0, 2100.0], engine="direct", **periodic).reflection
+    for options, limit in (({"engine": "unfold"}, 1e-10), ({"response": "kernel"}, 3e-9)):
+        found = tl.educe(plane, liner, [1400.0, 2100.0], **options, **periodic).reflection
+        assert float((found - wanted).abs().max()) < limit

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, SHARED, load_script, plane_of, turbulence
+from test_audit import Counted
 
 import torchliner as tl
 from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from torchliner.audits.truth_rows import TruthRow, errors_by_rule
+from torchliner.audits.truth_rows import TruthRow, errors_by_rule, truth_rows
 from torchliner.report.truth_table import format_rules, plain_truth
 
 page = load_script("truth_page")
@@ -230,6 +231,26 @@ def test_errors_by_rule_by_hand():
     assert found.planes == 3
     assert found.median == pytest.approx(0.2 + 0.2j)
     assert found.largest == pytest.approx(0.4 + 0.3j)
+
+
+def test_rows_are_educed_in_four_readings(liner):
+    """Each rule's value and interval as ``educe`` gives them; the survey serves all four drives."""
+    velocity = turbulence((6, 600), seed=7)
+    stored = Counted(velocity)
+    about = {"reference": {"true": 1 - 0.3j}, "x": 1e-3 * np.arange(6)}
+    rows = {(*row.rule, row.order): row for row in truth_rows(plane_of(stored, **about), liner)}
+    assert len(rows) == 36
+    assert round(stored.samples_read / 600) == 4
+    for drive, mean in (("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept")):
+        found = tl.educe(plane_of(velocity, **about), liner, drive=drive, mean=mean)
+        for order in found.orders:
+            row = rows[drive, mean, "averaged", order]
+            assert abs(row.educed - complex(found.of_liner(order)[0])) < 2e-9
+            low, _ = found.bounds_of_liner(order)
+            assert abs(row.low - low) < 1e-6
+            assert math.isnan(rows[drive, mean, "self-consistent", order].low.real) == (
+                drive != "rms"
+            )
 
 
 def numbers(text: str) -> list[float]:

@@ -28,8 +28,8 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.signals.windows import Window, make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band
-from torchliner.tdibc.prepare import reader_lines
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response
+from torchliner.tdibc.reading import reader_lines
 from torchliner.tdibc.review import FEWEST_SAMPLES_PER_PERIOD
 from torchliner.tdibc.review_kernels import frequencies_read
 

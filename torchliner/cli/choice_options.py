@@ -47,14 +47,15 @@ CHOICES: dict[str, dict[str, Any]] = {
                      "incident signal"),
         "--edge": (("auto", *names.EDGE_RULES), "what is taken beyond the ends of the record; "
                    "default auto: finite for tones, else that of the signal"),
-        "--window NAME": "window of scipy on the reflected signal, e.g. hann, boxcar, kaiser,8; "
-                         "default hann, with an incident signal over the whole record boxcar",
+        "--window NAME": "default whole-periods, each emission time alike; or a sum of few cosines "
+                         "on the reflected signal: hann, blackman, boxcar; --engine unfold: any of "
+                         "scipy, hann unless stated, with --incident over the whole record boxcar",
         "--kernel": (names.KERNELS, "default two-sided"),
         "--response": (names.RESPONSES, "lines from the liner model or from the kernel; default "
                        "model where tones and the two-sided kernel allow it"),
         "--band HZ HZ": "where the kernel stands for the liner, Hz; default 300 to 3500 Hz and the "
                         "frequencies asked for",
-        "--levels N": "velocity levels of the tables; default 200",
+        "--levels N": "velocity levels of the tables of --engine unfold and direct; default 200",
         "--spacing": (names.SPACINGS, "of the levels; default sqrt"),
         "--interpolation": (names.INTERPOLATIONS, "between levels; default cubic"),
         "--velocity-max M/S": "highest level, m/s; default: that of the record, rounded up",

@@ -71,7 +71,7 @@ def educe_station(
     # Intervals and walls are those of the station, not of its segments.
     of_segments = dataclasses.replace(choices, interval=None, wall_filter=None)
     ready = prepare([cut.plane], liner, wanted, of_segments)[0]
-    tone = None if reference is None else reference_tone(cut, reference, wanted, choices.window)
+    tone = None if reference is None else reference_tone(cut, reference, wanted, ready.record)
     takes_phase = phase_rule(choices.phase).takes_phase
     replayed = replay(ready)
     rule = replayed.rule(

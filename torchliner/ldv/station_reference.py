@@ -12,9 +12,9 @@ from torchliner.checks import real_tensor
 from torchliner.ldv.station_segments import Segments
 from torchliner.records import ReferenceChannel
 from torchliner.reduction.coherence import PERIODS_PER_SEGMENT
+from torchliner.replay.edges import Record
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.transfer import transfer_function
-from torchliner.signals.windows import make_window
 
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 
@@ -42,7 +42,7 @@ class ReferenceTone:
 
 
 def reference_tone(
-    cut: Segments, reference: ReferenceChannel, frequency: Tensor, window: Any
+    cut: Segments, reference: ReferenceChannel, frequency: Tensor, record: Record
 ) -> ReferenceTone:
     """The reference channel in the segments of a station.
 
@@ -50,7 +50,7 @@ def reference_tone(
         cut: segments.
         reference: channel that covers them.
         frequency: Hz, (F,).
-        window: any window of scipy, over each segment.
+        record: with the window over each segment.
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
     """
@@ -62,7 +62,7 @@ def reference_tone(
         )
     values = reference.at(grid.times)
     segments = values.unfold(0, cut.plane.samples, cut.hop)
-    weights = make_window(window, cut.plane.samples).weights
+    weights = record.weights(0, record.samples)
     found = transfer_function(
         values, cut.signal.values, frequency, grid.rate,
         segment=PERIODS_PER_SEGMENT / float(frequency.min()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
@@ -25,6 +26,18 @@ class Reader(Protocol):
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P), in ``out`` if it can be used."""
         ...
+
+
+def bytes_of(size: int | str) -> int:
+    """A number of bytes, or text such as "500MB" or "2GiB".
+
+    Raises:
+        ValueError: neither.
+    """
+    found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(size).strip())
+    if found is None:
+        raise ValueError(f"memory is {size!r}; give bytes or a size such as '500MB' or '2GB'")
+    return int(float(found[1]) * (1024 if found[3] else 1000) ** " kMGT".index(found[2] or " "))
 
 
 def rows_per_slab(

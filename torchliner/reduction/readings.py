@@ -16,7 +16,7 @@ from torchliner.reduction.moments import PlaneSums
 from torchliner.reduction.periodic import Harmonics, PeriodicPart, PeriodicSums, periodic_part
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
-from torchliner.reduction.sources import Columns, in_full_precision
+from torchliner.reduction.sources import Columns
 from torchliner.reduction.speed_sums import GroupMoments, SpeedSums, constant_moments
 from torchliner.reduction.survey import Survey, SurveySums
 
@@ -164,7 +164,6 @@ def _speed_sums(
     ]
 
 
-@in_full_precision
 def _first(
     velocity: ProbeVelocity, surveys: list[SurveySums], sums: list[SpeedSums],
     progress: Progress | None,
@@ -265,7 +264,6 @@ def read_rest(
     return with_smaller_slabs(drive.velocity, work)
 
 
-@in_full_precision
 def _second(
     drive: DriveSpeed, groups: range, sums: list[SpeedSums], progress: Progress | None
 ) -> None:

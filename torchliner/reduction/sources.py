@@ -7,10 +7,11 @@ only taken block by block, within the cache.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import ParamSpec, Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -111,13 +112,15 @@ class HeldSpeed:
 
 
 def in_full_precision(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a pass over data, its first argument, see nothing of a ``torch.autocast`` around it,
-    which would round float32 products to 3 digits."""
+    """Let a function see nothing of a ``torch.autocast`` around it, which would round float32
+    products to 3 digits."""
 
     @functools.wraps(function)
     def run(*args: P.args, **options: P.kwargs) -> T:
-        source: Any = args[0]
-        with torch.autocast(source.device.type, enabled=False):
+        with contextlib.ExitStack() as stack:
+            for kind in ("cpu", "cuda"):
+                if torch.is_autocast_enabled(kind):
+                    stack.enter_context(torch.autocast(kind, enabled=False))
             return function(*args, **options)
 
     return run

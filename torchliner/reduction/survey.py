@@ -214,6 +214,7 @@ class SurveySums:
         if self.apart is None:
             self._fold(own)
         else:
+            self.total += self.current  # faults show in it
             self.apart.append(dataclasses.replace(own, sums=own.sums.clone(),
                                                   squares=own.squares.clone()))  # fmt: skip
         self.current.zero_()
@@ -244,6 +245,7 @@ class SurveySums:
         if last is not None and last.number == first.number:
             self.apart[-1] = last.joined(first)
         else:
+            self.total += self.current  # faults show in it
             self.apart.append(first)
         self.apart += others
         self.smallest = torch.minimum(self.smallest, other.smallest)
@@ -255,6 +257,7 @@ class SurveySums:
     def whole(self) -> SurveySums:
         """Of parts that are all there: ready for its result."""
         assert self.apart is not None
+        self.total.zero_()
         for block in self.apart:
             self._fold(block)
         self.apart = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -23,10 +22,10 @@ from torchliner.names import (
     RESPONSES,
     did_you_mean,
 )
-from torchliner.records.slabs import WORK_BYTES
+from torchliner.records.slabs import WORK_BYTES, bytes_of
 from torchliner.replay.waves import parse_signal
 
-WHOLE_PERIODS = "whole periods"
+WHOLE_PERIODS = "whole-periods"
 NAMED = {
     "engine": ENGINES, "phase": PHASE_RULES, "edge": EDGE_RULES, "drive": DRIVES, "mean": MEANS,
     "kernel": KERNELS, "response": RESPONSES, "missing": MISSING,
@@ -54,7 +53,7 @@ class Choices:
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
             ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
             with ``Recorded``.
-        window: ``whole periods`` (default of ``spectral``): each emission time weighs the same,
+        window: ``whole-periods`` (default of ``spectral``): each emission time weighs the same,
             over whole periods of the tone in the data, else of the lowest frequency asked for; or
             a window of scipy, as it acts on the reflected signal: a sum of few cosines for
             ``spectral``, any for the others. Default of these ``hann``; with ``Sweep``,
@@ -180,7 +179,7 @@ class Choices:
                 "edge rule 'silent' needs the reflected signal; engine 'spectral' weighs emission "
                 "times, where no reply is lost: leave edge out, or choose engine='unfold'"
             )
-        if self.engine != "spectral" and self.window == WHOLE_PERIODS:
+        if self.engine != "spectral" and self.whole_periods:
             raise ValueError(
                 f"window {WHOLE_PERIODS!r} weighs emission times, which engine 'spectral' does; "
                 "leave it out, or choose 'hann' or 'boxcar'"
@@ -264,6 +263,11 @@ class Choices:
                 object.__setattr__(self, name, value)
 
     @property
+    def whole_periods(self) -> bool:
+        """Whether each emission time weighs the same, over whole periods."""
+        return isinstance(self.window, str) and self.window == WHOLE_PERIODS
+
+    @property
     def uses_kernel_response(self) -> bool:
         """Whether the lines come from the impulse responses rather than from the model."""
         return self.response == "kernel" or self.kernel == "causal" or self.engine != "spectral"
@@ -271,31 +275,21 @@ class Choices:
     @property
     def memory_bytes(self) -> int | None:
         """``memory`` in bytes."""
-        if self.memory is None:
-            return None
-        found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(self.memory).strip())
-        if found is None:
-            raise ValueError(
-                f"memory is {self.memory!r}; give bytes or a size such as '500MB' or '2GB'"
-            )
-        base = 1024 if found[3] else 1000
-        return int(float(found[1]) * base ** " kMGT".index(found[2] or " "))
+        return None if self.memory is None else bytes_of(self.memory)
 
     @property
     def slab_memory(self) -> int | None:
         """Bytes of the limit for slabs and work: all but what ``unfold`` stages and carries."""
-        memory = self.memory_bytes
-        return memory if memory is None or self.engine != "unfold" else memory - self._half(memory)
+        memory, tail = self.memory_bytes, self.tail_memory
+        return (
+            memory if memory is None or tail is None or self.engine != "unfold" else memory - tail
+        )
 
     @property
     def tail_memory(self) -> int | None:
         """Bytes of the limit for what ``unfold`` stages and carries."""
         memory = self.memory_bytes
-        return None if memory is None else self._half(memory)
-
-    @staticmethod
-    def _half(memory: int) -> int:
-        return max(0, memory - WORK_BYTES) // 2
+        return None if memory is None else max(0, memory - WORK_BYTES) // 2
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""

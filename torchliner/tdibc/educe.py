@@ -11,6 +11,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.probe_velocity import with_smaller_slabs
+from torchliner.reduction.sources import in_full_precision
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.broadband import educe_signal
 from torchliner.tdibc.choices import Choices
@@ -20,6 +21,7 @@ from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.replayed import Replayed
 
 
+@in_full_precision
 def educe(
     plane: Any,
     liner: Liner,

@@ -21,8 +21,8 @@ from torchliner.reduction.readings import First, Wanted, driven, first_of, read_
 from torchliner.reduction.speed_sums import constant_moments
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import refuse_bad_probes, wanted_of
 from torchliner.tdibc.prepared import Progress
+from torchliner.tdibc.reading import refuse_bad_probes, wanted_of
 from torchliner.tdibc.reduce import AnyLiner, requested, without_velocity
 from torchliner.tdibc.review import review_coherent, review_survey
 

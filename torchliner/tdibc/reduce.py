@@ -11,8 +11,9 @@ from torchliner.records import VelocityPlane
 from torchliner.reduction.basis import ANY_LINER, Basis, Chebyshev, choose_basis
 from torchliner.reduction.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import Asked, ask, read_plane
+from torchliner.tdibc.prepare import ask
 from torchliner.tdibc.prepared import Progress
+from torchliner.tdibc.reading import Asked, read_plane
 from torchliner.tdibc.review_kernels import frequencies_read
 
 

@@ -9,7 +9,7 @@ from torchliner.names import ORDERS
 from torchliner.reduction.moments import Moments
 from torchliner.replay.edges import Record
 from torchliner.signals.windows import make_window
-from torchliner.tdibc.choices import WHOLE_PERIODS, Choices
+from torchliner.tdibc.choices import Choices
 
 COHERENT_FIRST = ORDERS[2]
 
@@ -57,6 +57,6 @@ def _length(pitch: float | None) -> str:
 def record_of(known: Moments, chosen: Choices) -> Record:
     """The record that moments were summed over."""
     plan = known.sums.plan
-    name = "boxcar" if chosen.window == WHOLE_PERIODS else chosen.window
+    name = "boxcar" if chosen.whole_periods else chosen.window
     window = make_window(name, plan.end - plan.begin)
     return Record(plan.samples, plan.begin, window, chosen.edge, plan.sampling_rate)
