@@ -1,4 +1,4 @@
-"""Whole files: rate from cold, peak memory, start-up."""
+"""Whole files: rate from cold beside a raw read, peak memory, start-up. Linux."""
 
 from __future__ import annotations
 
@@ -8,58 +8,68 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
 import torchliner as tl
+from torchliner.names import ORDERS
 from torchliner.records.slabs import bounds_of, read_ahead
+from torchliner.reduction import native
 
-PROBES, RATE, FREQUENCY = 27400, 200e3, 1400.0
-# The child prints its own peak, so that neither this process nor the file's pages count.
+ACROSS, ALONG, RATE, FREQUENCY = 50, 548, 200e3, 1400.0
+PITCH, IN_CELL = 9.9e-3, 25  # m, probes along a cell
+# `torchliner educe`, its imports not timed. VmHWM is the peak of this process alone: the one that
+# getrusage gives begins with that of the parent.
 CHILD = """
-import resource, sys, time, warnings
-warnings.simplefilter("ignore")
-import torch, torchliner as tl
-plane = tl.read_plane(sys.argv[1], lazy=True)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+import sys, time
+import torchliner.tdibc.educe, torchliner.report.map_table
+from torchliner.cli.main import main
 start = time.perf_counter()
-tl.educe(plane, tl.load_liner("polito"), engine=sys.argv[2], memory=sys.argv[3] or None,
-         edge=sys.argv[4], window=sys.argv[5], compile=sys.argv[6])
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(before / 1024, peak / 1024, time.perf_counter() - start)
+code = main(sys.argv[1:])
+seconds = time.perf_counter() - start
+with open("/proc/self/status") as status:
+    peak = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+print(f"{code} {seconds} {peak / 1024}")
 """
 
 
 @contextlib.contextmanager
-def plane_file(folder: Path, gigabytes: float) -> Iterator[Path]:
-    """A plane of the paper's 548 x 50 probes, as long as the size asks for."""
+def plane_file(folder: Path | None, gigabytes: float) -> Iterator[Path]:
+    """A contiguous plane of the paper's 548 x 50 probes, as long as the size asks for."""
     import h5py
 
-    samples = max(64, int(gigabytes * 1e9 / 4 / PROBES))
-    samples -= samples % 1000 if samples > 2000 else 0  # whole periods of 1400 Hz at 200 kHz
-    handle, name = tempfile.mkstemp(dir=folder, suffix=".h5")
-    os.close(handle)
-    path = Path(name)
-    try:
+    samples = max(1024, int(gigabytes * 1e9 / 4 / ACROSS / ALONG))
+    samples -= samples % 1000  # whole periods of 1400 Hz at 200 kHz
+    scalars = {"frequency": (FREQUENCY, "Hz"), "incident_level": (145.0, "dB"),
+               "height": (1e-3, "m")}  # fmt: skip
+    axes = {
+        "time": (np.arange(samples) / RATE, "s"),
+        "z": ((np.arange(ACROSS) + 0.5) * PITCH / IN_CELL, "m"),
+        "x": ((np.arange(ALONG) + 0.5) * PITCH / IN_CELL, "m"),
+    }
+    with tempfile.TemporaryDirectory(dir=folder) as own:
+        path = Path(own) / "plane.h5"
+        rows = torch.randn(512, ACROSS, ALONG, generator=torch.Generator().manual_seed(1))
         with h5py.File(path, "w") as file:
-            rows = torch.randn(512, PROBES, generator=torch.Generator().manual_seed(1)).numpy() * 2
-            data = file.create_dataset("wall_normal_velocity", (samples, PROBES), np.float32)
+            shape = (samples, ACROSS, ALONG)
+            data = file.create_dataset("wall_normal_velocity", shape, np.float32)
             for begin, end in bounds_of(samples, 512):
-                data[begin:end] = rows[: end - begin]
+                data[begin:end] = 2 * rows[: end - begin].numpy()
             data.attrs["units"] = "m/s"
-            file["time"] = np.arange(samples) / RATE
-            file["time"].attrs["units"] = "s"
-            file["time"].make_scale("time")
-            data.dims[0].attach_scale(file["time"])
-            file["frequency"] = FREQUENCY
-            file["frequency"].attrs["units"] = "Hz"
+            for i, (name, (values, units)) in enumerate(axes.items()):
+                file[name] = values
+                file[name].attrs["units"] = units
+                file[name].make_scale(name)
+                data.dims[i].attach_scale(file[name])
+            for name, (value, units) in scalars.items():
+                file[name] = value
+                file[name].attrs["units"] = units
+            file.attrs["source_side"] = "normal"
         os.sync()
         yield path
-    finally:
-        path.unlink(missing_ok=True)
 
 
 def forget(path: Path) -> None:
@@ -87,52 +97,53 @@ def slab_read(path: Path) -> float:
     return time.perf_counter() - start
 
 
-def run_child(
-    path: Path, engine: str, memory: str, edge: str, window: str, compiled: str
-) -> list[float]:
-    """Resident memory before, its peak (MB) and seconds of an eduction in a new process."""
-    command = [sys.executable, "-c", CHILD, str(path), engine, memory, edge, window, compiled]
-    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return [float(number) for number in shown.split()]
+def run_child(path: Path, *options: str) -> tuple[float, float]:
+    """Seconds and peak resident memory (MB) of ``torchliner educe`` in a new process.
+
+    Raises:
+        RuntimeError: it failed.
+    """
+    words = ["educe", str(path), "--liner", "polito", "--quiet", *options]
+    command = [sys.executable, "-W", "ignore", "-c", CHILD, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    code, seconds, peak = done.stdout.splitlines()[-1].split()
+    if code != "0":
+        raise RuntimeError(f"{' '.join(words)} ended with {code}: {done.stderr[-500:]}")
+    return float(seconds), float(peak)
 
 
-def cold_read(folder: Path) -> None:
+def cold_read(folder: Path | None) -> None:
     """A file that is in no cache, to its map."""
+    native.available()  # built before anything is timed
     with plane_file(folder, 2.0) as path:
         size = path.stat().st_size
-        print(f"a file of {size / 1e9:.2f} GB, out of the page cache (survey and replay read it "
-              "once each):")  # fmt: skip
-        rows = [("raw read", raw_read), ("slabs, read ahead", slab_read)]
-        for name, work in rows:
-            forget(path)
-            seconds = work(path)
-            print(f"  {name:44s} {seconds:6.2f} s  {size / seconds / 1e9:5.2f} GB/s", flush=True)
-        for engine, edge, window, compiled in (
-            ("spectral", "wrap", "boxcar", "always"),
-            ("spectral", "finite", "hann", "never"),
+        print(f"a file of {size / 1e9:.2f} GB, out of the page cache before each row:")
+        once, twice = ("--order", ORDERS[0]), ("--order", ORDERS[2])
+        raw = 0.0
+        for name, work, wanted in (
+            ("raw read", raw_read, ""),
+            ("slabs, read ahead", slab_read, ""),
+            ("educe, one reading", lambda p: run_child(p, *once)[0], ", wanted 90"),
+            ("educe, the one rule", lambda p: run_child(p, *twice)[0], ", wanted 45"),
+            ("raw read again", raw_read, ""),
         ):
             forget(path)
-            _, _, seconds = run_child(path, engine, "", edge, window, compiled)
-            name = f"educe, {edge}, {window}, compile {compiled}"
-            print(f"  {name:44s} {seconds:6.2f} s  {size / seconds / 1e9:5.2f} GB/s", flush=True)
+            seconds = work(path)
+            raw = raw or seconds
+            print(f"  {name:24s} {seconds:6.2f} s  {size / seconds / 1e9:5.2f} GB/s  "
+                  f"{100 * raw / seconds:4.0f} % of raw{wanted}", flush=True)  # fmt: skip
 
 
-def peak_memory(folder: Path, sizes: list[float]) -> None:
-    """Peak resident memory of ``educe`` against the size of the plane."""
-    print("peak resident memory above that of the imported program (MB), limit in brackets:")
+def peak_memory(folder: Path | None, sizes: Sequence[float]) -> None:
+    """Peak resident memory of ``torchliner educe`` against the size of the plane, GB."""
+    print("peak resident memory of `torchliner educe`, all of it, wanted below 600 MB:")
     for gigabytes in sizes:
         with plane_file(folder, gigabytes) as path:
-            # unfold takes minutes a gigabyte: its memory is measured on the smallest plane.
-            for engine, memory in (("spectral", ""), ("spectral", "100MB"), ("unfold", "1GB")):
-                if engine == "unfold" and gigabytes > 1:
-                    continue
-                before, peak, seconds = run_child(path, engine, memory, "finite", "hann", "never")
+            for options in ((), ("--memory", "100MB")):
+                seconds, peak = run_child(path, *options)
                 size = path.stat().st_size / 1e9
-                print(
-                    f"  {size:6.2f} GB  {engine:9s} [{memory or 'default'}] {peak - before:7.0f}  "
-                    f"(of {peak:.0f})  {seconds:7.1f} s",
-                    flush=True,
-                )
+                name = " ".join(options) or "default"
+                print(f"  {size:6.2f} GB  {name:16s} {peak:5.0f} MB  {seconds:6.1f} s", flush=True)
 
 
 def start_up() -> None:

@@ -1,113 +1,76 @@
-"""Times of the error bars and of the audit, against what gives the same numbers without them."""
+"""Times of what is read off the moments: error bars, the audit, a calibration."""
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-import torch
-
 import torchliner as tl
-from torchliner.signals.bootstrap import beyond_runs, neighbour_correlation
+from common import case_files
+from torchliner.names import ORDERS
 
-LOOPED = 4  # probes of the plain loop
-DRAWS = 999
 # Choices whose rows an audit has, as runs of their own.
 ALONE: tuple[dict[str, Any], ...] = (
-    {}, {"window": "boxcar"}, {"window": "blackman"}, {"edge": "silent"}, {"response": "kernel"},
-    {"kernel": "causal"}, {"response": "kernel", "spacing": "uniform", "interpolation": "linear"},
+    {}, {"window": "boxcar"}, {"window": "hann"}, {"window": "blackman"}, {"kernel": "causal"},
     {"mean": "removed"}, {"drive": "rms"}, {"drive": "running-rms"}, {"phase": "self-consistent"},
 )  # fmt: skip
+FREE = {"vena_contracta": (0.3, 1.0), "offset_resistance": (-0.2, 0.2),
+        "offset_reactance": (-0.5, 0.6), "porosity": (0.01, 0.5),
+        "cavity_depth": (5e-3, 0.1)}  # fmt: skip
+
+
+def timed(run: Callable[[], Any]) -> tuple[float, Any]:
+    """Seconds of the second of two runs."""
+    run()
+    start = time.perf_counter()
+    found = run()
+    return time.perf_counter() - start, found
 
 
 def error_bars(plane: tl.VelocityPlane, liner: tl.SDoFLiner) -> None:
-    """``educe`` with and without intervals, and a plain loop over draws and probes."""
-    count = plane.probes * plane.samples
-
-    def timed(run: Callable[[], Any]) -> tuple[float, Any]:
-        run()
-        start = time.perf_counter()
-        found = run()
-        return time.perf_counter() - start, found
-
+    """``educe`` with and without intervals."""
     print("error bars: ns per velocity sample, and per probe")
-    without, _ = timed(lambda: tl.educe(plane, liner, interval=None))
-    seconds, found = timed(lambda: tl.educe(plane, liner))
-    for name, amount in (("educe without intervals", without), ("educe, 95 % intervals", seconds)):
-        print(f"  {name:44s} {1e9 * amount / count:8.1f} ns  {1e6 * amount / plane.probes:8.0f} us")
-    start = time.perf_counter()
-    errors = [plain_loop(plane, liner, found, probe) for probe in range(LOOPED)]
-    each = (time.perf_counter() - start) / LOOPED
-    mine = (seconds - without) / plane.probes
-    print(f"  {'the same bootstrap, a loop over draws':44s} {'':11s}  {1e6 * each:8.0f} us  "
-          f"({each / mine:.0f} times the intervals' share; standard errors differ by "
-          f"{max(errors):.1%})")  # fmt: skip
-
-
-def plain_loop(
-    plane: tl.VelocityPlane, liner: tl.SDoFLiner, found: tl.ImpedanceMap, probe: int
-) -> float:
-    """Moving blocks of the whole series of R of one probe, one draw after the other."""
-    assert found.uncertainty is not None
-    frequency = found.frequency
-    speed = plane.velocity[probe].abs().double()
-    response = tl.reflection_from_impedance(liner.impedance(frequency, speed)).numpy()
-    settings = found.uncertainty.settings
-    blocks, long = settings["blocks"], plane.sampling_rate / float(frequency[0])
-    borders = (
-        np.round(np.arange(blocks + 1) * long * settings["periods_per_block"])
-        .astype(int)
-        .clip(max=plane.samples)
-    )
-    runs = float(found.uncertainty.probes.runs[probe, 0])
-    length = round(blocks / runs)
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(plane.samples) / plane.samples)
-    means = np.array([response[a:b].mean() for a, b in itertools.pairwise(borders)])
-    away = response - means.mean()
-    generator = np.random.default_rng(0)
-    draws = []
-    for _ in range(DRAWS):
-        pieces, filled = [], 0
-        while filled < plane.samples:
-            first = generator.integers(0, blocks - length + 1)
-            pieces.append(away[borders[first] : borders[first + length]])
-            filled += len(pieces[-1])
-        series = np.concatenate(pieces)[: plane.samples]
-        draws.append((window * series).sum() / window.sum())
-    reflection = complex(found.reflection[probe, 0])
-    rho = neighbour_correlation(torch.from_numpy(means)[:, None])
-    scale = np.sqrt(blocks / (blocks - length) * float(beyond_runs(rho, torch.tensor(length))))
-    z = [(1 + r) / (1 - r) for r in reflection + scale * (np.array(draws) - np.mean(draws))]
-    mine = float(found.uncertainty.probes.standard_error[probe, 0].real)
-    return abs(float(np.std(np.real(z))) / mine - 1)
+    for name, level in (("educe without intervals", None), ("educe, 95 % intervals", 0.95)):
+        seconds, _ = timed(lambda level=level: tl.educe(plane, liner, interval=level))
+        each = 1e9 * seconds / plane.probes / plane.samples
+        print(f"  {name:44s} {each:8.1f} ns  {1e6 * seconds / plane.probes:8.1f} us", flush=True)
 
 
 def audit_rows(plane: tl.VelocityPlane, liner: tl.SDoFLiner) -> None:
     """The audit of one plane against an ``educe`` for each of some of its rows."""
-    start = time.perf_counter()
-    audited = tl.audit(plane, liner, velocity_max=16.0)
-    seconds = time.perf_counter() - start
+    seconds, audited = timed(lambda: tl.audit(plane, liner))
     start = time.perf_counter()
     alone = [
-        complex(found.liner_impedance[0])
-        for found in (
-            tl.educe(plane, liner, velocity_max=16.0, interval=None, **choices) for choices in ALONE
-        )
+        complex(tl.educe(plane, liner, interval=None, **choices).answer[0]) for choices in ALONE
     ]
     each = (time.perf_counter() - start) / len(ALONE)
     rows = [audited.base, *(row.impedance for row in audited.rows)]
     error = max(min(abs(value - row) for row in rows) for value in alone)
-    count = len(audited.rows) + 1
-    print(f"audit: {count - 1} variants in {seconds:.1f} s, {audited.readings} readings; one educe "
-          f"{each:.2f} s, {count} of them {each * count:.1f} s and {2 * count} readings "
-          f"({each * count / seconds:.1f} times); largest difference {error:.1e}")  # fmt: skip
+    print(f"audit: {len(audited.rows)} variants in {seconds:.2f} s, {audited.readings} readings; "
+          f"one educe {each:.2f} s ({each * len(rows) / seconds:.1f} times the audit for all); "
+          f"largest difference {error:.1e}")  # fmt: skip
 
 
-def worth(velocity: torch.Tensor, rate: float, frequency: float, liner: tl.SDoFLiner) -> None:
-    """Both, on (P, T) float32."""
-    plane = tl.VelocityPlane(velocity, sampling_rate=rate, frequency=frequency)
+def calibration() -> None:
+    """Five parameters of the slit on six shipped planes, and 60 frequencies: from moments."""
+    files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
+    liner = tl.load_liner("lbm_slit")
+    start = time.perf_counter()
+    kept: dict[str, Any] = {"cell_pitch": liner.cell_pitch, "order": ORDERS[1]}
+    reduced = [tl.moments(tl.read_plane(path), **kept) for path in files]
+    reading = time.perf_counter() - start
+    seconds, _ = timed(lambda: tl.calibrate(reduced, liner, "true", FREE, noise=0.002, draws=0))
+    frequencies = [400.0 + 90 * i for i in range(60)]
+    sweep, _ = timed(lambda: reduced[-1].educe(liner, frequencies, order=ORDERS[1], interval=None))
+    one, _ = timed(lambda: reduced[-1].educe(liner, order=ORDERS[1], interval=None))
+    print(f"calibration: {len(FREE)} parameters on {len(files)} planes in {1e3 * seconds:.0f} ms, "
+          f"after {1e3 * reading:.0f} ms to read and reduce them; one map from moments "
+          f"{1e3 * one:.0f} ms, at 60 frequencies {1e3 * sweep:.0f} ms")  # fmt: skip
+
+
+def worth(plane: tl.VelocityPlane, liner: tl.SDoFLiner) -> None:
+    """All three."""
     error_bars(plane, liner)
     audit_rows(plane, liner)
+    calibration()

@@ -21,7 +21,7 @@ import torchliner as tl
 from common import ROOT, parser_of
 from torchliner.names import ORDERS
 from torchliner.records.cells import sort_into_cells
-from torchliner.replay import periodic
+from torchliner.reduction import periodic
 from truth_page import liner_of, planes_of
 
 PAGE = ROOT / "docs" / "method.md"
@@ -46,10 +46,8 @@ def educed(plane: tl.VelocityPlane, case: str, **choices: object) -> tl.Impedanc
 @contextmanager
 def shares(change: Callable[[Tensor], Tensor]) -> Iterator[None]:
     """With other shares g."""
-    own = periodic.PeriodicSums._shares
-    with mock.patch.object(
-        periodic.PeriodicSums, "_shares", lambda self, away: change(own(self, away))
-    ):
+    own = periodic._shares
+    with mock.patch.object(periodic, "_shares", lambda *sums: change(own(*sums))):
         yield
 
 

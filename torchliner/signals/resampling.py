@@ -119,8 +119,9 @@ class Resampling:
         """Tiles of time and of rows that are alike.
 
         What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
-        more, the tiles' scatter is raised to that, and the runs fall to those of time alone as all
-        rows move as one: there the factor is the number of tiles side by side.
+        more, the tiles' scatter is raised to that, which rests on the runs of time alone. (With
+        runs that fall as smoothly as the scatter rises, rows that share a third of their energy
+        are covered by 88 %.)
 
         Args:
             series: deviation of R in each block and row, complex128, (S, G, F).
@@ -133,7 +134,7 @@ class Resampling:
         power, square = tile_moments(series, self.weights, (long, wide))
         together, _ = tile_moments(series.mean(1, keepdim=True), self.weights, (long, 1))
         factor = (together / power.clamp(min=1e-300)).clamp(min=1)
-        runs = count / long * (rows / wide / factor).clamp(min=1)
+        runs = count / long * torch.where(factor > 1, 1.0, rows / wide)
         factor = factor * mean_factor(count, long) * beyond_runs(rho, torch.full_like(rho, long))
         return impedance_interval(
             reflection, power * factor, square * factor, runs, self.level, self.conversion

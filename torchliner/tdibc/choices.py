@@ -280,10 +280,8 @@ class Choices:
     @property
     def slab_memory(self) -> int | None:
         """Bytes of the limit for slabs and work: all but what ``unfold`` stages and carries."""
-        memory, tail = self.memory_bytes, self.tail_memory
-        return (
-            memory if memory is None or tail is None or self.engine != "unfold" else memory - tail
-        )
+        memory = self.memory_bytes
+        return memory if self.engine != "unfold" else (memory and memory - (self.tail_memory or 0))
 
     @property
     def tail_memory(self) -> int | None:
@@ -296,9 +294,8 @@ class Choices:
         try:
             device = torch.device(default if self.device is None else self.device)
         except RuntimeError as error:
-            raise ValueError(
-                f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
-            ) from error
+            text = f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
+            raise ValueError(text) from error
         if device.type == "cuda" and not torch.cuda.is_available():
             raise ValueError(
                 f"device {str(device)!r} is asked for, but torch {torch.__version__} sees no CUDA "
