@@ -234,3 +234,51 @@ def test_moments_state_their_error_and_readings(liner):
     few = tl.moments(plane, liner, order="probes first")
     assert few.sums.basis.count < 64
     assert few.error(liner, FREQUENCY) < 1e-9 < few.error(liner, 6000.0)
+
+
+@pytest.mark.parametrize("phase", ["averaged", "self-consistent"])
+@pytest.mark.parametrize("samples", [900, 960, 4000])
+def test_a_record_that_goes_on(samples, phase, liner):
+    """At any moment the map is that of a record of the whole blocks so far, however it came."""
+    v, choices = velocity(samples), {"order": "probes first", "phase": phase}
+    going = tl.GrowingMoments(plane_of(v[:, :7]), cell_pitch=liner.cell_pitch, phase=phase)
+    at = 7
+    for step in (0, 1, 29, 100, 256, 1000, samples):
+        going.update(v[:, at : at + step])
+        at += step
+    assert going.done == samples // 30 * 30
+    record = plane_of(v[:, : going.done])
+    wanted = tl.moments(record, cell_pitch=liner.cell_pitch, **choices).educe(liner, **choices)
+    found, kept = going.educe(liner, phase=phase), going.moments()
+    for name in ("impedance", "cell_impedance_velocity_first", "answer"):
+        assert relative_error(getattr(found, name), getattr(wanted, name)) < 1e-11
+    if going.level == 0:  # as many blocks as a record at once has
+        limits = (each.uncertainty.liner.low for each in (found, wanted))
+        assert relative_error(*limits) < 1e-10
+    else:
+        assert 16 <= kept.sums.plan.rest <= 32
+    going.update(v)
+    assert same_bits(kept.educe(liner, **choices), found)
+
+
+def test_what_a_record_that_goes_on_cannot_do(liner):
+    """Statistics of the whole record, other probes, faults; no block yet."""
+    v = velocity(100)
+    for choices, message in [
+        ({"order": "coherent first"}, "need the whole record"),
+        ({"window": "hann"}, "need the whole record"),
+        ({"drive": "rms"}, "has drive 'instantaneous' alone"),
+        ({"mean": "removed"}, "has mean 'kept' alone"),
+        ({"periods": 0}, "periods"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            tl.GrowingMoments(plane_of(v), **choices)
+    going = tl.GrowingMoments(plane_of(v[:, :29]))
+    with pytest.raises(ValueError, match="29 samples so far; a block of 1 periods has 30"):
+        going.educe(liner)
+    with pytest.raises(ValueError, match=r"samples have shape \(4, 5\); they are of probes \(5,\)"):
+        going.update(v[:4, :5])
+    v[2, 50] = torch.inf
+    with pytest.raises(ValueError, match=r"1 of 5 probes hold nan or inf .* probe 2; nothing"):
+        going.update(v[:, 29:])
+    assert going.done == 0
