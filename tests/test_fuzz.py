@@ -92,6 +92,10 @@ def make(name: str, folder: Path) -> Case:
         words = [kind, *told, "--no-intervals"] if kind == "educe" else [kind, *told]
         if kind == "truth":
             words, tail = [*words, "-o", str(folder / "rows.csv")], ["--json", "--quiet"]
+    elif kind == "educe moments":
+        plane, liner = tl.read_plane(plane_file(path)), tl.load_liner("polito")
+        tl.moments(plane, liner, interval=None, phase="self-consistent").write(path)
+        words = ["educe", *told, "--no-intervals", "--phase", "self-consistent"]
     elif kind == "kt":
         line_of(both_ways("upstream")[0], "upstream", title="fuzz").write(path)
         words = ["kt", *told]
@@ -146,7 +150,7 @@ def python_record(kind: str, path: Path):
 
 
 NAMES = [
-    ".h5 educe", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu", ".csv ldv info",
+    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu", ".csv ldv info",
     ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner", ".toml duct modes",
     ".npy convert", ".mat convert", ".h5 convert", ".wav incident", ".h5 read_map",
     ".h5 read_line", ".h5 read_points",

@@ -38,6 +38,7 @@ _HOMES = {
     "educe": "torchliner.tdibc.educe",
     "moments": "torchliner.tdibc.reduce",
     "moments_part": "torchliner.tdibc.parts",
+    "GrowingMoments": "torchliner.tdibc.growing",
     "MomentsPart": "torchliner.reduction.parts",
     "Moments": "torchliner.reduction.moments",
     "educe_bursts": "torchliner.ldv.educe_bursts",

@@ -107,7 +107,7 @@ def require_whole(sums: PlaneSums, probes: int, path: Path) -> None:
     if columns != wanted:
         text = f"mean has {columns} columns; {probes} probes and {count} cells have {wanted}"
     elif len(sums.groups) not in groups:
-        text = f"there are moments of {len(sums.groups)} groups of columns, not of {groups[-1]}"
+        text = f"there are moments of {len(sums.groups)} groups of columns, not {groups[-1]}"
     elif not bool(((labels >= -1) & (labels < count)).all()):
         text = f"cell_of_probe names others than the {count} cells, or -1 for none"
     elif not (bool((sums.tones > 0).all()) and min(sums.survey.segments, default=1) > 0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from itertools import pairwise
 
 import torch
@@ -38,6 +39,15 @@ class ToneCoherence:
         """Samples from ``begin`` on, (t, P), in order."""
         for each in self.each:
             each.add(begin, slab)
+
+    def so_far(self, plan: PassPlan) -> ToneCoherence:
+        """Of a record that ended here; views."""
+        found = copy.copy(self)
+        found.each = [copy.copy(each) for each in self.each]
+        for each in found.each:
+            each.count = plan.samples // each.length
+        found.counts = tuple(each.count for each in found.each)
+        return found
 
     def follow(self, other: ToneCoherence) -> None:
         """Add what comes next in the record."""

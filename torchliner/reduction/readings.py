@@ -92,7 +92,7 @@ def read_once(
 
     def work() -> First:
         surveys, sums = running_sums(velocity, wanted)
-        _first(velocity, surveys, sums, progress)
+        first_pass(velocity, surveys, sums, progress)
         return first_of(surveys, sums, wanted, cells, used)
 
     return with_smaller_slabs(velocity, work)
@@ -143,7 +143,7 @@ def read_part(
 
     def work() -> tuple[list[SurveySums], list[SpeedSums]]:
         surveys, sums = running_sums(velocity, wanted, part=True)
-        _first(velocity, surveys, sums, progress)
+        first_pass(velocity, surveys, sums, progress)
         return surveys, sums
 
     return with_smaller_slabs(velocity, work)[0]
@@ -164,10 +164,11 @@ def _speed_sums(
     ]
 
 
-def _first(
+def first_pass(
     velocity: ProbeVelocity, surveys: list[SurveySums], sums: list[SpeedSums],
     progress: Progress | None,
 ) -> None:  # fmt: skip
+    """Add the samples ``velocity.span`` to running sums of all groups, and of the first ones."""
     bounds = velocity.bounds()
     for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
         for survey, slab in zip(surveys, slabs, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -214,6 +215,7 @@ class SurveySums:
         if self.apart is None:
             self._fold(own)
         else:
+            self.total += self.current  # faults show in it
             self.apart.append(dataclasses.replace(own, sums=own.sums.clone(),
                                                   squares=own.squares.clone()))  # fmt: skip
         self.current.zero_()
@@ -244,6 +246,7 @@ class SurveySums:
         if last is not None and last.number == first.number:
             self.apart[-1] = last.joined(first)
         else:
+            self.total += self.current  # faults show in it
             self.apart.append(first)
         self.apart += others
         self.smallest = torch.minimum(self.smallest, other.smallest)
@@ -252,9 +255,39 @@ class SurveySums:
         self.bad = self.bad + other.bad
         self.coherence.follow(other.coherence)
 
+    def so_far(self, plan: PassPlan) -> SurveySums:
+        """What a record that ended here would have; this goes on."""
+        assert self.apart is not None
+        found = copy.copy(self)
+        found.plan, found.apart, found.open = plan, None, None
+        found.means = None if self.means is None else []
+        found.total, found.weighed, found.square = (
+            torch.zeros_like(each) for each in (self.total, self.weighed, self.square)
+        )
+        opened = [] if self.open is None else [
+            BlockSums(*self.open, self.current, self.current_square)]  # fmt: skip
+        for block in [*self.apart, *opened]:
+            found._fold(block)
+        found.coherence = self.coherence.so_far(plan)
+        return found
+
+    def halved(self) -> None:
+        """Blocks 2 i and 2 i + 1 become block i."""
+        assert self.apart is not None
+        if self.open is not None:
+            self._close()
+        merged: list[BlockSums] = []
+        for block in (dataclasses.replace(each, number=each.number // 2) for each in self.apart):
+            if merged and merged[-1].number == block.number:
+                merged[-1] = merged[-1].joined(block)
+            else:
+                merged.append(block)
+        self.apart = merged
+
     def whole(self) -> SurveySums:
         """Of parts that are all there: ready for its result."""
         assert self.apart is not None
+        self.total.zero_()
         for block in self.apart:
             self._fold(block)
         self.apart = None
