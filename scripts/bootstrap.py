@@ -114,7 +114,7 @@ def test() -> None:
 
 
 def test_slow() -> None:
-    """The tests that ``test`` leaves out: those that compile, and statistics of many trials."""
+    """The tests that ``test`` leaves out: statistics of many trials, long records."""
     tests_of("slow")
 
 
