@@ -264,7 +264,7 @@ def test_any_object_with_an_impedance_is_a_liner(liner):
     found = as_liner(Mine())
     assert isinstance(found, LinerModel)
     assert (found.cell_pitch, found.hole_diameter) == (5e-3, pytest.approx(1e-3))
-    assert found.speed_law(1000.0) is found.frequency_range is found.fluid is None
+    assert found.frequency_range is found.fluid is None
     assert found.describe() == {"model": "Mine"}
     assert complex(found.impedance(1000.0, 1.0)) == complex(liner.impedance(1000.0, 1.0))
     assert as_liner(liner) is liner

@@ -324,9 +324,9 @@ def default_of(case, order, height=0.5e-3):
     ("case", "order", "share"),
     [
         ("n130", "coherent first", 0.03), ("o130", "coherent first", -0.24),
-        ("t00_130", "coherent first", -0.26), ("n145", "coherent first", 0.00),
-        ("g03_145", "coherent first", 0.01), ("g01_145", "coherent first", 0.61),
-        ("t03_130", "coherent first", -0.55), ("t015_145", "coherent first", -0.27),
+        ("t00_130", "coherent first", -0.25), ("n145", "coherent first", 0.07),
+        ("g03_145", "coherent first", -0.03), ("g01_145", "coherent first", 0.60),
+        ("t03_130", "coherent first", -0.56), ("t015_145", "coherent first", -0.29),
         ("o145", "coherent first", -0.52), ("t03_130", "velocity first", -0.88),
     ],
 )  # fmt: skip
@@ -339,7 +339,8 @@ def test_shares_that_the_page_names(case, order, share):
 def test_claims_of_the_page():
     """What the text says of the rows."""
     default = [r for r in ROWS if r.rule == page.DEFAULT and r.case not in page.QUIET]
-    assert not any(r.low.imag <= r.true.imag <= r.high.imag for r in default)
+    inside = [r for r in default if r.low.imag <= r.true.imag <= r.high.imag]
+    assert [(r.case, r.order, r.height) for r in inside] == [("n145", "probes first", 5e-4)]
     for case in page.QUIET:  # without turbulence coherent first is velocity first
         one, other = (
             default_of(case, order).educed for order in ("velocity first", "coherent first")
@@ -348,7 +349,7 @@ def test_claims_of_the_page():
     coherent = [r for r in ROWS if r.rule == page.DEFAULT and r.order == "coherent first"]
     right = [abs(r.closure) for r in coherent if abs(r.miss.real) <= 0.15 * r.true.real]
     wrong = [abs(r.closure) for r in coherent if abs(r.miss.real) > 0.15 * r.true.real]
-    assert max(right) < 0.48
+    assert max(right) < 0.54
     assert min(wrong) > 0.56
 
 
@@ -370,8 +371,8 @@ def test_claims_of_the_calibration():
     found = {
         r.case: r for r in PREDICTED if r.order == "coherent first" and abs(r.height - 5e-4) < 1e-9
     }
-    for case, share in {"o145": -0.03, "t03_130": 0.01, "t015_145": 0.63, "g01_145": 0.54,
-                        "g03_145": -0.03, "n145": -0.05}.items():  # fmt: skip
+    for case, share in {"o145": -0.03, "t03_130": -0.035, "t015_145": 0.56, "g01_145": 0.53,
+                        "g03_145": -0.08, "n145": 0.02}.items():  # fmt: skip
         row = found[case]
         assert row.after.real / row.true.real - 1 == pytest.approx(share, abs=6e-3), case
         assert 0.08 < row.after.imag - row.true.imag < 0.33
@@ -380,13 +381,13 @@ def test_claims_of_the_calibration():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_the_fit_without_flow_is_current():
-    """t00_130 alone: 0.409, and t03_130 from it."""
+    """t00_130 alone: 0.411, and t03_130 from it."""
     fit = flowless.FITS[1]
     found = flowless.calibrated(fit)
-    assert float(found.values[0]) == pytest.approx(0.409, abs=1e-3)
+    assert float(found.values[0]) == pytest.approx(0.411, abs=1e-3)
     plane = flowless.planes_of("t03_130")[0]
     value = complex(tl.educe(plane, found.liner, interval=None).answer[0])
-    assert value == pytest.approx(2.385 - 0.522j, abs=3e-3)
+    assert value == pytest.approx(2.290 - 0.514j, abs=3e-3)
 
 
 def test_tables_are_put_into_the_page():

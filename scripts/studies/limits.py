@@ -2,7 +2,7 @@ r"""What a liner's model can return at all: the |v| that gives a resistance or a
 impedances that no |v(t)| gives.
 
 With w = 1/(Z + 1) the reflection is R = 1 - 2 w. The educed R is a weighted mean of R(|v(t)|) with
-weights that are not negative (phase averaged; the ends of the record aside), so the educed w lies
+weights that are not negative (phase averaged), so the educed w lies
 in the convex hull of the curve w(|v|), whatever the velocity does: rule ``averaged``. An admittance
 averaged over probes, Y = w/(1 - w), lies in the hull of the Y of that hull: ``over probes``. With a
 stated phase the educed w is :math:`\langle w(|v|)\,(1 + e^{-2j\theta})\rangle` over the phase

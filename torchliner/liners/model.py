@@ -12,7 +12,6 @@ from torch import Tensor
 
 from torchliner.checks import plain_number, require_choice
 from torchliner.fluid import Fluid
-from torchliner.liners.nonlinear import SpeedLaw
 from torchliner.units import FACTORS
 
 QUANTITIES = {next(iter(units)): quantity for quantity, units in FACTORS.items()}  # by SI unit
@@ -72,10 +71,6 @@ class LinerModel:
             speed: |v| m/s, at least 0, any shape that broadcasts with ``frequency``.
         """
         raise NotImplementedError(f"{type(self).__name__} defines no impedance(frequency, speed)")
-
-    def speed_law(self, frequency: Any) -> SpeedLaw | None:
-        """Z(|v|) at fixed frequencies (Hz) as a formula, which replays faster than a table."""
-        return None
 
     @property
     def frequency_range(self) -> tuple[float, float] | None:
@@ -138,7 +133,7 @@ class LinerModel:
         return self.describe()
 
 
-STATED = ("impedance", "speed_law", "describe", "cell_pitch", "fluid", "frequency_range",
+STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range",
           "speed_max", "surface_porosity")  # fmt: skip
 
 

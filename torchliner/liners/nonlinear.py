@@ -22,7 +22,6 @@ from torch import Tensor
 
 from torchliner.fluid import Fluid
 
-LARGEST_SPEED = 1e20  # m/s
 LARGEST_EXPONENT = 700.0  # exp of more overflows float64; the resistance is 0 long before
 
 
@@ -40,25 +39,11 @@ class SpeedLaw:
     c: Tensor
     d: Tensor
 
-    def to(self, dtype: torch.dtype, device: torch.device | str) -> SpeedLaw:
-        """The same law in another precision or place."""
-        return SpeedLaw(*(value.to(device, dtype) for value in vars(self).values()))
-
     def parts(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Resistance and reactance for |v| broadcast against the coefficients."""
         square, power = powers(speed)
         resistance = self.resistance + self.a * (square / (speed + self.b))
         return resistance, self.reactance - self.c * (power / (power + self.d))
-
-    def inverse_coefficients(self) -> Tensor:
-        """What ``inverse_parts`` needs: (..., 6).
-
-        Below some Hz b grows without bound and with it a |v|^2/(|v| + b) vanishes; from
-        ``LARGEST_SPEED`` on it is 0 to rounding, and left out so that no square overflows.
-        """
-        gone = self.b > LARGEST_SPEED
-        a, b = torch.where(gone, 0.0, self.a), torch.where(gone, 1.0, self.b)
-        return torch.stack([self.resistance + 1, a, b, self.reactance, self.c, self.d], dim=-1)
 
 
 def powers(speed: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,26 +53,6 @@ def powers(speed: Tensor) -> tuple[Tensor, Tensor]:
     """
     square = speed * speed
     return square, square * speed.clamp(min=1e-30).sqrt()
-
-
-def inverse_parts(
-    coefficients: Tensor, speed: Tensor, square: Tensor, power: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Real and imaginary part of -1/(Z + 1) = (R - 1)/2, with a single division.
-
-    With D = |v| + b and E = |v|^2.5 + d the parts of Z + 1 are N/D and M/E, N and M polynomials, so
-    1/(Z + 1) = D E (N E - j M D)/((N E)^2 + (M D)^2).
-
-    Args:
-        coefficients: of ``SpeedLaw.inverse_coefficients``, (6,).
-        speed, square, power: |v|, |v|^2, |v|^2.5, of one shape.
-    """
-    above, a, b, reactance, c, d = coefficients.unbind()
-    first, second = speed + b, power + d
-    real = (above * first + a * square) * second
-    imaginary = (reactance * second - c * power) * first
-    scale = first * second / (real * real + imaginary * imaginary)
-    return -real * scale, imaginary * scale
 
 
 def speed_law_coefficients(

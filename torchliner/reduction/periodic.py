@@ -132,11 +132,6 @@ class PeriodicPart:
             self, scale=scale, deviation=self.deviation - (1 - scale) * self.fit
         )
 
-    def of_time(self, begin: int, end: int, dtype: torch.dtype) -> Tensor:
-        """What is taken off at samples begin .. end - 1, m/s, (t, P)."""
-        rows = self.harmonics.rows(begin, end).T.to(self.deviation.device, dtype)
-        return rows @ self.deviation.to(dtype)
-
     @property
     def mean(self) -> Tensor:
         """Of what is taken off over the record, m/s, (P,)."""
