@@ -105,19 +105,28 @@ class GrowingMoments:
                 f"the first is probe {int(wrong.nonzero()[0])}; nothing of them was added: repair "
                 "them"
             )
-        waiting = torch.cat([self._waiting, new]) if len(self._waiting) else new
+        if len(self._waiting):  # as few rows as complete a block are copied
+            needed = self._border(self.units + 1) - self.done - len(self._waiting)
+            joint, new = torch.cat([self._waiting, new[:needed]]), new[needed:]
+            joint = self._add_blocks(joint)
+            if len(joint):
+                self._waiting = joint
+                return
+        self._waiting = self._add_blocks(new).clone()
+
+    def _add_blocks(self, rows: Tensor) -> Tensor:
+        """All whole ones; what is left."""
         while True:
-            room = (MOST_BLOCKS << self.level) - self.units  # until neighbours become one
-            units = int((self.done + len(waiting) + 0.5) / self.unit)
-            while self._border(units) > self.done + len(waiting):
+            most = MOST_BLOCKS << self.level  # then neighbours become one
+            units = min(most, int((self.done + len(rows) + 0.5) / self.unit))
+            while self._border(units) > self.done + len(rows):
                 units -= 1
-            units = min(units, self.units + room)
+            if units <= self.units:
+                return rows
             end = self._border(units)
-            if units == self.units:
-                break
-            self._add(waiting[: end - self.done], end, units)
-            waiting = waiting[end - self._last :]
-        self._waiting = waiting.clone()
+            count = end - self.done
+            self._add(rows[:count], end, units)
+            rows = rows[count:]
 
     def _border(self, units: int) -> int:
         return round(units * self.unit)
@@ -130,8 +139,7 @@ class GrowingMoments:
 
     def _add(self, rows: Tensor, end: int, units: int) -> None:
         """Samples up to the border of a block."""
-        self._last, first = self.done, self.done
-        self.done, self.units = end, units
+        first, self.done, self.units = self.done, end, units
         plan = self._plan(self._about.sampling_rate)
         for sums in self._sums:
             sums.plan = plan
