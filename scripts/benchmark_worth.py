@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -32,7 +33,7 @@ def error_bars(plane: tl.VelocityPlane, liner: tl.SDoFLiner) -> None:
     """``educe`` with and without intervals."""
     print("error bars: ns per velocity sample, and per probe")
     for name, level in (("educe without intervals", None), ("educe, 95 % intervals", 0.95)):
-        seconds, _ = timed(lambda level=level: tl.educe(plane, liner, interval=level))
+        seconds, _ = timed(functools.partial(tl.educe, plane, liner, interval=level))
         each = 1e9 * seconds / plane.probes / plane.samples
         print(f"  {name:44s} {each:8.1f} ns  {1e6 * seconds / plane.probes:8.1f} us", flush=True)
 
