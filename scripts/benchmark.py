@@ -291,7 +291,7 @@ def main() -> None:
             if part in parts:
                 of_plane(bench)
         if "worth" in parts:
-            benchmark_worth.worth(bench.plane, bench.liner)
+            benchmark_worth.worth(bench.plane, bench.liner, bench.clock)
         coherent.cache_clear()
         del bench
     sizes = [0.25, 1.0, 4.0, 16.0] if options.full else [0.25, 1.0, 4.0]
