@@ -151,8 +151,8 @@ def python_record(kind: str, path: Path):
 
 NAMES = [
     ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu",
-    ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner", ".toml duct modes",
-    ".npy convert", ".mat convert", ".h5 convert", ".wav incident", ".h5 read_map",
+    ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
+    ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident", ".h5 read_map",
     ".h5 read_line", ".h5 read_points",
 ]  # fmt: skip
 HEAVY = {".h5 truth": 0.2}  # of the usual share
