@@ -175,7 +175,7 @@ BEFORE = [
 def test_tested_before_the_work(capsys, folder, monkeypatch, words, message):
     """No plane is read first."""
     (folder / "loop.toml").symlink_to("loop.toml")
-    monkeypatch.setattr("torchliner.cli.educe.read_planes", None)
+    monkeypatch.setattr("torchliner.cli.educe.read_records", None)
     code, out, err = run(capsys, "educe", "plane.h5", *words)
     assert (code, message in err, out) == (BAD_INPUT, True, ""), err
 
@@ -231,7 +231,7 @@ def test_a_full_disk_names_the_output(folder):
                                    UnboundLocalError("x"), RecursionError("deep")])  # fmt: skip
 def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
     """The file, the fault, and the wish for a report; --debug shows where."""
-    monkeypatch.setattr(info, "read_planes", lambda _: (_ for _ in ()).throw(fault))
+    monkeypatch.setattr(info, "read_records", lambda _: (_ for _ in ()).throw(fault))
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, len(err.splitlines())) == (BAD_INPUT, "", 1)
     assert err.startswith(f"torchliner info: plane.h5: {type(fault).__name__}: ")
@@ -246,9 +246,9 @@ def test_texts_of_libraries_get_the_file(capsys, folder, monkeypatch):
     def of_a_library(_):
         np.frombuffer(b"abc", dtype=np.float64)
 
-    monkeypatch.setattr(info, "read_planes", of_a_library)
+    monkeypatch.setattr(info, "read_records", of_a_library)
     assert "torchliner info: plane.h5: buffer size" in run(capsys, "info", "plane.h5")[2]
-    monkeypatch.setattr(info, "read_planes", lambda _: np.empty(1 << 50))
+    monkeypatch.setattr(info, "read_records", lambda _: np.empty(1 << 50))
     assert "plane.h5: not enough memory: " in run(capsys, "info", "plane.h5")[2]
 
 
@@ -296,7 +296,7 @@ def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
 
     for i in range(3):
         (folder / f"p{i}.h5").write_bytes(b"")
-    monkeypatch.setattr("torchliner.cli.educe.read_planes", doubtful)
+    monkeypatch.setattr("torchliner.cli.educe.read_records", doubtful)
     err = run(capsys, "educe", "p0.h5", "p1.h5", "p2.h5")[2].splitlines()
     assert err[0] == "warning: p0.h5:/v: rests on 0.5 blocks, few"
     assert err[1].endswith("'rests on # blocks, few ...' holds of 2 more: p1.h5, p2.h5")
@@ -312,7 +312,7 @@ def test_warnings_come_once_and_are_ours(capsys, folder, monkeypatch):
         warnings.warn("will be removed", DeprecationWarning, stacklevel=2)
         raise ValueError("done")
 
-    monkeypatch.setattr(info, "read_planes", doubtful)
+    monkeypatch.setattr(info, "read_records", doubtful)
     err = run(capsys, "info", "plane.h5")[2]
     assert err == "warning: a doubt; pass --quiet\ntorchliner info: plane.h5: done\n"
     assert "will be removed" in run(capsys, "info", "plane.h5", "--debug")[2]

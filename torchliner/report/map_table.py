@@ -73,10 +73,15 @@ def _nearest(results: Sequence[ImpedanceMap]) -> list[str]:
 
 def _choices(result: ImpedanceMap) -> str:
     choices = result.choices
-    names = ("engine", "phase", "edge", "drive", "kernel")
+    of_kernel = ("edge", "kernel") if "kernel_error" in choices else ()
+    names = ("engine", "phase", "drive", "window", *of_kernel)
     text = "Z is p/(rho c v), exp(+jwt); " + ", ".join(f"{key} {choices[key]}" for key in names)
-    error = choices.get("kernel_error")
-    return text if error is None else f"{text}; kernel error in R {error:.1e}"
+    if "kernel_error" in choices:
+        text += f"; kernel error in R {choices['kernel_error']:.1e}"
+    if "model_error" in choices:
+        text += f"; R(|v|) known to {choices['model_error']:.1e}"
+    count = choices.get("readings")
+    return text if count is None else f"{text}; data read {('once', 'twice')[count - 1]}"
 
 
 def plain_map(result: ImpedanceMap) -> dict[str, Any]:

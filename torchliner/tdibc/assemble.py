@@ -45,6 +45,10 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     if prepared.reader is not None and chosen.engine == "spectral":
         facts["basis"] = prepared.reader.basis.describe()
         facts["model_error"] = prepared.model_error
+        if prepared.drive is not None:  # the second: what is averaged or taken off beforehand
+            plain = chosen.drive == "instantaneous" and chosen.mean == "kept"
+            once = chosen.drive == "rms" or (plain and prepared.periodic is None)
+            facts["readings"] = 1 if once else 2
     return facts
 
 
