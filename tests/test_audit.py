@@ -333,3 +333,21 @@ def test_command_does_not_overwrite(tmp_path, capsys):
     same = str(tmp_path / "a.png")
     assert main(["audit", str(SLIT), "-o", same, "--figure", same]) == 2
     assert "ends in '.png'; it must be one of .csv" in capsys.readouterr().err
+
+
+def test_moments_are_audited_as_far_as_they_go(planes, onera):
+    """The rows that moments hold are those of the plane; the rest is left out with the reason."""
+    plane, liner = planes[0], onera
+    chosen = {"phase": "given", "interval": 0.95}
+    known = tl.moments(plane, liner, **chosen)
+    whole, found = tl.audit(plane, liner), tl.audit(known, liner)
+    rows = {(row.factor, row.variant): row.impedance for row in whole.rows}
+    assert found.readings == 0
+    assert {row.factor for row in found.rows} >= {"phase rule", "kernel", "half the record"}
+    for row in found.rows:
+        limit = 1e-5 if row.factor == "kernel" else 1e-7  # K is chosen for the liner's own R
+        assert abs(row.impedance - rows[row.factor, row.variant]) < limit
+    assert "time samples are gone" in found.skipped["drive, mean velocity"]
+    assert "hold no sums of waves" in found.skipped["window"]
+    assert "alternating sign" in found.skipped["sampling rate"]
+    assert "phase rules" in tl.audit(tl.moments(plane, liner), liner).skipped["phase rule"]

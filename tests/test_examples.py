@@ -55,7 +55,8 @@ def microphones() -> dict[str, object]:
 
 
 PAGES = {"calibration": slits, "duct": dict, "in_situ": dict, "ldv": stations,
-         "ldv_grid": arrivals, "ldv_line": stations, "wall_pressure": microphones}  # fmt: skip
+         "ldv_grid": arrivals, "ldv_line": stations, "moments": dict,
+         "wall_pressure": microphones}  # fmt: skip
 
 SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction
 

@@ -150,10 +150,10 @@ def python_record(kind: str, path: Path):
 
 
 NAMES = [
-    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu", ".csv ldv info",
-    ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner", ".toml duct modes",
-    ".npy convert", ".mat convert", ".h5 convert", ".wav incident", ".h5 read_map",
-    ".h5 read_line", ".h5 read_points",
+    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu",
+    ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
+    ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident",
+    ".h5 read_map", ".h5 read_line", ".h5 read_points",
 ]  # fmt: skip
 HEAVY = {".h5 truth": 0.2}  # of the usual share
 SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))

@@ -115,6 +115,10 @@ def test_neighbours_add_in_steps(liner):
     for one, other in zip(wanted.sums.groups, stepwise.sums.groups, strict=True):
         assert torch.equal(one.totals, other.totals)
     assert same_bits(a.sums, parts_of(velocity(), (512, 1024), order="probes first")[0].sums)
+    # A part within one segment of the coherence, of two periods, joined to the next one first.
+    a, b, c = parts_of(velocity(), (1030, 1040), order="probes first")
+    seen = tl.Moments.sum([a, b + c]).sums.survey.coherence
+    assert torch.allclose(seen, wanted.sums.survey.coherence, rtol=1e-12)
     with pytest.raises(TypeError, match="unsupported operand"):
         _ = a + 1
 

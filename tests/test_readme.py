@@ -20,7 +20,7 @@ PAGES = [
     ROOT / "README.md",
     *(
         ROOT / "docs" / f"{n}.md"
-        for n in ("formats", "calibration", "ldv", "ldv_line", "duct", "wall_pressure")
+        for n in ("formats", "calibration", "ldv", "ldv_line", "duct", "wall_pressure", "moments")
     ),
 ]
 

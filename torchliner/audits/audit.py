@@ -31,6 +31,8 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.reduction.basis import choose_basis
+from torchliner.reduction.moments import Moments
+from torchliner.reduction.plan import index_of
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.closure import closure_ratio
@@ -47,7 +49,7 @@ AUDITED = ("phase", "engine", "incident", "segment", "response")
 
 
 def audit(
-    planes: VelocityPlane | Sequence[VelocityPlane],
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liner: Liner,
     frequency: float | None = None,
     *,
@@ -59,7 +61,7 @@ def audit(
 
     Args:
         planes: the plane, or several of one case, of which the first is audited and the others
-            are its other heights.
+            are its other heights. What ``Moments`` do not hold is left out, with the reason.
         liner: as for ``educe``.
         frequency: Hz, one; default the plane's own tone.
         order: of averaging, one of ``names.ORDERS``.
@@ -69,18 +71,19 @@ def audit(
     Raises:
         ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
     """
-    several = [planes] if isinstance(planes, VelocityPlane) else list(planes)
+    several = [planes] if isinstance(planes, (VelocityPlane, Moments)) else list(planes)
     for plane in several:
-        if not isinstance(plane, VelocityPlane):
+        if not isinstance(plane, (VelocityPlane, Moments)):
             raise TypeError(f"planes holds {type(plane).__name__}; VelocityPlane is needed")
     if len(several) > 1:
-        planes_by_height(several)
+        planes_by_height([_plane_of(each) for each in several])
     chosen = _base_choices(choices, order)
     work = _Work(several, liner, frequency, chosen, order, progress)
     work.moments()
-    work.phases()
-    work.drives()
-    for factor, vary in (("averaging length", work.lengths), ("height", work.heights)):
+    for factor, vary in (
+        ("phase rule", work.phases), ("drive, mean velocity", work.drives),
+        ("averaging length", work.lengths), ("height", work.heights),
+    ):  # fmt: skip
         try:
             vary()
         except CannotApply as reason:
@@ -106,7 +109,7 @@ class _Work:
 
     def __init__(
         self,
-        planes: Sequence[VelocityPlane],
+        planes: Sequence[VelocityPlane | Moments],
         liner: Liner,
         frequency: float | None,
         chosen: Choices,
@@ -122,10 +125,12 @@ class _Work:
         self.basis = choose_basis(
             [self.model, *(liner for _, _, liner in self.liners)],
             frequencies_read(asked.record, asked.frequency, chosen),
-            chosen.model_tolerance(planes[0].velocity.dtype),
+            chosen.model_tolerance(_plane_of(planes[0]).velocity.dtype),
         )
+        twice, known = 2 * float(asked.frequency[0]), asked.known
+        has_phases = known is None or index_of(known.sums.plan.lines, twice) is not None
         (self.ready,) = prepare(
-            planes[:1], self.model, asked.frequency, chosen, progress, every_rule=True,
+            planes[:1], self.model, asked.frequency, chosen, progress, every_rule=has_phases,
             basis=self.basis, further_lines=tuple(further_lines(asked.record, chosen)),
         )  # fmt: skip
         self.rows: list[AuditRow] = []
@@ -173,6 +178,8 @@ class _Work:
 
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
+        if self.replayed.sums.backward is None:
+            raise CannotApply("the moments were reduced without the rows of phase rules")
         quiet = Replayed(
             dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
         )
@@ -204,6 +211,7 @@ class _Work:
 
     def drives(self) -> None:
         """Another |v|: a reading each, none for the rms of the whole record."""
+        self._require_samples()
         chosen, ready = self.ready.chosen, self.ready
         others = [(drive, chosen.mean) for drive in DRIVES if drive != chosen.drive]
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
@@ -215,6 +223,7 @@ class _Work:
 
     def lengths(self) -> None:
         """Velocity averaged over shares of a cell before it is replayed: one reading in all."""
+        self._require_samples()
         ready, plane = self.ready, self.ready.plane
         pitch = ready.liner.cell_pitch
         if pitch is None:
@@ -242,14 +251,19 @@ class _Work:
                 complex(found.liner_impedance[0]),
             )  # fmt: skip
 
+    def _require_samples(self) -> None:
+        if self.ready.drive is None:
+            raise CannotApply("the time samples are gone: the plane was reduced to moments")
+
     def heights(self) -> None:
         """The other planes."""
         if not self.others:
             raise CannotApply("one plane is given; name the other heights too")
         rules = dataclasses.replace(self.ready.chosen, interval=None)
-        for plane in self.others:
+        for other in self.others:
+            plane = _plane_of(other)
             (ready,) = prepare(
-                [plane], self.model, self.ready.frequency, rules, self.progress, basis=self.basis
+                [other], self.model, self.ready.frequency, rules, self.progress, basis=self.basis
             )
             name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
             self._add("height", name, self._averaged(ready), ready)
@@ -275,6 +289,11 @@ class _Work:
 
 def readings_of(ready: Prepared) -> int:
     """How often a plane was read through; once more to find out which probes hold nan."""
-    assert ready.drive is not None
+    if ready.drive is None:
+        return 0
     velocity = ready.drive.velocity
     return round(velocity.samples_read / velocity.samples) + (not bool(ready.used.all()))
+
+
+def _plane_of(record: VelocityPlane | Moments) -> VelocityPlane:
+    return record.plane if isinstance(record, Moments) else record

@@ -194,6 +194,9 @@ class Variants:
                 f"{rate:g} Hz would leave {rate / self.frequency:.3g} samples per period, fewer "
                 f"than {FEWEST_SAMPLES_PER_PERIOD:g}"
             )
+        needed = [rate - abs(line) for line, _ in self.reader.window]
+        if any(index_of(self.reader.plan.lines, line) is None for line in needed):
+            raise CannotApply("the moments were reduced without rows of alternating sign")
         window = record.window
         kept = torch.zeros_like(window.weights)
         kept[::2] = window.weights[::2]

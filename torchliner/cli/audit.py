@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import liner_names, read_planes, show_results
+from torchliner.cli.files import liner_names, planes_of, read_records, show_results
 from torchliner.cli.options import order_option, progress_bar, shared
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
@@ -30,13 +30,14 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
 
-    planes = read_planes(options.planes)
+    records = read_records(options.planes)
+    planes = planes_of(records)
     liner = load_liner(liner_names(options.liner, planes[:1], options.planes[:1])[0])
     reading = sum(plane.samples for plane in planes)
     total = 2 * reading + 2 * planes[0].samples
     with progress_bar(total, options.planes[0].name, options, reading=reading) as step:
         found = audit(
-            planes, liner, options.frequency, order=options.order, progress=step,
+            records, liner, options.frequency, order=options.order, progress=step,
             **chosen_from(options, CHOICES),
         )  # fmt: skip
     show_results(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
+from torchliner.reduction.block_sums import BlockSums, by_block
 from torchliner.reduction.coherence import ToneCoherence
 from torchliner.reduction.periodic import PeriodicSums
 from torchliner.reduction.plan import PassPlan
@@ -112,30 +113,6 @@ class Survey:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class BlockSums:
-    """Sums of v over the samples ``low`` to ``high`` - 1 of one block.
-
-    Args:
-        number: of the block.
-        low, high: samples.
-        sums: of v times the rows of a pass, (R, P).
-        squares: of v, (P,).
-    """
-
-    number: int
-    low: int
-    high: int
-    sums: Tensor
-    squares: Tensor
-
-    def joined(self, later: BlockSums) -> BlockSums:
-        """With what comes next of the same block."""
-        return BlockSums(
-            self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares
-        )
-
-
 class SurveySums:
     """Running sums of one group of columns.
 
@@ -186,7 +163,7 @@ class SurveySums:
         """Samples from ``begin`` on, (t, P), in order."""
         end = begin + len(slab)
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
-        for number, pieces in _by_block(self.plan.pieces(begin, end, weighed=False)):
+        for number, pieces in by_block(self.plan.pieces(begin, end, weighed=False)):
             low, high = begin + pieces[0][0], begin + pieces[-1][1]
             if self.open is not None and self.open[0] != number:
                 self._close()
@@ -320,20 +297,6 @@ class SurveySums:
         linear, square = (torch.stack(each) for each in zip(*self.means, strict=True))
         line = torch.complex(*linear[:, 1:].chunk(2, dim=1))
         return VelocityBlocks(linear[:, 0], square, line.movedim(1, 2))
-
-
-def _by_block(
-    pieces: Sequence[tuple[int, int, int]],
-) -> Iterator[tuple[int, list[tuple[int, int, int]]]]:
-    """Runs of pieces of one block."""
-    run: list[tuple[int, int, int]] = []
-    for piece in pieces:
-        if run and piece[2] != run[0][2]:
-            yield run[0][2], run
-            run = []
-        run.append(piece)
-    if run:
-        yield run[0][2], run
 
 
 def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
