@@ -21,7 +21,7 @@ from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import ORDERS
 from torchliner.reduction.basis import ANY_LINER, Chebyshev, Levels
 from torchliner.report.calibration_report import parameter_table
-from torchliner.tdibc import prepare as reading
+from torchliner.tdibc import reading
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 

@@ -186,7 +186,7 @@ def test_few_columns_in_long_slabs_are_as_in_short_ones(liner, engine, gap, monk
 def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monkeypatch, error):
     """Slabs half as long, and a note that says so; other errors are not caught."""
     monkeypatch.setattr("torchliner.reduction.probe_velocity.NARROW", 1)  # slabs as of a wide plane
-    real, rows = readings._first, []
+    real, rows = readings.first_pass, []
 
     def narrow(velocity, *others):
         first, last = velocity.bounds()[0]
@@ -196,7 +196,7 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monk
         return real(velocity, *others)
 
     wanted = in_memory["spectral"]
-    monkeypatch.setattr(readings, "_first", narrow)
+    monkeypatch.setattr(readings, "first_pass", narrow)
     with pytest.warns(tl.DataWarning, match="memory with slabs of 256 samples; slabs of 64"):
         found = tl.educe(plane, liner)
     assert rows == [256, 128, 64]
@@ -206,14 +206,14 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monk
     def hopeless(*_):
         raise error("DefaultCPUAllocator: can't allocate memory")
 
-    monkeypatch.setattr(readings, "_first", hopeless)
+    monkeypatch.setattr(readings, "first_pass", hopeless)
     with pytest.raises(RuntimeError, match="out of memory even with slabs of one sample of 16"):
         tl.educe(plane, liner)
 
     def broken(*_):
         raise RuntimeError("something else")
 
-    monkeypatch.setattr(readings, "_first", broken)
+    monkeypatch.setattr(readings, "first_pass", broken)
     with pytest.raises(RuntimeError, match="something else"):
         tl.educe(plane, liner)
 
