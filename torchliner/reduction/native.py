@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from torchliner.reduction.eager import Pieces, Taken, weight_sums
+from torchliner.reduction.threads import threads
 
 SOURCE = Path(__file__).with_name("sums.cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
@@ -128,7 +129,7 @@ def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
         ctypes.c_void_p(_address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
         ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
     )  # fmt: skip
-    share = max(1, -(-len(slab) // torch.get_num_threads()))
+    share = max(1, -(-len(slab) // threads()))
     _in_threads("cells", slab, share, len(slab), (ctypes.byref(slab_of), *given))
     del kept
     return found
@@ -229,7 +230,7 @@ if hasattr(os, "register_at_fork"):  # the child has none of its parent's thread
 def _over_columns(name: str, slab: Tensor, *structures: ctypes.Structure) -> None:
     """Call a function of the library over ranges of columns, one a thread of torch."""
     columns = slab.shape[1]
-    share = -(-columns // (TILE * torch.get_num_threads())) * TILE
+    share = -(-columns // (TILE * threads())) * TILE
     _in_threads(name, slab, share, columns, [ctypes.byref(each) for each in structures])
 
 

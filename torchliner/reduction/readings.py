@@ -18,6 +18,7 @@ from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.reduction.sources import Columns
 from torchliner.reduction.speed_sums import GroupMoments, SpeedSums, constant_moments
+from torchliner.reduction.sums import sums_alone
 from torchliner.reduction.survey import Survey, SurveySums
 
 Progress = Callable[[int], None]
@@ -170,13 +171,14 @@ def first_pass(
 ) -> None:  # fmt: skip
     """Add the samples ``velocity.span`` to running sums of all groups, and of the first ones."""
     bounds = velocity.bounds()
-    for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
-        for survey, slab in zip(surveys, slabs, strict=True):
-            survey.add(begin, slab)
-        for each, slab in zip(sums, slabs, strict=bool(sums)):
-            each.add(begin, Columns(slab))
-        if progress is not None:
-            progress(end - begin)
+    with sums_alone(velocity.device):
+        for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
+            for survey, slab in zip(surveys, slabs, strict=True):
+                survey.add(begin, slab)
+            for each, slab in zip(sums, slabs, strict=bool(sums)):
+                each.add(begin, Columns(slab))
+            if progress is not None:
+                progress(end - begin)
 
 
 def read_again(
@@ -269,8 +271,9 @@ def _second(
     drive: DriveSpeed, groups: range, sums: list[SpeedSums], progress: Progress | None
 ) -> None:
     bounds = drive.bounds()
-    for (begin, end), slabs in zip(bounds, drive.slabs(bounds, groups), strict=True):
-        for each, columns in zip(sums, slabs, strict=True):
-            each.add(begin, columns)
-        if progress is not None:
-            progress(end - begin)
+    with sums_alone(drive.device):
+        for (begin, end), slabs in zip(bounds, drive.slabs(bounds, groups), strict=True):
+            for each, columns in zip(sums, slabs, strict=True):
+                each.add(begin, columns)
+            if progress is not None:
+                progress(end - begin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from types import ModuleType
 from typing import Any
 
@@ -10,12 +11,19 @@ from torch import Tensor
 
 from torchliner.reduction import eager, native
 from torchliner.reduction.plan import Piece
+from torchliner.reduction.threads import one_thread
 
 NARROW = 64  # columns: fewer are folded, so that time fills the vectors
 
 
 def _kernel(slab: Tensor) -> ModuleType:
     return native if slab.device.type == "cpu" and native.available() else eager
+
+
+def sums_alone(device: torch.device) -> contextlib.AbstractContextManager[None]:
+    """Let the compiled sums, where there are any, have the processors to themselves."""
+    own = device.type == "cpu" and native.available()
+    return one_thread() if own else contextlib.nullcontext()
 
 
 def add_lines(
