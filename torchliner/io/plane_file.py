@@ -7,6 +7,7 @@ as they are. Numbers beside the velocity are scalar variables with CF units.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -157,6 +158,7 @@ class H5Velocity:
     _file: Any = field(default=None, repr=False)
     _bytes: int = field(default=0, repr=False)
     _packing: Packing = field(default_factory=Packing, repr=False)
+    _begin: int | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         dataset, label = self._dataset(), f"{self.path}:/{self.key}"
@@ -175,6 +177,34 @@ class H5Velocity:
         tile = None if dataset.chunks is None else int(dataset.chunks[self.time_axis])
         self.tile_rows = tile or (1 if self.time_axis == 0 else self.shape[-1])
         self._bytes = self.path.stat().st_size
+        self._begin = self._plain_place(dataset)
+
+    def _plain_place(self, dataset: h5py.Dataset) -> int | None:
+        """Byte of the file where the values lie as they are read, one sample after another; None
+        where they do not, and HDF5 is asked for every slab."""
+        kind = np.dtype("f4" if self.dtype == torch.float32 else "f8")
+        if self.time_axis != 0 or dataset.dtype != kind or not hasattr(os, "preadv"):
+            return None
+        kept = dataset.id.get_create_plist()
+        if kept.get_layout() != h5py.h5d.CONTIGUOUS or kept.get_external_count():
+            return None
+        place = dataset.id.get_offset()
+        return None if place is None else int(place)
+
+    def _read_plain(self, begin: int, out: Tensor) -> None:
+        """As HDF5 would, without its copy and its lock: half the time."""
+        assert self._begin is not None
+        whole: Any = out.numpy()
+        values = memoryview(whole).cast("B")
+        place = self._begin + begin * out[0].nbytes
+        with self.path.open("rb", buffering=0) as file:
+            while len(values):
+                count = os.preadv(file.fileno(), [values], place)
+                if not count and self.path.stat().st_size < self._bytes:
+                    return  # which ``read`` says
+                if not count:
+                    raise OSError("the file ends before")
+                values, place = values[count:], place + count
 
     def _dataset(self) -> h5py.Dataset:
         if self._file is None or not self._file.id.valid:
@@ -202,7 +232,9 @@ class H5Velocity:
             out = torch.empty(rows, probes, dtype=self.dtype)
         out = out[:rows]
         try:
-            if self.time_axis == 0:
+            if self._begin is not None:
+                self._read_plain(begin, out)
+            elif self.time_axis == 0:
                 into = out.numpy().reshape(rows, *self.shape[:-1])
                 dataset.read_direct(into, source_sel=np.s_[begin:end])
             else:
