@@ -35,11 +35,6 @@ class GroupMoments:
         blocks = None if self.of_blocks is None else self.of_blocks[..., columns]
         return GroupMoments(self.totals[..., columns], blocks)
 
-    @property
-    def dtype(self) -> torch.dtype:
-        """Precision of the work."""
-        return self.totals.dtype if self.of_blocks is None else self.of_blocks.dtype
-
 
 class SpeedSums:
     """Running sums of one group.

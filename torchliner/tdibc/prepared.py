@@ -143,13 +143,6 @@ class Prepared:
         return self.survey.mean.device
 
     @property
-    def single(self) -> bool:
-        """Whether the work is done in float32."""
-        if self.drive is not None:
-            return self.drive.dtype == torch.float32
-        return bool(self.sums.groups) and self.sums.groups[0].dtype == torch.float32
-
-    @property
     def driving(self) -> DriveSpeed:
         """|v| for the engines that form the reflected signal."""
         assert self.drive is not None  # ``reduced`` refuses these engines for moments
