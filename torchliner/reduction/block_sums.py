@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -30,17 +29,3 @@ class BlockSums:
         return BlockSums(
             self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares
         )
-
-
-def by_block(
-    pieces: Sequence[tuple[int, int, int]],
-) -> Iterator[tuple[int, list[tuple[int, int, int]]]]:
-    """Runs of pieces of one block."""
-    run: list[tuple[int, int, int]] = []
-    for piece in pieces:
-        if run and piece[2] != run[0][2]:
-            yield run[0][2], run
-            run = []
-        run.append(piece)
-    if run:
-        yield run[0][2], run

@@ -152,7 +152,7 @@ def _velocity_facts(
     facts["v0 smallest, largest (m/s)"] = _range(seen.mean[good])
     facts["v' rms (m/s)"] = float((seen.rms[good] ** 2).mean().sqrt())
     facts["v' rms smallest, largest (m/s)"] = _range(seen.rms[good])
-    largest = torch.maximum(seen.largest.abs(), seen.smallest.abs())[good].max()
+    largest = seen.peak[good].max()
     facts["largest |v| (m/s)"] = float(largest)
     if plane.streamwise is not None:
         stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)

@@ -17,6 +17,7 @@ from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.reduction.basis import Basis, interpolation_error, response_of
+from torchliner.reduction.drive import readings_needed
 from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
@@ -128,7 +129,7 @@ class Moments:
         """
         model, seen = as_liner(liner), self.sums.survey
         asked = ASKED if frequency is None else frequency_tensor(frequency)
-        peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs()).max())
+        peak = float(seen.peak.max())
         top = min(peak, model.speed_max or peak)
         assert self.sums.basis is not None
         return interpolation_error(self.sums.basis, response_of(model), asked, top)[0]
@@ -136,10 +137,8 @@ class Moments:
     @property
     def readings(self) -> int:
         """Of the data, that the moments took: a second one where a statistic comes first."""
-        settings = self.settings
-        steady = settings["drive"] == "rms"
-        again = settings["drive"] == "running-rms" or settings["mean"] == "removed"
-        return 2 if self.sums.periodic is not None or (again and not steady) else 1
+        drive, mean = self.settings["drive"], self.settings["mean"]
+        return readings_needed(drive, mean, coherent=self.sums.periodic is not None)
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""

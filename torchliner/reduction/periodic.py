@@ -209,9 +209,9 @@ def periodic_part(
     device = probes.total.device
     inside = ((cells.labels >= 0) & used).to(device)
     labels = torch.where(inside, cells.labels.to(device), 0)
-    fit = solved(probes.gram, probes.total)
-    away = torch.where(inside, fit - solved(probes.gram, of_cells.total)[:, labels], 0)
-    share = _shares(probes, of_cells, labels, inside, cells.count)
+    fit, mean = (solved(probes.gram, each.total) for each in (probes, of_cells))
+    away = torch.where(inside, fit - mean[:, labels], 0)
+    share = _shares(probes, of_cells, (fit, mean), labels, inside)
     owner = probes.harmonics.owner.to(device)
     return PeriodicPart(
         probes.harmonics, fit, share[owner][:, labels] * away, share,
@@ -221,14 +221,16 @@ def periodic_part(
 
 
 def _shares(
-    probes: PeriodicSums, of_cells: PeriodicSums, labels: Tensor, inside: Tensor, count: int
-) -> Tensor:
+    probes: PeriodicSums, of_cells: PeriodicSums, fits: tuple[Tensor, Tensor], labels: Tensor,
+    inside: Tensor,
+) -> Tensor:  # fmt: skip
     """g, (1 + H, C); 1 where there are too few blocks to know better.
 
     Over the probes of a cell the squares of what deviates from its mean are those of the probes
     less those of the mean, so that no block has to be looked at twice.
     """
-    owner = probes.harmonics.owner.to(labels.device)
+    fit, mean = fits
+    owner, count = probes.harmonics.owner.to(labels.device), mean.shape[1]
     lines, blocks = int(owner.max()) + 1, probes.blocks
     if blocks < FEWEST_BLOCKS:
         return probes.total.new_ones(lines, count)
@@ -243,7 +245,6 @@ def _shares(
 
     square = over_cells(probes.squares, of_cells.squares) / blocks
     mean_square = over_cells((probes.fitted / blocks) ** 2, (of_cells.fitted / blocks) ** 2)
-    fit, mean = (solved(probes.gram, each.total) for each in (probes, of_cells))
     noise = (square - mean_square).clamp(min=0) / (blocks - 1)
     power = over_cells(fit**2, mean**2)
     return (1 - noise / power.clamp(min=1e-300)).clamp(min=0)

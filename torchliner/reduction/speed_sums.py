@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from torchliner.reduction.basis import STENCIL, Basis, Chebyshev, Levels
+from torchliner.reduction.eager import rounded
 from torchliner.reduction.plan import PassPlan, Piece, wave_rows
 from torchliner.reduction.sources import Columns, Taken
 from torchliner.reduction.sums import NARROW, add_moments, by_length
 
 LEVEL_ELEMENTS = 1 << 16  # velocities whose levels are looked up at once
-QUANTUM = 2.0**-32  # of which all sums of pieces are multiples, see ``native``
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class SpeedSums:
                 for values in (whole, parts[0])
             )
             # Each piece by itself, or the last bits would tell how many a slab holds.
-            self.totals += torch.round(whole / QUANTUM).sum(2) * QUANTUM
+            self.totals += rounded(whole).sum(2)
             if self.of_blocks is not None:
                 blocks = torch.tensor([block for _, _, block in same], device=speed.device)
                 self.of_blocks.index_add_(0, blocks, own.movedim(2, 0))
@@ -160,7 +160,7 @@ def add_levels(
                 for step, share in enumerate(shares):
                     value = share if weight is None else share * weight[:, None]
                     sums.scatter_add_(0, index + step, value)
-                totals[row, :, part] += torch.round(sums.to(torch.float64) / QUANTUM) * QUANTUM
+                totals[row, :, part] += rounded(sums.to(torch.float64))
                 if of_blocks is not None:
                     of_blocks[block, row, :, part] += sums
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,7 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
-from torchliner.reduction.block_sums import BlockSums, by_block
+from torchliner.reduction.block_sums import BlockSums
 from torchliner.reduction.coherence import ToneCoherence
 from torchliner.reduction.periodic import PeriodicSums
 from torchliner.reduction.plan import PassPlan
@@ -74,6 +75,11 @@ class Survey:
     def rms(self) -> Tensor:
         """rms of v with its mean removed, eq. (3.6), (P,)."""
         return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+    @property
+    def peak(self) -> Tensor:
+        """Largest |v|, m/s, (P,)."""
+        return torch.maximum(self.largest.abs(), self.smallest.abs())
 
     @classmethod
     def join(cls, parts: Sequence[Survey]) -> Survey:
@@ -163,7 +169,9 @@ class SurveySums:
         """Samples from ``begin`` on, (t, P), in order."""
         end = begin + len(slab)
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
-        for number, pieces in by_block(self.plan.pieces(begin, end, weighed=False)):
+        every = self.plan.pieces(begin, end, weighed=False)
+        for number, run in itertools.groupby(every, key=lambda piece: piece[2]):
+            pieces = list(run)
             low, high = begin + pieces[0][0], begin + pieces[-1][1]
             if self.open is not None and self.open[0] != number:
                 self._close()
@@ -308,6 +316,3 @@ def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
         total += slab.sum(0)
         square += (slab**2).sum(0)
     return total / plane.samples, square / plane.samples
-
-
-Progress = Callable[[int], None]

@@ -12,6 +12,7 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.liners.response import impedance_of
 from torchliner.records import ImpedanceMap, Uncertainty
+from torchliner.reduction.drive import readings_needed
 from torchliner.tdibc.prepared import Prepared
 from torchliner.version import __version__
 
@@ -45,10 +46,9 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
     if prepared.reader is not None and chosen.engine == "spectral":
         facts["basis"] = prepared.reader.basis.describe()
         facts["model_error"] = prepared.model_error
-        if prepared.drive is not None:  # the second: what is averaged or taken off beforehand
-            plain = chosen.drive == "instantaneous" and chosen.mean == "kept"
-            once = chosen.drive == "rms" or (plain and prepared.periodic is None)
-            facts["readings"] = 1 if once else 2
+        if prepared.drive is not None:
+            coherent = prepared.periodic is not None
+            facts["readings"] = readings_needed(chosen.drive, chosen.mean, coherent=coherent)
     return facts
 
 

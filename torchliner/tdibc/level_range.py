@@ -51,7 +51,7 @@ def velocity_grid(
     them the last digits of a probe, rarely depend on which other probes are in the data."""
     top, fastest, plane, measured = -1.0, 0, planes[0], -1.0
     for one, seen in zip(planes, surveys, strict=True):
-        peak = torch.maximum(seen.largest.abs(), seen.smallest.abs())
+        peak = seen.peak
         if chosen.mean == "removed":
             peak = peak + seen.mean.abs()
         if float(peak.max()) > top:  # of averages and of v* too

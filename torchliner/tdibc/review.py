@@ -158,7 +158,7 @@ def review_survey(plane: VelocityPlane, seen: Survey, used: Tensor) -> list[str]
             f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are constant, the first "
             f"at index {int(flat.nonzero()[0])}; dead sensors look like this"
         )
-    peak = float(torch.maximum(seen.largest.abs(), seen.smallest.abs())[: plane.probes].max())
+    peak = float(seen.peak[: plane.probes].max())
     sound = float(plane.fluid.sound_speed)
     if peak > sound or not bool(torch.isfinite(seen.mean_square).all()):
         raise ValueError(
