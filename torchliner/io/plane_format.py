@@ -1,0 +1,114 @@
+"""What a format of velocity planes offers, and velocity that such a format leaves in its files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.file_checks import require_memory
+from torchliner.records.slabs import slab_bounds
+
+
+@dataclass(frozen=True)
+class PlaneRequest:
+    """What the user states of files whose own words do not say it; None: the file's, or an error.
+
+    Args:
+        variable: name of the velocity in the file, or of the vector it is a component of.
+        group: HDF5 group, netCDF group or block.
+        axes: of an array, in its order, of "time", "z", "x", "y", "probe".
+        velocity_units, length_units: "m/s", "mm/s" ...; "m", "mm" ...
+        sampling_rate: Hz.
+        normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
+            liner lies on the positive side (the velocity is then turned away from it).
+        x, z: coordinates: arrays, or FILE or FILE:VARIABLE.
+        points: file of a point list, whose columns are x, y, z.
+    """
+
+    variable: str | None = None
+    group: str | None = None
+    axes: Sequence[str] | None = None
+    velocity_units: str | None = None
+    length_units: str | None = None
+    sampling_rate: float | None = None
+    normal: str | None = None
+    x: Any = None
+    z: Any = None
+    points: str | Path | None = None
+
+
+@dataclass(frozen=True)
+class PlaneFormat:
+    """One row of the table of formats, ``io.planes.FORMATS``.
+
+    Args:
+        name: as messages and ``torchliner info`` call it.
+        recognises: whether a file or folder is of this format, from its path and its first 4096
+            bytes (empty of a folder); by content, not by name; quick, never raises.
+        open: the plane of a path, or of the series that the path stands for, with its velocity
+            left in the files (``FrameVelocity`` or another ``StoredVelocity``).
+        takes: fields of ``PlaneRequest`` that mean something here; others given are refused.
+    """
+
+    name: str
+    recognises: Callable[[Path, bytes], bool]
+    open: Callable[[Path, PlaneRequest], Any]
+    takes: tuple[str, ...] = ()
+
+
+@dataclass
+class FrameVelocity:
+    """Velocity that a format reads by slabs; a ``records.StoredVelocity``.
+
+    Args:
+        source: values of samples begin .. end - 1, (t, ...), as they stand in the file; picklable,
+            so that workers read on their own.
+        shape: (..., T).
+        label: FILE:/variable, for messages.
+        factor: to m/s.
+        dtype: of what is read.
+        tile_rows: samples that are best read together.  tile_bytes: of a compressed tile.
+    """
+
+    source: Callable[[int, int], np.ndarray]
+    shape: tuple[int, ...]
+    label: str
+    factor: float = 1.0
+    dtype: torch.dtype = torch.float32
+    tile_rows: int = 1
+    tile_bytes: int = field(default=0, repr=False)
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Samples begin .. end - 1 of every probe, m/s, (t, P); in ``out`` if one is given.
+
+        Raises:
+            OSError: the file cannot be read there.
+        """
+        end = min(end, self.shape[-1])
+        rows, probes = end - begin, math.prod(self.shape[:-1])
+        out = torch.empty(rows, probes, dtype=self.dtype) if out is None else out[:rows]
+        try:
+            values = np.asarray(self.source(begin, end))
+        except (OSError, RuntimeError) as error:
+            raise OSError(
+                f"{self.label} cannot be read from sample {begin} to {end}: {error}"
+            ) from error
+        into = out.numpy()
+        np.multiply(values.reshape(rows, probes), self.factor, out=into, casting="same_kind")
+        return out
+
+    def load(self) -> Tensor:
+        """All of it, (..., T), a view of time-major memory."""
+        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
+        require_memory(self.dtype.itemsize * samples * probes, f"{self.label}, {self.shape},")
+        whole = torch.empty(samples, probes, dtype=self.dtype)
+        for begin, end in slab_bounds(samples, probes):
+            self.read(begin, end, whole[begin:end])
+        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
