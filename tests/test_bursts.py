@@ -14,7 +14,6 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.report.station_report import draw_stations, intervals_of
-from torchliner.signals.burst_flags import station_flags
 from torchliner.signals.burst_moments import burst_moments, interval_histogram
 from torchliner.signals.burst_validation import (
     BACKWARDS,
@@ -30,7 +29,7 @@ from torchliner.signals.burst_validation import (
     weighted_median,
     zero_run_filter,
 )
-from torchliner.signals.inspected_station import inspect_stations
+from torchliner.signals.inspected_station import inspect_stations, station_flags
 
 REAL = SHARED / "data" / "lda_bursts"
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"

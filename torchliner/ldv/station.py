@@ -22,9 +22,7 @@ from torchliner.ldv.station_segments import Segments, cut_into_segments
 from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule
-from torchliner.signals.burst_flags import station_flags
-from torchliner.signals.burst_moments import burst_moments
-from torchliner.signals.burst_validation import validate_bursts
+from torchliner.signals.inspected_station import inspect_stations
 from torchliner.tdibc.assemble import facts_of, goodrich_of
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -58,9 +56,8 @@ def educe_station(
     Raises:
         ValueError: see ``torchliner.educe_bursts``.
     """
-    kept = validate_bursts(record, station_choices.filters)
-    moments = burst_moments(kept)
-    flags = tuple(station_flags(record, kept, moments))
+    (station,) = inspect_stations([record], station_choices.filters)
+    kept, flags = station.kept, tuple(station.flags)
     if flags and station_choices.flagged == "refuse":
         raise ValueError(
             f"{record.name} is flagged: {'; '.join(flags)}. Leave it out of the averages with "
@@ -87,7 +84,7 @@ def educe_station(
         *_warnings_of(ready, cut, tone, choices),
     )  # fmt: skip
     interval = station_interval(reflection, choices)
-    vertical = moments.components["wall_normal"]
+    vertical = station.moments.components["wall_normal"]
     return ImpedanceLine(
         frequency=wanted,
         reflection=reflection[None],

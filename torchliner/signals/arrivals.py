@@ -32,13 +32,7 @@ ROUNDING = 1e-9  # of a grid step: an arrival that near to a grid point is on it
 
 @dataclass(frozen=True)
 class UniformGrid:
-    """Grid times start + k/rate, k = 0 .. samples - 1.
-
-    Args:
-        start: s, on the clock of the arrivals.
-        rate: Hz.
-        samples: T.
-    """
+    """Times start + k/rate, k = 0 .. samples - 1: s on the clock of the arrivals, and Hz."""
 
     start: float
     rate: float
@@ -64,10 +58,8 @@ class GridSignal:
     """Values on a grid, and what the arrivals were like.
 
     Args:
-        values: (T,), or (stations, T); float64, in the unit given.
-        grid: of all stations.
-        method, band: as asked.
-        mean_rate: arrivals a second, (stations,) or ().
+        values: (T,), or (stations, T); float64, in the unit given.  grid: of all stations.
+        method, band: as asked.  mean_rate: arrivals a second, (stations,) or ().
         longest_gap, longest_gap_at: s, and s on the clock of the arrivals where it begins; alike.
         notes: what was warned of.
     """
@@ -122,7 +114,10 @@ def onto_grid(
     stations, several = checked_stations(arrival_times, values, name)
     times = [each[0] for each in stations]
     grid = common_grid(times, derived_rate(times, frequency) if rate is None else rate)
-    rates, lengths, places = torch.tensor([_spacing(each) for each in times], dtype=torch.float64).T
+    steps = [each.diff() for each in times]
+    rates = torch.tensor([mean_rate(each) for each in times], dtype=torch.float64)
+    lengths = torch.stack([step.max() for step in steps])
+    places = torch.stack([t[step.argmax()] for t, step in zip(times, steps, strict=True)])
     notes = _long_gaps(rates, lengths, places, longest_gap, name)
     if notes and gaps == "refuse":
         raise ValueError(f"{notes[0]}; cut the record there, or accept it with gaps='report'")
@@ -250,23 +245,17 @@ def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor
     return times.cpu(), numbers
 
 
-def _spacing(arrival_times: Tensor) -> tuple[float, float, float]:
-    """Mean rate, longest gap and where it begins."""
-    intervals = arrival_times.diff()
-    longest = int(intervals.argmax())
-    return mean_rate(arrival_times), float(intervals[longest]), float(arrival_times[longest])
-
-
 def _long_gaps(
     rates: Tensor, lengths: Tensor, places: Tensor, limit: float | None, name: str
 ) -> tuple[str, ...]:
     if limit is not None:
         require_positive("longest_gap (s)", limit)
     limits = LONG_GAP / rates if limit is None else torch.full_like(rates, limit)
-    long = (lengths > limits).nonzero().flatten().tolist()
-    if not long:
+    long = lengths > limits
+    if not bool(long.any()):
         return ()
-    worst = max(long, key=lambda i: float(lengths[i]))
+    worst = int(torch.where(long, lengths, 0).argmax())
+    several = f"{int(long.sum())} of {len(rates)} stations have gaps beyond the limit; "
     several = f"{len(long)} of {len(rates)} stations have gaps beyond the limit; "
     return (
         f"{name}: {several if len(rates) > 1 else ''}the longest gap between arrivals is "

@@ -54,11 +54,8 @@ class ToneAttenuation:
 
     Args:
         factor, image: G and H, complex128, (S, F), or (stations, S, F); S segments.
-        frequency: Hz, (F,).
-        mean_rate: arrivals a second, () or (stations,).
-        grid: the grid they hold for.
-        method, window, band: as asked.
-        notes: what was warned of.
+        frequency: Hz, (F,).  mean_rate: arrivals a second, () or (stations,).
+        grid: the grid they hold for.  method, window, band: as asked.  notes: what was warned of.
     """
 
     factor: Tensor
@@ -81,21 +78,19 @@ def poisson_attenuation(frequency: Any, rate: Any, method: str = "linear") -> Te
     """Mean factor G of a tone for Poisson arrivals on a fine grid, complex128.
 
     Args:
-        frequency: Hz.
-        rate: mean rate of the arrivals, Hz; broadcasts against the frequency.
+        frequency: Hz.  rate: mean rate of the arrivals, Hz; broadcasts against the frequency.
         method: ``linear`` or ``hold``; the band-limited fit has no closed form.
     Source: derived in the module's docstring; linear interpolation at 1500 Hz gives
         0.84, 0.94, 0.98 for 15, 25, 50 kHz.
     """
     require_choice("method with a closed form", method, CLOSED_FORMS)
     high, low = (torch.as_tensor(each, dtype=torch.float64) for each in (frequency, rate))
-    for name, each in (("frequency (Hz)", high), ("mean rate (Hz)", low)):
-        require_positive(name, each.min())
+    require_positive("frequency (Hz)", high.min())
+    require_positive("mean rate (Hz)", low.min())
     turns = 2 * math.pi * high / low
-    squared = turns**2
     if method == "hold":
         return 1 / (1 + 1j * turns)
-    return (torch.log1p(squared) / squared).to(torch.complex128)
+    return (torch.log1p(turns**2) / turns**2).to(torch.complex128)
 
 
 def tone_attenuation(
@@ -113,8 +108,7 @@ def tone_attenuation(
     """The complex factors on a tone's windowed line for these very arrivals.
 
     Args:
-        arrival_times: s, (N,), or a list of such.
-        frequency: Hz, one or several.
+        arrival_times: s, (N,), or a list of such.  frequency: Hz, one or several.
         rate, method, band: of the grid, as for ``onto_grid``; or ``grid`` itself.
         window: any window of scipy, over each segment.
         segment: s, overlapping by half; None for one segment of the whole record.
@@ -136,36 +130,35 @@ def tone_attenuation(
         fine = derived_rate(times, float(wanted.max())) if rate is None else rate
         grid = common_grid(times, fine)
     frequency_tensor(wanted, grid.rate)
-    spectra = [_factors(each, wanted, grid, method, band, window, segment) for each in times]
-    factor, image = (torch.stack(part) for part in zip(*spectra, strict=True))
+    lines = [_pushed(each, wanted, grid, method, band, window, segment) for each in times]
+    both = torch.stack(lines) if several else lines[0]
     rates = torch.tensor([mean_rate(each) for each in times], dtype=torch.float64)
-    if not several:
-        factor, image, rates = factor[0], image[0], rates[0]
-    found = ToneAttenuation(factor, image, wanted, rates, grid, method, window, band)
+    # The fit of a line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line
+    # 2aC - 2bS equals GA + HA* for all a, b with G = C + jS, H = C - jS.
+    cosine, sine = both.unbind(-2)
+    found = ToneAttenuation(
+        cosine + 1j * sine, cosine - 1j * sine, wanted, rates if several else rates[0], grid,
+        method, window, band,
+    )  # fmt: skip
     notes = _warnings_of(found, name)
     tell(notes)
     return replace(found, notes=notes)
 
 
-def _factors(
+def _pushed(
     times: Tensor, frequency: Tensor, grid: UniformGrid, method: str, band: float | None,
     window: Any, segment: float | None,
-) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """G and H, (S, F) each, from the reconstructions of cosine and sine.
-
-    The fit of a line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line
-    2aC - 2bS equals GA + HA* for all a, b with G = C + jS, H = C - jS.
-    """
+) -> Tensor:  # fmt: skip
+    """Lines of the reconstructions of cosine and sine, (S, 2, F); two signals in memory."""
     turns = 2 * torch.pi * torch.outer(frequency.cpu(), times - grid.start)
-    factor, image = [], []
-    for i, row in enumerate(turns):  # one tone at a time: two signals in memory
-        pushed = interpolate(times, torch.stack([row.cos(), row.sin()]), grid, method, band)
-        lines = segment_amplitudes(
-            pushed, frequency[i : i + 1], grid.rate, window=window, segment=segment
-        )[..., 0]
-        factor.append(lines[:, 0] + 1j * lines[:, 1])
-        image.append(lines[:, 0] - 1j * lines[:, 1])
-    return torch.stack(factor, -1), torch.stack(image, -1)
+    lines = [
+        segment_amplitudes(
+            interpolate(times, torch.stack([row.cos(), row.sin()]), grid, method, band),
+            frequency[i : i + 1], grid.rate, window=window, segment=segment,
+        )
+        for i, row in enumerate(turns)
+    ]  # fmt: skip
+    return torch.cat(lines, -1)
 
 
 def _require_dense(
@@ -186,11 +179,9 @@ def _require_dense(
 
 
 def _warnings_of(found: ToneAttenuation, name: str) -> tuple[str, ...]:
-    notes = []
-    sizes = found.factor.abs()
-    rates = found.mean_rate.reshape(-1)
+    notes, slowest = [], float(found.mean_rate.min())
     for i, frequency in enumerate(found.frequency.tolist()):
-        size, slowest = sizes[..., i], float(rates.min())
+        size = found.factor[..., i].abs()
         if float(size.min()) < DAMPED:
             squared = ""
             if found.method in CLOSED_FORMS:

@@ -52,10 +52,8 @@ def plan_blocks(samples: int, start: int, period: float, most: int = MOST_BLOCKS
     of the record after the last whole block belongs to none.
 
     Args:
-        samples: n of the record.
-        start: first sample under the window.
-        period: of the reference tone, samples.
-        most: blocks.
+        samples: n of the record.  start: first sample under the window.
+        period: of the reference tone, samples.  most: blocks.
     """
     periods = int((samples - start) / period + SLACK)
     each = max(1, -(-periods // most))

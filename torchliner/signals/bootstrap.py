@@ -29,10 +29,7 @@ MOST_CORRELATED = 0.9
 
 
 def neighbour_correlation(series: Tensor) -> Tensor:
-    """Correlation rho of neighbouring blocks, 0 to 0.9, (N,).
-
-    Args:
-        series: real or complex, (S, N).
+    """Correlation rho of neighbouring blocks, 0 to 0.9, (N,), of a real or complex (S, N).
 
     What taking the mean off hides of it, (1 + 4 rho)/S, is added (Marriott and Pope 1954,
     Biometrika 41, 390).
@@ -48,8 +45,7 @@ def run_lengths(rho: Tensor, count: int) -> Tensor:
     r"""Blocks of a run, int64, (N,), for the mean of each column.
 
     Args:
-        rho: correlation of neighbouring blocks, (N,).
-        count: S.
+        rho: correlation of neighbouring blocks, (N,).  count: S.
 
     With the integral scale (1 + rho)/(2 (1 - rho)) blocks, the run that errs least in the variance
     is :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}` blocks; at least 2, at most S/4.
@@ -113,13 +109,8 @@ def runs_laid(weights: Tensor, length: int) -> Tensor:
 
 
 def replicate_covariance(weights: Tensor, length: int) -> Tensor:
-    """C with series^H C series = E|d|^2 of the replicates' deviation d from their mean, (S, S).
-
-    Args:
-        weights, length: as for ``runs_laid``.
-
-    ``series^T C series`` is E[d^2].
-    """
+    """C, (S, S): series^H C series is E|d|^2 of the replicates' deviation d from their mean, and
+    series^T C series E[d^2]; arguments as for ``runs_laid``."""
     laid = runs_laid(weights, length)
     expected = laid.mean(1)
     return torch.einsum("jis,jit->st", laid, laid) / laid.shape[1] - expected.T @ expected
@@ -131,8 +122,7 @@ def tile_moments(series: Tensor, weights: Tensor, lengths: tuple[int, int]) -> t
     Args:
         series: complex, (S, G, ...); the rows are alike in their statistics, so that any run of
             them may stand in for any other.
-        weights: W of the S blocks, float64, of sum 1.
-        lengths: blocks of time and rows of a tile.
+        weights: W of the S blocks, float64, of sum 1.  lengths: blocks of time and rows of a tile.
     """
     rows, (long, wide) = series.shape[1], lengths
     laid = runs_laid(weights, long).to(series)

@@ -42,8 +42,7 @@ class BurstMoments:
         components: by name.
         weighted: whether transit times were recorded; without them both weightings are one.
         duration: from the first to the last burst, s.
-        rate: intervals over duration, 1/s; nan with one burst or no duration.
-        longest_gap: s.
+        rate: intervals over duration, 1/s; nan with one burst or no duration.  longest_gap: s.
         irregularity: standard deviation over mean of the intervals: 1 for a Poisson process.
     """
 
@@ -107,8 +106,7 @@ def interval_histogram(record: BurstRecord) -> tuple[Tensor, Tensor]:
             f"{record.name}: a histogram of intervals needs at least two bursts in the order of "
             "time; validate_bursts drops the others"
         )
-    reach, bins = HISTOGRAM_REACH * float(steps.mean()), HISTOGRAM_BINS
-    edges = torch.linspace(0, reach, bins + 1, dtype=torch.float64)
-    inside = steps[steps < edges[-1]]
-    which = (torch.searchsorted(edges, inside, right=True) - 1).clamp(0, bins - 1)
-    return edges, torch.bincount(which, minlength=bins) / (len(steps) * edges.diff())
+    reach = HISTOGRAM_REACH * float(steps.mean())
+    edges = torch.linspace(0, reach, HISTOGRAM_BINS + 1, dtype=torch.float64)
+    counts, _ = torch.histogram(steps[steps < edges[-1]], edges)
+    return edges, counts / (len(steps) * edges.diff())

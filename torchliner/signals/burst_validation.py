@@ -86,14 +86,10 @@ def time_filter(record: BurstRecord) -> Found:
 
 
 def zero_run_filter(record: BurstRecord, shortest: int) -> Found:
-    """No runs of exact zeros in a component: a channel that was not validated writes 0.00.
+    """No runs of ``shortest`` exact zeros in a component: an unvalidated channel writes 0.00.
 
     Chance makes runs too where the resolution is coarse: of N bursts with a share p of zeros,
     independent, about N (1 - p) p^m runs of m or more.
-
-    Args:
-        record: bursts in the order of time.
-        shortest: bursts of the shortest run that is dropped.
     """
     keep = torch.ones(record.bursts, dtype=torch.bool)
     for values in record.components.values():
@@ -109,15 +105,11 @@ def run_lengths(flag: Tensor) -> Tensor:
 
 
 def outlier_filter(record: BurstRecord, limit: float) -> Found:
-    """No bursts far from the median, by the weighted median absolute deviation.
+    """No bursts ``limit`` standard deviations, by the median absolute deviation, off the median.
 
     Both medians are weighted by transit time, so that many fast bursts do not draw them. A
     deviation below the resolution counts as the resolution: where more than half of the
     values are equal the median deviation is 0 and says nothing.
-
-    Args:
-        record: bursts.
-        limit: standard deviations of a Gaussian.
     """
     keep = torch.ones(record.bursts, dtype=torch.bool)
     for values in record.components.values():
@@ -129,12 +121,7 @@ def outlier_filter(record: BurstRecord, limit: float) -> Found:
 
 
 def weighted_median(values: Tensor, weights: Tensor) -> Tensor:
-    """Smallest value at which half of the weight is reached, 0-d.
-
-    Args:
-        values: (N,).
-        weights: at least 0, not all 0, (N,).
-    """
+    """Smallest value (N,) at which half of the weight, (N,), at least 0, is reached, 0-d."""
     order = values.argsort()
     reached = weights[order].cumsum(0)
     place = torch.searchsorted(reached, reached[-1] / 2)
@@ -154,8 +141,7 @@ def pair_coincident(first: Tensor, second: Tensor, window: float) -> tuple[Tenso
     and no further apart than the window, so that no burst is used twice.
 
     Args:
-        first, second: arrival times, s, increasing, (N,), (M,).
-        window: s, largest difference.
+        first, second: arrival times, s, increasing, (N,), (M,).  window: s, largest difference.
     Returns:
         Indices of the pairs into ``first`` and ``second``, each (P,).
     Raises:
@@ -172,5 +158,4 @@ def _nearest(times: Tensor, others: Tensor) -> Tensor:
     """Index of the nearest of ``others``, increasing, to each of ``times``."""
     right = torch.searchsorted(others, times).clamp(max=len(others) - 1)
     left = (right - 1).clamp(min=0)
-    closer_left = (times - others[left]).abs() <= (times - others[right]).abs()
-    return torch.where(closer_left, left, right)
+    return torch.where((times - others[left]).abs() <= (times - others[right]).abs(), left, right)

@@ -41,9 +41,7 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     r"""Ratios and amplitudes of K exponentials by backward linear prediction.
 
     Args:
-        signal: complex, (..., N).
-        rank: K, 1 to L.
-        order: L, at most N/2.
+        signal: complex, (..., N).  rank: K, 1 to L.  order: L, at most N/2.
     Raises:
         ValueError: rank or order out of range.
     Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833, the method that Watson et al. (2015)
@@ -87,8 +85,7 @@ def fit_amplitudes(signal: Tensor, ratio: Tensor) -> tuple[Tensor, Tensor, Tenso
     """Amplitudes at the first sample (..., K), energies (..., K) and relative residual (...).
 
     Args:
-        signal: complex, (..., N).
-        ratio: lambda, (..., K).
+        signal: complex, (..., N).  ratio: lambda, (..., K).
     """
     steps = torch.arange(signal.shape[-1], dtype=torch.float64, device=signal.device)
     # Growing waves are referred to the last sample, so that no power overflows.

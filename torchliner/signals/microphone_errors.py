@@ -33,9 +33,7 @@ def draw_pressures(
     """Pressures with errors, (D, ..., N, F).
 
     Args:
-        pressure: complex, Pa, (..., N, F).
-        draws: D.
-        generator: of random numbers, on the CPU.
+        pressure: complex, Pa, (..., N, F).  draws: D.  generator: of random numbers, on the CPU.
         level_error: standard deviation of the SPL, dB.
         phase_error: standard deviation of the phase, degrees.
     Raises:

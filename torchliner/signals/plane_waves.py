@@ -13,13 +13,8 @@ COINCIDENT = 1e-9  # m
 
 
 def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
-    """k+ (towards the surface) and k- (away from it), 1/m, (F,); see the module for the signs.
-
-    Args:
-        frequency: Hz.
-        sound_speed: m/s.
-        mach: of the mean flow away from the surface, \\|M\\| < 1.
-    """
+    """k+ (towards the surface) and k- (away from it), 1/m, (F,), of frequencies, Hz, with a mean
+    flow of Mach number \\|M\\| < 1 away from the surface."""
     if not abs(mach) < 1:
         raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
     k = 2 * torch.pi * frequency / sound_speed
@@ -37,11 +32,8 @@ def split_waves(
     """Least-squares amplitudes of the two waves from complex pressures.
 
     Args:
-        pressure: Pa, complex, (..., M, F).
-        places: y of the microphones, m, (M,).
-        frequency: Hz, (F,).
-        sound_speed: m/s.
-        mach: of the mean flow away from the surface.
+        pressure: Pa, complex, (..., M, F).  places: y of the microphones, m, (M,).
+        frequency: Hz, (F,).  sound_speed: m/s.  mach: of the mean flow away from the surface.
         velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many
             equations more, which do not know the flow's turbulence as the pressures do.
     Returns:
@@ -106,8 +98,8 @@ def best_pair(
     places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0
 ) -> tuple[int, int]:
     """The two microphones best conditioned at their worst frequency."""
-    plus, minus = wavenumbers(frequency, sound_speed, mach)
-    mean = (plus + minus) / 2
-    pairs = list(combinations(range(len(places)), 2))
-    apart = [float(torch.sin(mean * (places[i] - places[j])).abs().min()) for i, j in pairs]
-    return pairs[max(range(len(pairs)), key=lambda n: apart[n])]
+    mean = sum(wavenumbers(frequency, sound_speed, mach)) / 2
+    return max(
+        combinations(range(len(places)), 2),
+        key=lambda ij: float(torch.sin(mean * (places[ij[0]] - places[ij[1]])).abs().min()),
+    )

@@ -37,8 +37,7 @@ class RejectedFlow:
         coherence: squared, (..., F).
         relative_error: standard deviation of the amplitude over itself, and of its phase in
             radians, (..., F).
-        segments: how many, overlapping by half.
-        notes: what was warned of.
+        segments: how many, overlapping by half.  notes: what was warned of.
     """
 
     amplitude: Tensor
@@ -67,10 +66,8 @@ def reject_flow_noise(
     """Tones that are coherent with a reference channel.
 
     Args:
-        pressure: Pa, real, (..., T).
-        reference: of any unit, real, (T,), on the same times.
-        frequency: Hz, (F,).
-        sampling_rate: Hz.
+        pressure: Pa, real, (..., T).  reference: of any unit, real, (T,), on the same times.
+        frequency: Hz, (F,).  sampling_rate: Hz.
         segment: s, overlapping by half; default an eighth of the record, 15 segments.
         window: any window of scipy.  start: s that are left out.  name: for messages.
     Raises:

@@ -38,8 +38,7 @@ class Conversion:
     """How Z follows from what is resampled.
 
     Args:
-        impedance: Z, an analytic function of it.
-        slope: dZ by it, of the same shape.
+        impedance: Z, an analytic function of it.  slope: dZ by it, of the same shape.
         pole: where Z is infinite; nan for nowhere.
     """
 
@@ -105,8 +104,7 @@ class Resampling:
         """Runs of blocks of time, each column with the run length that suits it.
 
         Args:
-            series: deviation of R in each block, complex128, (S, ...).
-            reflection: R, (...).
+            series: deviation of R in each block, complex128, (S, ...).  reflection: R, (...).
         """
         power, square, lengths = self.moments(series.flatten(1))
         runs = len(series) / lengths.to(torch.float64)
@@ -125,8 +123,7 @@ class Resampling:
 
         Args:
             series: deviation of R in each block and row, complex128, (S, G, F).
-            reflection: R of the mean over the rows, (F,).
-            wide: rows of a tile.
+            reflection: R of the mean over the rows, (F,).  wide: rows of a tile.
         """
         count, rows = series.shape[:2]
         rho = neighbour_correlation(series.mean(1))
@@ -146,12 +143,8 @@ def impedance_interval(
 ) -> Interval:
     """Bounds of Z and its standard error, (N,); infinite where the record does not bound Z.
 
-    Args:
-        value: what was resampled, complex128, (N,).
-        power, square: E|d|^2 and E[d^2] of its deviation, (N,) each.
-        runs: independent runs that they rest on, (N,).
-        level: of the interval, 0 to 1.
-        conversion: to Z.
+    From values (N,), complex128, the E|d|^2 and E[d^2] of their deviation, and the independent
+    runs that these rest on.
     """
     quantile = student_quantile(runs, level)
     # d = e^{jt} (long cos a + j short sin a), t half the angle of E[d^2].

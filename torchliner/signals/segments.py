@@ -9,10 +9,8 @@ def segment_starts(
     """First sample of each segment, evenly spaced from ``start`` on, and their length.
 
     Args:
-        samples: n of the record.
-        start: first sample that may be used.
-        seconds: length; None for one segment of all that is there.
-        sampling_rate: Hz.
+        samples: n of the record.  start: first sample that may be used.
+        seconds: length; None for one segment of all that is there.  sampling_rate: Hz.
         overlap: share of a segment that the next one covers too, 0 to below 1.
     Raises:
         ValueError: no segment fits, it has fewer than two samples, or the overlap is none.

@@ -28,8 +28,7 @@ def spline_fit(arrival_times: Tensor, values: Tensor, points: Tensor, band: floa
     is all that holds the curve where a gap leaves a coefficient without arrivals.
 
     Args:
-        arrival_times: s, increasing, (N,).
-        values: (..., N).
+        arrival_times: s, increasing, (N,).  values: (..., N).
         points: s, (T,), between the first and the last arrival.
         band: B, Hz; needs more than 2 B arrivals a second.
     Returns:

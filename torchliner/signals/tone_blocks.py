@@ -32,8 +32,7 @@ class TimeBlocks:
     """Blocks of a record at one frequency.
 
     Args:
-        amplitudes: of each signal given, (S, ..., 1).
-        weights: W, of sum 1, (S,).
+        amplitudes: of each signal given, (S, ..., 1).  weights: W, of sum 1, (S,).
         single: whether they are blocks of one segment, not segments.
     """
 
@@ -78,9 +77,7 @@ def blocks_of(
     """Amplitudes of signals of one time base in blocks of time; None for fewer than four.
 
     Args:
-        signals: real, (..., T) each.
-        frequency: Hz, (1,).
-        sampling_rate: Hz.
+        signals: real, (..., T) each.  frequency: Hz, (1,).  sampling_rate: Hz.
         window, segment, start: as for ``segment_amplitudes``, whose amplitudes these explain.
     """
     first = round(start * sampling_rate)

@@ -18,9 +18,7 @@ def line_sums(values: Tensor, frequency: Tensor, sampling_rate: float, begin: in
     """sum over k of values[k] e^{-j omega (begin + k)/fs}: complex128, (..., F).
 
     Args:
-        values: real or complex, (..., n).
-        frequency: Hz, (F,).
-        sampling_rate: Hz.
+        values: real or complex, (..., n).  frequency: Hz, (F,).  sampling_rate: Hz.
         begin: sample number of the first value.
     """
     batch = values.shape[:-1]
@@ -76,10 +74,7 @@ def tone_amplitudes(
     the bins of a periodic Hann window (from the second on) all this is the plain transform.
 
     Args:
-        signal: real, (..., n).
-        frequency: Hz, (F,).
-        sampling_rate: Hz.
-        weights: window, (n,).
+        signal: real, (..., n).  frequency: Hz, (F,).  sampling_rate: Hz.  weights: window, (n,).
         begin: sample number of the first value; the phase is that at sample 0.
     Returns:
         Half the complex peak amplitude, complex128, (..., F).

@@ -26,8 +26,7 @@ class Transfer:
     Args:
         response: H1 = Y/X, complex128, (..., F).
         coherence: squared, 0 to 1, (..., F); nan from a single segment, where it would always be 1.
-        driver_power: mean of |X|^2 over the segments, (..., F).
-        segments: S.
+        driver_power: mean of |X|^2 over the segments, (..., F).  segments: S.
     """
 
     response: Tensor
@@ -48,9 +47,7 @@ def segment_amplitudes(
     """Complex tone amplitudes of each segment, (S, ..., F); see ``tone_amplitudes``.
 
     Args:
-        signal: real, (..., T).
-        frequency: Hz, (F,).
-        sampling_rate: Hz.
+        signal: real, (..., T).  frequency: Hz, (F,).  sampling_rate: Hz.
         window: any window of scipy.
         segment: s, overlapping by half; None for one segment of the whole record, which wastes
             nothing of a short one.
