@@ -21,13 +21,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    FEEDS,
-    require_choice,
-    require_complex,
-    require_positive,
-    tell,
-)
+from torchliner.checks import FEEDS, require_choice, require_complex, require_positive, tell
 from torchliner.duct.continuation import Values, follow_roots
 from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
 from torchliner.names import CONDITIONS

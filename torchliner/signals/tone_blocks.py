@@ -55,11 +55,7 @@ class TimeBlocks:
         return lead.conj() * (response - ratio * driver) / power
 
     def interval(
-        self,
-        series: Tensor,
-        value: Tensor,
-        level: float,
-        conversion: Conversion = FROM_REFLECTION,
+        self, series: Tensor, value: Tensor, level: float, conversion: Conversion = FROM_REFLECTION
     ) -> Interval:
         """Of Z from the deviation of a quantity in each block, (S, ...); see ``Resampling``."""
         return Resampling(self.weights, level, conversion).over_time(series, value)

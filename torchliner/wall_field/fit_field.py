@@ -37,11 +37,7 @@ from torchliner.signals.microphone_errors import (
 from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel
-from torchliner.wall_field.wall import (
-    coordinates,
-    impedance_at,
-    impedance_covariance,
-)
+from torchliner.wall_field.wall import coordinates, impedance_at, impedance_covariance
 
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m

@@ -23,12 +23,7 @@ def largest_misfit(freedom: int, cases: int = 1) -> float:
 
 
 def warnings_of(
-    result: FieldFit,
-    found: Solution,
-    line: MicrophoneLine,
-    wall: str,
-    freedom: int,
-    gains: Tensor,
+    result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, freedom: int, gains: Tensor
 ) -> tuple[str, ...]:
     """A note a frequency and fault.
 
