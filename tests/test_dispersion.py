@@ -14,14 +14,13 @@ from conftest import relative_error
 
 import torchliner as tl
 from torchliner.duct.dispersion import (
-    CONDITIONS,
-    DIRECTIONS,
     carry_wavenumber,
     cut_on_frequency,
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
-from torchliner.duct.relation import duct_of
+from torchliner.duct.relation import DIRECTIONS, duct_of
+from torchliner.names import CONDITIONS
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
 K = 2 * math.pi * FREQUENCY / SPEED

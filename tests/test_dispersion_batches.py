@@ -11,11 +11,11 @@ from test_dispersion import DUCT, FREQUENCY, HEIGHT, SPEED, exact, passive
 
 import torchliner as tl
 from torchliner.duct.dispersion import (
-    CONDITIONS,
     cut_on_frequency,
     impedance_from_wavenumber,
     wavenumber_from_impedance,
 )
+from torchliner.names import CONDITIONS
 
 # --- batches, types, derivatives ----------------------------------------------------------------
 

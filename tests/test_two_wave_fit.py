@@ -12,11 +12,8 @@ from conftest import relative_error
 from test_wall_pressure import FREQUENCY, HEIGHT, OTHER, WALLS, X, line_of, noisy, wave
 
 import torchliner as tl
-from torchliner.duct.dispersion import (
-    CONDITIONS,
-    impedance_from_wavenumber,
-    wavenumber_from_impedance,
-)
+from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
+from torchliner.names import CONDITIONS
 from torchliner.records import MicrophoneLine
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 from torchliner.wall_waves.sort_waves import sort_waves

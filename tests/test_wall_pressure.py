@@ -12,8 +12,8 @@ import torch
 from conftest import relative_error
 
 import torchliner as tl
-from torchliner.duct.dispersion import CONDITIONS, cut_on_frequency, wavenumber_from_impedance
-from torchliner.names import WALL_METHODS, resolve
+from torchliner.duct.dispersion import cut_on_frequency, wavenumber_from_impedance
+from torchliner.names import CONDITIONS, WALL_METHODS, resolve
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.exponentials import find_exponentials
 from torchliner.signals.microphone_errors import draw_pressures

@@ -62,10 +62,8 @@ def audit(
     Args:
         planes: the plane, or several of one case, of which the first is audited and the others
             are its other heights. What ``Moments`` do not hold is left out, with the reason.
-        liner: as for ``educe``.
-        frequency: Hz, one; default the plane's own tone.
-        order: of averaging, one of ``names.ORDERS``.
-        progress: called with samples read.
+        liner: as for ``educe``.  frequency: Hz, one; default the plane's own tone.
+        order: of averaging, one of ``names.ORDERS``.  progress: called with samples read.
         choices: of the base, see ``torchliner.tdibc.choices.Choices``; the phase rule is
             ``averaged`` and the engine ``spectral``.
     Raises:
@@ -108,14 +106,9 @@ class _Work:
     """The audit as it grows."""
 
     def __init__(
-        self,
-        planes: Sequence[VelocityPlane | Moments],
-        liner: Liner,
-        frequency: float | None,
-        chosen: Choices,
-        order: str,
-        progress: Callable[[int], None] | None,
-    ) -> None:
+        self, planes: Sequence[VelocityPlane | Moments], liner: Liner, frequency: float | None,
+        chosen: Choices, order: str, progress: Callable[[int], None] | None,
+    ) -> None:  # fmt: skip
         self.model = as_liner(liner)
         self.liners, self.skipped = other_liners(self.model)
         self.order, self.progress, self.others = order, progress, planes[1:]

@@ -23,13 +23,10 @@ class Setting:
     """What decides how well a rule does.
 
     Args:
-        hole: ``slit`` or ``round hole``.
-        diameter: of the hole (width of the slit), m.
-        porosity: of the surface, 0 to 1.
-        mach: None where it is not stated.
+        hole: ``slit`` or ``round hole``.  diameter: of the hole (width of the slit), m.
+        porosity: of the surface, 0 to 1.  mach: None where it is not stated.
         speed: rms of the velocity in step with the tone, averaged over the plane, m/s.
-        velocity_rms: v'_rms over the probes, m/s.
-        height: m.
+        velocity_rms: v'_rms over the probes, m/s.  height: m.
     """
 
     hole: str

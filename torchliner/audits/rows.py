@@ -32,12 +32,10 @@ class Audit:
         title, frequency, order: of the plane; Hz; order of averaging.
         base: whole liner, with the choices as they are.
         low, high: of its statistical interval (real part: R, imaginary: X); None without one.
-        level: of the interval.
-        rows: grouped by factor.
+        level: of the interval.  rows: grouped by factor.
         skipped: factors that cannot be varied with these data, and why.
         readings: how often the velocity was read through, over all planes.
-        choices: behind the base.
-        notes: warnings about the base.
+        choices: behind the base.  notes: warnings about the base.
         closure, closure_words: of the base, dB, and what it rests on, or why there is none.
         nearest_truth: what came out in the shipped case most like this one, where the truth is
             known.

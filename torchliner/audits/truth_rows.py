@@ -37,8 +37,7 @@ class TruthRow:
     """One educed value beside the truth, all normalised.
 
     Args:
-        case, height: of the plane; height in m.
-        drive, mean, phase, order: the rule.
+        case, height: of the plane; height in m.  drive, mean, phase, order: the rule.
         educed, true: Z.
         in_situ: what the file states for the in situ method, nan if it states none.
         low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the

@@ -43,8 +43,7 @@ class Variant:
     """One change.
 
     Args:
-        factor: what is changed.
-        name: to what.
+        factor: what is changed.  name: to what.
         ready: the plane with the moments, record, liner and reader of the variant.
     """
 
@@ -229,18 +228,13 @@ def every_second(group: GroupMoments, plan: PassPlan, start: int) -> GroupMoment
 
 
 def with_drive(
-    ready: Prepared,
-    drive: str,
-    mean: str,
-    *,
-    every_rule: bool = False,
+    ready: Prepared, drive: str, mean: str, *, every_rule: bool = False,
     progress: Progress | None = None,
-) -> Prepared:
+) -> Prepared:  # fmt: skip
     """The plane under another |v|: one more reading of it, none for the rms of the record.
 
     Args:
-        ready: prepared plane.
-        drive, mean: see ``Choices``.
+        ready: prepared plane.  drive, mean: see ``Choices``.
         every_rule: keep what any phase rule can be read off, else ``averaged`` alone.
         progress: called with numbers of samples done.
     """

@@ -55,10 +55,8 @@ class Budget(OfParameters):
     """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
 
     Args:
-        numbers: as of ``OfParameters``.
-        half_widths, standard: SI, (n,).
-        limits: how a half-width was read.
-        correlation: (n, n).
+        numbers: as of ``OfParameters``.  half_widths, standard: SI, (n,).
+        limits: how a half-width was read.  correlation: (n, n).
         contributions: signed change of the liner's Z for one standard uncertainty of each
             parameter, by order of averaging, complex, (n, F).
         covariance: of R and X of the liner, by order, (F, 2, 2).
@@ -115,12 +113,9 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 
 def budget_of(
-    numbers: Mapping[str, Number],
-    slopes: Mapping[str, Tensor],
-    tolerances: Mapping[str, Any],
-    limits: str,
-    correlation: Mapping[tuple[str, str], float] | None = None,
-) -> Budget:
+    numbers: Mapping[str, Number], slopes: Mapping[str, Tensor], tolerances: Mapping[str, Any],
+    limits: str, correlation: Mapping[tuple[str, str], float] | None = None,
+) -> Budget:  # fmt: skip
     """First-order budget of anything whose slopes in some parameters are known.
 
     Args:

@@ -186,8 +186,7 @@ def calibrate(
             reference: one number, a complex number
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
         prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
-        frequency: Hz; default each plane's tone.
-        draws, seed: of the posterior; 0 draws for none.
+        frequency: Hz; default each plane's tone.  draws, seed: of the posterior; 0 draws for none.
         choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
     Raises:
         TypeError: a liner without numbers.
@@ -254,11 +253,9 @@ def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane | Moments], lis
 
 
 def _weights(
-    planes: Sequence[VelocityPlane | Moments],
-    liners: Sequence[LinerModel],
-    frequency: Any,
+    planes: Sequence[VelocityPlane | Moments], liners: Sequence[LinerModel], frequency: Any,
     chosen: Choices,
-) -> list[SpeedWeights]:
+) -> list[SpeedWeights]:  # fmt: skip
     """Each plane read once, for its liner with any numbers; tables have their own speeds."""
     any_liner = Chebyshev(*ANY_LINER)
     return [

@@ -24,8 +24,7 @@ class Fit:
     """The best place in the box of the bounds.
 
     Args:
-        misfit: of the planes.
-        share: place, 0 to 1, (n,).
+        misfit: of the planes.  share: place, 0 to 1, (n,).
         stated: whether the noise is known; else the residual stands for it.
         residuals, jacobian: there, (m,) and (m, n), per box width.
     """
@@ -164,9 +163,7 @@ def fit_misfit(misfit: Misfit, share: Tensor, stated: bool) -> Fit:
     """Least squares by trust-region reflective steps, with the exact Jacobian.
 
     Args:
-        misfit: of the planes.
-        share: start, 0 to 1, (n,).
-        stated: whether the noise is known.
+        misfit: of the planes.  share: start, 0 to 1, (n,).  stated: whether the noise is known.
     Raises:
         RuntimeError: the least squares do not converge.
     """

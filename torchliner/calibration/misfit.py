@@ -75,8 +75,7 @@ class Misfit(FreeLiners):
     """Residuals over their uncertainties.
 
     Args:
-        low, high: bounds, (n,).
-        wanted: reference impedances of all planes and frequencies, (D,).
+        low, high: bounds, (n,).  wanted: reference impedances of all planes and frequencies, (D,).
         noise: standard uncertainty of R (real part) and X (imaginary part), (D,).
         prior: mean and standard deviation by parameter.
     """

@@ -29,8 +29,7 @@ class Posterior:
     """Weighted draws.
 
     Args:
-        draws: values, SI, (M, n), all inside the bounds.
-        weights: sum to 1, (M,).
+        draws: values, SI, (M, n), all inside the bounds.  weights: sum to 1, (M,).
     """
 
     draws: Tensor
@@ -70,8 +69,7 @@ def sample_posterior(
         log_density: of (M, n) in the unit box, up to a constant, (M,).
         best: centre of the proposals, (n,).
         precision: inverse of the Gauss-Newton covariance, (n, n).
-        draws: proposals; those that fall outside the box do not count.
-        seed: of the generator.
+        draws: proposals; those that fall outside the box do not count.  seed: of the generator.
     """
     generator = torch.Generator().manual_seed(seed)
     size = len(best)
@@ -105,12 +103,10 @@ class Prediction:
     """Whole-liner impedance with its posterior spread.
 
     Args:
-        frequency: Hz, (F,).
-        impedance: at the best values, complex, (F,).
+        frequency: Hz, (F,).  impedance: at the best values, complex, (F,).
         before: with the liner's own numbers, (F,).
         draws: at each draw of the posterior, (M, F); None without one.
-        posterior: the weights of the draws.
-        notes: warnings, with numbers.
+        posterior: the weights of the draws.  notes: warnings, with numbers.
     """
 
     frequency: Tensor

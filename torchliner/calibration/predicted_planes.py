@@ -15,12 +15,9 @@ class PredictionRow:
     """One predicted impedance beside what is known of it, all normalised.
 
     Args:
-        label: of the plane.
-        frequency: Hz.
-        height: m, or None.
+        label: of the plane.  frequency: Hz.  height: m, or None.
         before, after: with the liner as it was, and calibrated.
-        standard: u(R) + j u(X) of ``after``, from the parameters' spread.
-        correlation: of R and X.
+        standard: u(R) + j u(X) of ``after``, from the parameters' spread.  correlation: of R and X.
         true: reference, or None.
         misses: by how many standard deviations R and X lie off it, signed; None without one.
         notes: warnings, as of a |v| beyond what was fitted.
@@ -39,19 +36,13 @@ class PredictionRow:
 
 
 def prediction_rows(
-    found: Calibration,
-    plane: Any,
-    before: Any,
-    *,
-    label: str | None = None,
-    reference: str = "true",
-    noise: complex = 0j,
-) -> list[PredictionRow]:
+    found: Calibration, plane: Any, before: Any, *, label: str | None = None,
+    reference: str = "true", noise: complex = 0j,
+) -> list[PredictionRow]:  # fmt: skip
     """Rows of one plane.
 
     Args:
-        found: calibration.
-        plane: velocity plane, or its moments.
+        found: calibration.  plane: velocity plane, or its moments.
         before: liner as it was, whose other numbers the prediction keeps.
         label: of the plane; default its case.
         reference: name of the impedance beside which it is put, if the plane has it.

@@ -98,12 +98,9 @@ class Sensitivities(OfParameters):
         return self.scaled(0.01 * self.values)
 
     def propagate(
-        self,
-        tolerances: Mapping[str, Any],
-        *,
-        limits: str,
+        self, tolerances: Mapping[str, Any], *, limits: str,
         correlation: Mapping[tuple[str, str], float] | None = None,
-    ) -> Budget:
+    ) -> Budget:  # fmt: skip
         """First-order standard uncertainty of R and X from stated tolerances.
 
         Args:

@@ -30,8 +30,7 @@ class SpeedWeights:
     """Whole-liner impedance of one plane as a function of what its liner reflects.
 
     Args:
-        ready: prepared plane.
-        order: of averaging.
+        ready: prepared plane.  order: of averaging.
         weights: W, complex128, (C, Q K) for C columns.
         share: of each column in the mean, complex128, (C,).
     """
@@ -66,8 +65,7 @@ def responses_of(liner: LinerModel, planes: Sequence[SpeedWeights]) -> list[Tens
     """R at the lines and speeds of each plane, (F, Q, K); the model is asked once.
 
     Args:
-        liner: of all planes.
-        planes: that share a basis and, where they have kernels, these.
+        liner: of all planes.  planes: that share a basis and, where they have kernels, these.
     """
     read = [plane.reader.read for plane in planes]
     lines, place = torch.cat([each.flatten() for each in read]).unique(return_inverse=True)

@@ -54,8 +54,7 @@ def references_of(
     """Reference impedances of all planes, (D,).
 
     Args:
-        planes: as given.
-        references: a name, or values by plane.
+        planes: as given.  references: a name, or values by plane.
         counts: frequencies of each plane.
     """
     if isinstance(references, str):

@@ -72,8 +72,15 @@ class DuctCase:
         if self.slip_condition is not None:
             require_choice("slip condition", self.slip_condition, CONDITIONS)
         object.__setattr__(self, "liner", _patches(self.liner))
-        for patch in self.liner:
-            self._check_patch(*patch)
+        for start, end in self.liner:
+            where = f"the lined patch from x = {start:g} to {end:g} m"
+            if not end > start:
+                raise ValueError(f"{where} has the length {end - start:.3g} m; it must be above 0")
+            if start < self.start or end > self.end:
+                raise ValueError(
+                    f"{where} lies outside the duct, {self.start:g} to {self.end:g} m; move its "
+                    "edges, or the duct's ends (start, end)"
+                )
         for (_, end), (start, _) in zip(self.liner, self.liner[1:], strict=False):
             if start < end:
                 raise ValueError(
@@ -91,18 +98,6 @@ class DuctCase:
                     "than it gets, and fields may have no bound",
                     depth=2,
                 )
-
-    def _check_patch(self, start: float, end: float) -> None:
-        if not end > start:
-            raise ValueError(
-                f"the lined patch from x = {start:g} to {end:g} m has the length "
-                f"{end - start:.3g} m; it must be above 0"
-            )
-        if start < self.start or end > self.end:
-            raise ValueError(
-                f"the lined patch from x = {start:g} to {end:g} m lies outside the duct, "
-                f"{self.start:g} to {self.end:g} m; move its edges, or the duct's ends (start, end)"
-            )
 
     @property
     def height(self) -> float:

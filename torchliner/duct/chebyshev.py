@@ -51,6 +51,6 @@ def interpolation_matrix(count: int, places: Tensor) -> Tensor:
     weights[-1] /= 2
     apart = places[:, None] - nodes
     at_node = apart == 0
-    shares = weights / torch.where(at_node, torch.ones_like(apart), apart)
+    shares = weights / torch.where(at_node, 1, apart)
     matrix = shares / shares.sum(1, keepdim=True)
     return torch.where(at_node.any(1, keepdim=True), at_node.to(matrix.dtype), matrix)

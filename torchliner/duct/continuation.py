@@ -47,8 +47,7 @@ def follow_roots(
     Args:
         function: ``function(z, t, index)`` gives the values at the items ``index`` of the batch;
             z, t and index have one length.
-        start: roots at t = 0, complex128, (N,).
-        first_step: of t, that is tried.
+        start: roots at t = 0, complex128, (N,).  first_step: of t, that is tried.
     Returns:
         Roots at t = 1, (N,), and whether each arrived, (N,); one that stalled stays where it did.
     """

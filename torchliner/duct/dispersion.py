@@ -24,16 +24,6 @@ from torch import Tensor
 from torchliner.checks import FEEDS, require_choice, require_complex, require_positive, tell
 from torchliner.duct.continuation import Values, follow_roots
 from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
-from torchliner.names import CONDITIONS
-
-__all__ = [
-    "CONDITIONS",
-    "DIRECTIONS",
-    "carry_wavenumber",
-    "cut_on_frequency",
-    "impedance_from_wavenumber",
-    "wavenumber_from_impedance",
-]
 
 STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
 DETOUR = 0.5  # rad, of the phase of Z
@@ -41,14 +31,9 @@ AT_CUT_ON = 1e-9  # of k^2
 
 
 def impedance_from_wavenumber(
-    alpha: Tensor,
-    frequency: Any,
-    *,
-    height: Any,
-    mach: Any = 0.0,
-    sound_speed: Any = 343.2,
+    alpha: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
     condition: str = "ingard-myers",
-) -> Tensor:
+) -> Tensor:  # fmt: skip
     r"""Impedance of the lined wall at which a wavenumber is one of the duct's.
 
     Args:
@@ -56,7 +41,7 @@ def impedance_from_wavenumber(
             that decays downstream has Im alpha < 0, one that decays upstream Im alpha > 0.
         frequency: Hz.  height: H, m, from the liner to the rigid wall.
         mach: M of the uniform flow along +x, \|M\| < 1.  sound_speed: c, m/s.
-        condition: at the liner, one of ``CONDITIONS``.
+        condition: at the liner, one of ``names.CONDITIONS``.
     Returns:
         Z, normalised by rho c, velocity into the wall; the shape of all arguments together, which
         broadcast; inf at the wavenumbers of a rigid duct. Differentiable.
@@ -71,14 +56,14 @@ def impedance_from_wavenumber(
     d = duct.wavenumber - wave * duct.mach
     square = d * d - wave * wave
     flat = square == 0
-    gamma = torch.sqrt(torch.where(flat, torch.ones_like(square), square))
+    gamma = torch.sqrt(torch.where(flat, 1, square))
     turn = gamma * duct.height
     turn = torch.complex(turn.real, turn.imag.clamp(-STEEP, STEEP))
     factor = d * d / duct.wavenumber if duct.displaced else d
     sine = gamma * torch.sin(turn)
     rigid = flat | (sine == 0)
-    found = 1j * factor * torch.cos(turn) / torch.where(rigid, torch.ones_like(sine), sine)
-    return torch.where(rigid, torch.full_like(found, torch.inf), found).to(alpha.dtype)
+    found = 1j * factor * torch.cos(turn) / torch.where(rigid, 1, sine)
+    return torch.where(rigid, torch.inf, found).to(alpha.dtype)
 
 
 def wavenumber_from_impedance(
@@ -191,7 +176,7 @@ def _homogeneous(impedance: Tensor) -> tuple[Tensor, Tensor]:
     keeps the phase of Z. Z = 0 counts as a pure resistance."""
     size = impedance.abs()
     odd = (size == 0) | torch.isinf(size)
-    angle = torch.where(odd, torch.zeros_like(size), impedance.angle())
+    angle = torch.where(odd, 0, impedance.angle())
     tilt = torch.atan2(torch.ones_like(size), size)
     return torch.cos(tilt) + 0j, torch.polar(torch.sin(tilt), -angle)
 
@@ -228,11 +213,9 @@ def carry_wavenumber(
 ) -> tuple[Tensor, Tensor]:
     """Follow roots while the wall changes straight from one to another.
 
-    Args:
-        duct: (N,).
-        start: roots at ``begin``, (N,).
-        begin, end: walls (a, b) with a : b = Z : 1, (N,) each; neither is (0, 0).
-        first_step: share of the way that is tried first.
+    From ``start`` at the wall ``begin`` to ``end``: walls (a, b) with a : b = Z : 1, (N,) each,
+    neither (0, 0); ``first_step`` is the share of the way that is tried first.
+
     Returns:
         Roots at ``end`` and whether each arrived there, (N,).
     """
@@ -252,11 +235,10 @@ def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
     """The root as a function of all arguments: two Newton steps from it, the implicit function
     theorem to third order; their values are rounding."""
     size = impedance.detach().abs()
-    large = size > 1
-    infinite = torch.isinf(size)
-    safe = torch.where(infinite | ~large, torch.ones_like(impedance), impedance)
-    b = torch.where(large, torch.where(infinite, torch.zeros_like(safe), 1 / safe), 1 + 0j)
-    a = torch.where(large, torch.ones_like(impedance), impedance)
+    large, infinite = size > 1, torch.isinf(size)
+    safe = torch.where(infinite | ~large, 1, impedance)
+    b = torch.where(large, torch.where(infinite, 0, 1 / safe), 1)
+    a = torch.where(large, 1, impedance)
     inputs = (impedance, duct.wavenumber, duct.height, duct.mach)
     if not any(part.requires_grad for part in inputs):
         return root

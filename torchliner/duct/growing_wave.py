@@ -39,8 +39,7 @@ def growing_wave(
     r"""Wavenumber of the fastest growing wave along the flow above an endless liner.
 
     Args:
-        profile: mean flow.
-        frequency: Hz, (F,).
+        profile: mean flow.  frequency: Hz, (F,).
         impedance: Z, normalised, complex, broadcast against (F,).
         slip_condition: where the flow slips along the wall, as for ``duct_modes``.
     Returns:
@@ -64,22 +63,17 @@ def growing_wave(
     myers = require_slip_condition(profile, slip_condition)
     kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
     for i in lined.nonzero()[:, 0].tolist():
-        fastest_root = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
-        if fastest_root is not None:
-            found[i] = fastest_root / profile.duct_height
+        root = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
+        if root is not None:
+            found[i] = root / profile.duct_height
     return found
 
 
 def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tuple[Tensor, Tensor]:
     """Growth of the fastest wave over all lined patches, dB, (F,), and its largest alpha, (F,).
 
-    Args:
-        case: the duct.
-        frequency: Hz, (F,).
-        impedance: as for ``DuctSolver.solve``, without leading axes; of a function the value in the
-            middle of each patch.
-    Returns:
-        0 and nan where no wave grows.
+    0 and nan where no wave grows. ``impedance`` is as for ``DuctSolver.solve``, without leading
+    axes; of a function the value in the middle of each patch.
     """
     if callable(impedance):
         middles = torch.tensor([(start + end) / 2 for start, end in case.liner])

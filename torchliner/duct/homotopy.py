@@ -65,12 +65,8 @@ def follow(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> Tensor:
     takes its own steps: predicted along da/ds = -F_R (R - 1)/F_a, corrected by Newton's method,
     halved when the corrections do not shrink at once, since then another mode may be near.
 
-    Args:
-        equation: of M waves.
-        a: rigid wavenumbers alpha H, (M,).
-        reflection: R of the wall, (M,).
-    Returns:
-        a, (M,).
+    Of M waves: rigid wavenumbers a = alpha H and the wall's R, (M,), to the lined ones, (M,).
+
     Raises:
         RuntimeError: a path does not get on: two modes meet on it.
     """
@@ -114,11 +110,11 @@ def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> _Root:
         solution = equation.solve(a)
         step = solution.residual(reflection) / solution.residual_slope(reflection)
         # A root that is found stays as it is while others of the batch are still on their way.
-        step = torch.where(change < CONVERGED, torch.zeros_like(step), step)
+        step = torch.where(change < CONVERGED, 0, step)
         size = step.abs()
         growing = (size > CONTRACTION * change) & (size > SETTLED)
-        a = torch.where(growing, torch.full_like(a, torch.nan), a - step)
-        change = torch.where(growing, torch.full_like(size, torch.nan), size)
+        a = torch.where(growing, torch.nan, a - step)
+        change = torch.where(growing, torch.nan, size)
         first = change if first is None else first
         if not bool((change >= CONVERGED).any()):
             break

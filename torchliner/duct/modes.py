@@ -28,14 +28,12 @@ class DuctModes:
     """Waves q(y) exp(j omega t - j alpha x); p in units of rho c^2, u and v of c.
 
     Args:
-        frequency: Hz, (F,).
-        direction: ``downstream`` or ``upstream``, that of the group velocity.
+        frequency: Hz, (F,).  direction: ``downstream`` or ``upstream``, that of the group velocity.
         wavenumber: alpha, 1/m, (..., F, N); mode n grew out of rigid mode n.
         height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in
             panels of ``points`` each, whose ends are there twice.
         pressure: p, 1 on the rigid wall, (..., F, N, P).
-        axial, normal: u along the flow, v along +y, (..., F, N, P).
-        points: nodes in each panel.
+        axial, normal: u along the flow, v along +y, (..., F, N, P).  points: nodes in each panel.
     """
 
     frequency: Tensor
@@ -93,8 +91,7 @@ def duct_modes(
         frequency: Hz, (F,).
         impedance: Z, normalised, v into the wall; complex, broadcast against (F,) or (P, F),
             leading axes free; infinite is rigid. First derivatives of every output by Z exist.
-        count: modes 0 to count - 1.
-        direction: ``downstream`` or ``upstream``.
+        count: modes 0 to count - 1.  direction: ``downstream`` or ``upstream``.
         slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
             needed for a lined wall along which the flow slips.
         points: Chebyshev points in each panel of the height, see ``pridmore_brown``.

@@ -15,11 +15,9 @@ RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as g
 
 
 def doubt_sound(
-    case: DuctCase,
-    frequency: Sequence[float],
-    impedance: Tensor | Callable[..., Tensor],
+    case: DuctCase, frequency: Sequence[float], impedance: Tensor | Callable[..., Tensor],
     width: float | None,
-) -> None:
+) -> None:  # fmt: skip
     """Warn of a frequency in kHz, an impedance in rayl, a wave across the width.
 
     Warns:

@@ -17,7 +17,7 @@ from torchliner import flow_profiles, toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.plausible import doubt_sound
-from torchliner.duct.tables import tabulated_wall, velocity_table
+from torchliner.duct.tables import Z, tabulated_wall, velocity_table
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
@@ -31,22 +31,18 @@ class DuctSetup:
     """A duct with its sound, its wall and its microphones.
 
     Args:
-        name: of the preset or file.
-        case: the duct.
-        frequency: Hz, (F,).
+        name: of the preset or file.  case: the duct.  frequency: Hz, (F,).
         level: of the incident wave, dB re 20 uPa rms.
         impedance: Z of each patch, complex128, (S,) or (F, S), or a function of x and frequency.
-        microphones: x, m, (N,); may be empty.
-        wall: of the microphones, ``opposite`` or ``lined``.
-        facts: what the file says, for results.
-        fluid: gas.
+        microphones: x, m, (N,); may be empty.  wall: of the microphones, ``opposite`` or ``lined``.
+        facts: what the file says, for results.  fluid: gas.
     """
 
     name: str
     case: DuctCase
     frequency: Tensor
     level: float
-    impedance: Tensor | Callable[[Tensor, Tensor], Tensor]
+    impedance: Z
     microphones: Tensor
     wall: str
     facts: dict[str, Any]
@@ -244,16 +240,9 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
             f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
         )
     return DuctSetup(
-        name=file.name or path.stem,
-        case=case,
-        frequency=torch.tensor(sound.frequency, dtype=torch.float64),
-        level=sound.level,
-        impedance=impedance,
-        microphones=microphones,
-        wall=file.microphones.wall,
-        facts=file.model_dump(),
-        fluid=fluid,
-    )
+        file.name or path.stem, case, torch.tensor(sound.frequency, dtype=torch.float64),
+        sound.level, impedance, microphones, file.microphones.wall, file.model_dump(), fluid,
+    )  # fmt: skip
 
 
 def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
@@ -277,9 +266,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
         raise ValueError(f"{flow.file}: {error}") from error
 
 
-def _impedance(
-    sound: SoundTable, duct: DuctTable, path: Path
-) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
+def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
     patches = len(duct.liner)
     if sound.impedance is None and sound.impedance_file is None and patches == 0:
         return torch.empty(0, dtype=torch.complex128)

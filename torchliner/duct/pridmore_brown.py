@@ -156,21 +156,15 @@ class PridmoreBrown:
 
 
 def equations_of(
-    profiles: Sequence[MeanFlow],
-    points: int,
-    myers: bool,
-    kappa: Tensor,
-    flow: Tensor,
+    profiles: Sequence[MeanFlow], points: int, myers: bool, kappa: Tensor, flow: Tensor,
     split: int = 1,
-) -> PridmoreBrown:
+) -> PridmoreBrown:  # fmt: skip
     """The equations of waves in one duct or several of the same height.
 
     Args:
         profiles: mean flows; their panels are those of the thinnest of them.
-        points: Chebyshev points in each panel.
-        myers: condition with the factor of slip.
-        kappa: k H, (M,).
-        flow: index of the profile of each wave, (M,).
+        points: Chebyshev points in each panel.  myers: condition with the factor of slip.
+        kappa: k H, (M,).  flow: index of the profile of each wave, (M,).
         split: parts that each panel is cut into.
     """
     edges = panel_edges(profiles, split)

@@ -28,9 +28,7 @@ class Duct:
     """What the relation needs besides alpha and Z, as real tensors of one shape.
 
     Args:
-        wavenumber: k = omega/c, 1/m.
-        height: H, m.
-        mach: M.
+        wavenumber: k = omega/c, 1/m.  height: H, m.  mach: M.
         displaced: Ingard-Myers, else continuous velocity.
     """
 
@@ -45,10 +43,8 @@ class Duct:
 
     def flattened(self) -> Duct:
         """All items in one row."""
-        return Duct(
-            self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1),
-            self.displaced,
-        )  # fmt: skip
+        k, height, mach = (p.reshape(-1) for p in (self.wavenumber, self.height, self.mach))
+        return Duct(k, height, mach, self.displaced)
 
 
 class Relation(NamedTuple):
@@ -94,21 +90,14 @@ def relation(alpha: Tensor, duct: Duct) -> Relation:
     cos, sinc = _even(w, h)
     w1, w2 = -2 * (m * d + alpha), -2 * (1 - m * m)
     small = (w * h * h).abs() < 1e-4
-    sinc_w = torch.where(
-        small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, torch.ones_like(w), 2 * w)
-    )
+    sinc_w = torch.where(small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, 1, 2 * w))
     rigid_w, cos_w = h * (sinc + cos) / 2, -h * h * sinc / 2
     rigid_ww, cos_ww = h * (sinc_w + cos_w) / 2, -h * h * sinc_w / 2
     rigid = (w * h * sinc, rigid_w * w1, rigid_ww * w1 * w1 + rigid_w * w2)
     c1, c2 = cos_w * w1, cos_ww * w1 * w1 + cos_w * w2
+    f, f1, f2 = d, -m + 0 * d, 0 * m
     if duct.displaced:
-        f, f1, f2 = (
-            d * d / duct.wavenumber,
-            -2 * m * d / duct.wavenumber,
-            2 * m * m / duct.wavenumber,
-        )
-    else:
-        f, f1, f2 = d, -m + 0 * d, 0 * m
+        f, f1, f2 = (part / duct.wavenumber for part in (d * d, -2 * m * d, 2 * m * m))
     soft = (1j * f * cos, 1j * (f1 * cos + f * c1), 1j * (f2 * cos + 2 * f1 * c1 + f * c2))
     return Relation(rigid, soft)
 
@@ -116,7 +105,5 @@ def relation(alpha: Tensor, duct: Duct) -> Relation:
 def _even(square: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
     """cos(gamma H) and sin(gamma H)/(gamma H) of gamma^2."""
     zero = square == 0
-    x = torch.sqrt(torch.where(zero, torch.ones_like(square), square)) * height
-    return torch.where(zero, torch.ones_like(x), torch.cos(x)), torch.where(
-        zero, torch.ones_like(x), torch.sin(x) / x
-    )
+    x = torch.sqrt(torch.where(zero, 1, square)) * height
+    return torch.where(zero, 1, torch.cos(x)), torch.where(zero, 1, torch.sin(x) / x)

@@ -34,11 +34,8 @@ def rigid_wavenumbers(
     Re[(kappa - a M_b)^2 - a^2], which for a uniform flow is (n pi)^2.
 
     Args:
-        profile: mean flow.
-        kappa: k H, real, (F,).
-        count: modes wanted.
-        direction: of the group velocity.
-        points: Chebyshev nodes.
+        profile: mean flow.  kappa: k H, real, (F,).  count: modes wanted.
+        direction: of the group velocity.  points: Chebyshev nodes.
     Returns:
         (F, count), complex128.
     Raises:
@@ -65,7 +62,7 @@ def rigid_wavenumbers(
     shift = SHIFT * damped
     inverted = torch.linalg.eigvals(torch.linalg.solve(system - shift * along, along))
     infinite = inverted.abs() < 1 / INFINITE
-    found = shift[..., 0] + 1 / torch.where(infinite, torch.ones_like(inverted), inverted)
+    found = shift[..., 0] + 1 / torch.where(infinite, 1, inverted)
     found = torch.where(infinite, torch.full_like(found, complex(torch.nan, torch.nan)), found)
     fastest = float(mach.real.max())
     return _lowest(found, kappa, profile, fastest, count, direction).to(device)
@@ -78,7 +75,7 @@ def _lowest(
     if fastest > 0:
         wanted = wanted & (found.real < CONVECTED * kappa[:, None] / fastest)
     number = ((kappa[:, None] - found * profile.bulk_mach) ** 2 - found**2).real
-    number = torch.where(wanted, number, torch.full_like(number, torch.inf))
+    number = torch.where(wanted, number, torch.inf)
     ranked, order = torch.sort(number, dim=-1)
     if not bool(torch.isfinite(ranked[:, :count]).all()):
         raise RuntimeError(
@@ -99,8 +96,7 @@ def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
     crosses zero straight where they meet.
 
     Args:
-        profile: mean flow.
-        mode: n, 1 or above.
+        profile: mean flow.  mode: n, 1 or above.
     Raises:
         ValueError: a mode below 1: the plane wave runs at every frequency.
         RuntimeError: no cut-on within 0.5 to 1.5 of the uniform flow's.

@@ -19,14 +19,12 @@ def modes_of(setup: DuctSetup, count: int) -> dict[str, DuctModes]:
     Raises:
         ValueError: the impedance is a profile along x.
     """
-    wall = _first_wall(setup)
+    case, wall = setup.case, _first_wall(setup)
+    known: dict[str, Any] = {"count": count, "slip_condition": case.slip_condition}
     return {
-        direction: duct_modes(
-            setup.case.profile, setup.frequency, wall, count=count, direction=direction,
-            slip_condition=setup.case.slip_condition,
-        )
+        direction: duct_modes(case.profile, setup.frequency, wall, direction=direction, **known)
         for direction in DIRECTIONS
-    }  # fmt: skip
+    }
 
 
 def growing_of(setup: DuctSetup) -> Tensor:

@@ -20,6 +20,8 @@ IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number",
 IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
 NEAR = 1e-6  # m
 
+Z = Tensor | Callable[[Tensor, Tensor], Tensor]  # a value each, or a function of x and frequency
+
 
 def velocity_table(path: Path) -> tuple[Array, Array]:
     """y, m, and U, in any unit, (N,), from a CSV with the columns ``y [mm], U [m/s]``.
@@ -44,9 +46,7 @@ def impedance_table(
     ``R`` and ``X`` are short for the latter two, in capitals; inf is a rigid station.
 
     Args:
-        path: of the file.
-        liner: edges of the lined patches, m.
-        start, end: of the duct, m.
+        liner: edges of the lined patches, m.  start, end: of the duct, m.
     Raises:
         FileNotFoundError: no such file.
         ValueError: other columns, x without a unit, a cell that is no number, stations outside the
@@ -131,12 +131,9 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
 
 def tabulated_wall(
-    path: Path,
-    liner: Sequence[tuple[float, float]],
-    start: float,
-    end: float,
+    path: Path, liner: Sequence[tuple[float, float]], start: float, end: float,
     frequencies: Sequence[float],
-) -> Tensor | Callable[[Tensor, Tensor], Tensor]:
+) -> Z:  # fmt: skip
     """Z(x) of a table over x, or Z at the frequencies (Hz) of all patches, (F, S), of one over f.
 
     Between the frequencies of a table Z is linear in the admittance.

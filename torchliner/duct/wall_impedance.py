@@ -34,7 +34,7 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     rigid = torch.isinf(wall.real) | torch.isinf(wall.imag)
     if bool((torch.isnan(wall) & ~rigid).any()):
         raise ValueError("impedance is nan; a hard wall is inf")
-    finite = torch.where(rigid, torch.ones_like(wall), wall)
+    finite = torch.where(rigid, 1, wall)
     if bool(((finite + 1).abs() < ACTIVE).any()):
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
     lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
@@ -44,7 +44,7 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
             "and fields may have no bound",
             depth=2,
         )
-    return torch.where(rigid, torch.ones_like(wall), reflection_from_impedance(finite))
+    return torch.where(rigid, 1, reflection_from_impedance(finite))
 
 
 def result_type(impedance: Any) -> torch.dtype:

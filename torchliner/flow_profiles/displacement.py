@@ -16,8 +16,7 @@ def displacement_thickness(
 
     Args:
         y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
-        velocity: U(y), m/s, shape (N,).
-        centreline_velocity: U_0, m/s; default the last value.
+        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
     Raises:
         ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or
             U_0 zero.

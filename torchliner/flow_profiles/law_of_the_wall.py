@@ -34,10 +34,8 @@ class LawOfTheWallProfile(SymmetricProfile):
     ln(1 + y+), to 1e-12.
 
     Args:
-        bulk_mach: mean of U over the height, divided by c; 0 to 1.
-        duct_height: H, m.
-        sound_speed: c, m/s.
-        kinematic_viscosity: nu, m2/s; default air at 20 C.
+        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
+        sound_speed: c, m/s.  kinematic_viscosity: nu, m2/s; default air at 20 C.
     Raises:
         ValueError: bulk or centreline Mach number not below 1, or a friction Reynolds number
             u_tau H/(2 nu) below 180, where a channel is not turbulent enough for the law.

@@ -16,9 +16,7 @@ class UniformProfile(SymmetricProfile):
     """One velocity from wall to wall, at the walls too; 0 is a duct without flow.
 
     Args:
-        bulk_mach: U/c; 0 or above, below 1.
-        duct_height: H, m.
-        sound_speed: c, m/s.
+        bulk_mach: U/c; 0 or above, below 1.  duct_height: H, m.  sound_speed: c, m/s.
     Raises:
         ValueError: a Mach number outside 0 to 1, or a length or speed not above 0.
     """
@@ -53,8 +51,7 @@ class ParabolicProfile(SymmetricProfile):
     r"""Laminar flow, :math:`U/U_0 = t(2 - t)`, scaled to a bulk Mach number; U_0 = 3/2 of the mean.
 
     Args:
-        bulk_mach: mean of U over the height, divided by c; 0 to 2/3.
-        duct_height: H, m.
+        bulk_mach: mean of U over the height, divided by c; 0 to 2/3.  duct_height: H, m.
         sound_speed: c, m/s.
     Raises:
         ValueError: bulk or centreline Mach number not below 1.

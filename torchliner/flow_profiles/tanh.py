@@ -23,10 +23,8 @@ class TanhProfile(SymmetricProfile):
     walls. For d -> 0 it is a plug flow, for d -> infinity a parabola.
 
     Args:
-        bulk_mach: mean of U over the height, divided by c; 0 to 1.
-        duct_height: H, m.
-        shear: d, thickness of the shear layer in half heights; at least 0.03.
-        sound_speed: c, m/s.
+        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
+        shear: d, thickness of the shear layer in half heights; at least 0.03.  sound_speed: c, m/s.
         allow_thin: take a ``shear`` below 0.03 too, for a study of what then goes wrong.
     Raises:
         ValueError: bulk or centreline Mach number not below 1, or ``shear`` below 0.03.

@@ -26,8 +26,7 @@ class JetFlow:
     """The mean flow that the jets of appendix A.2 stand in; the paper's values of figure 22.
 
     Args:
-        duct_height: H, m.
-        shear: of ``TanhProfile``.
+        duct_height: H, m.  shear: of ``TanhProfile``.
     Raises:
         ValueError: see ``TanhProfile``.
     """
@@ -48,8 +47,7 @@ class HeightFacts:
     """One plane: what does not hang on the averaging length.
 
     Args:
-        height: m.
-        coherence: squared, of v with the tone, median over probes.
+        height: m.  coherence: squared, of v with the tone, median over probes.
         velocity_rms: v', m/s, over the plane.
         imprint, mean_imprint, streamwise_imprint: of v'_rms, v_0 and u'_rms along x; None without
             a whole cell (or without u).
@@ -79,11 +77,9 @@ def facts_of_plane(
     """The facts of a plane, and what could not be found out and why.
 
     Args:
-        plane: with coordinates and a height.
-        seen: its map, at one frequency.
+        plane: with coordinates and a height.  seen: its map, at one frequency.
         liner: whose ``surface_porosity`` and ``hole_diameter`` are used, if it has holes.
-        pitch: L_c, m, or None.
-        flow: for the jets.
+        pitch: L_c, m, or None.  flow: for the jets.
     """
     assert plane.height is not None
     rms = seen.velocity_rms.detach().cpu()

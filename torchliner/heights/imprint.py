@@ -59,9 +59,7 @@ def cell_imprint(x: ArrayLike, values: ArrayLike, pitch: float) -> Imprint:
     even probes and no growth this is the discrete Fourier sum.
 
     Args:
-        x: m, evenly rising, (N,).
-        values: m/s, (N,).
-        pitch: L_c, m.
+        x: m, evenly rising, (N,).  values: m/s, (N,).  pitch: L_c, m.
     Raises:
         ValueError: the probes span no whole cell, or fewer than four of them stand in one (with
             several cells more than four are needed, for the waves between the harmonics).
@@ -105,8 +103,7 @@ class Decay:
     """a exp(-y/l) fitted to an amplitude over height.
 
     Args:
-        amplitude: a, at y = 0.
-        rate: 1/l, 1/m; negative where the amplitude grows with height.
+        amplitude: a, at y = 0.  rate: 1/l, 1/m; negative where the amplitude grows with height.
         evanescent: L_c/(2 pi), m, the length of the first harmonic of a sound field whose
             wavelength is far above the pitch.
         scatter: factor by which the heights stray from the fit, rms; 1 for a perfect one.
@@ -136,9 +133,7 @@ def fit_decay(heights: Sequence[float], amplitudes: Sequence[float], pitch: floa
     """Least squares of ln(amplitude) over height; None with fewer than three heights.
 
     Args:
-        heights: m, (N,).
-        amplitudes: above 0, (N,).
-        pitch: L_c, m.
+        heights: m, (N,).  amplitudes: above 0, (N,).  pitch: L_c, m.
     """
     if len(heights) < FEWEST_HEIGHTS or not all(a > 0 for a in amplitudes):
         return None

@@ -70,8 +70,7 @@ class Recommendation:
     Args:
         height: m, for the order that the answer follows; None if no height of these qualifies.
         judgements: every height and order against what that order needs, lowest first.
-        reasons: in words, with numbers.
-        unknown: what could not be judged, and why.
+        reasons: in words, with numbers.  unknown: what could not be judged, and why.
         heights: by order.
     """
 

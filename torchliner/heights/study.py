@@ -37,8 +37,7 @@ class LengthRow:
     """Impedance of one plane at one averaging length, both orders.
 
     Args:
-        height, length: m.
-        probes, windows: probes in a window, and windows.
+        height, length: m.  probes, windows: probes in a window, and windows.
         probes_first: 1/<Y> over windows, Y averaged over a window's probes.
         velocity_first: the same, v averaged over a window's probes and then replayed.
         probes_first_spread, velocity_first_spread: standard deviation of R and of X over the
@@ -60,16 +59,11 @@ class HeightStudy:
     """Everything that speaks for or against a height.
 
     Args:
-        title: what the planes share.
-        frequency: Hz.
-        pitch: L_c, m; None if there are no cells.
-        lengths: m, rising.
-        rows: lowest plane first, then by length.
-        facts: lowest plane first.
+        title: what the planes share.  frequency: Hz.  pitch: L_c, m; None if there are no cells.
+        lengths: m, rising.  rows: lowest plane first, then by length.  facts: lowest plane first.
         decay, first_decay: of the imprint of v'_rms relative to its mean, and of its first
             harmonic in m/s; None with fewer than three heights.
-        reference: independent impedances, for comparison alone.
-        choices: of the eduction.
+        reference: independent impedances, for comparison alone.  choices: of the eduction.
         notes: warnings, and what is not known.
         source_side: where the sound comes from, one of ``names.SOURCE_SIDES``.
     """
@@ -106,17 +100,11 @@ class HeightStudy:
 
 
 def study_heights(
-    planes: Sequence[VelocityPlane],
-    liner: Liner,
-    frequency: float | None = None,
-    *,
-    lengths: Sequence[float] | None = None,
-    cell_pitch: float | None = None,
-    flow: JetFlow | None = None,
-    reference_phase: float | None = None,
-    progress: Callable[[int], None] | None = None,
-    **choices: Any,
-) -> HeightStudy:
+    planes: Sequence[VelocityPlane], liner: Liner, frequency: float | None = None, *,
+    lengths: Sequence[float] | None = None, cell_pitch: float | None = None,
+    flow: JetFlow | None = None, reference_phase: float | None = None,
+    progress: Callable[[int], None] | None = None, **choices: Any,
+) -> HeightStudy:  # fmt: skip
     """Z over height and averaging length, the cells' imprint, and the jets' height.
 
     Args:
@@ -128,10 +116,8 @@ def study_heights(
         frequency: Hz, one; default the planes' own tone.
         lengths: averaging lengths along x (and z), m, from a spacing to the whole plane; default a
             spacing, 1/8, 1/4, 1/2, 1, 2, 4 ... cells and the whole plane.
-        cell_pitch: L_c, m; default the liner's.
-        flow: mean flow for the jets' height.
-        reference_phase: rad, for ``phase="given"``.
-        progress: called with 1 per plane.
+        cell_pitch: L_c, m; default the liner's.  flow: mean flow for the jets' height.
+        reference_phase: rad, for ``phase="given"``.  progress: called with 1 per plane.
         choices: see ``torchliner.tdibc.choices.Choices``; tones only. A ``wall_filter`` acts on
             the averages over probes.
     Raises:

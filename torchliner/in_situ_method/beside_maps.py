@@ -20,9 +20,7 @@ def with_in_situ(
     maps' own level.
 
     Args:
-        maps: one a plane.
-        planes: what they were educed from.
-        record: of the same case.
+        maps: one a plane.  planes: what they were educed from.  record: of the same case.
     Raises:
         ValueError: the record states another case, tone, level or flow.
     Warns:

@@ -66,8 +66,7 @@ def in_situ(
         window: any window of scipy.
         segment: s of a segment of the H1 estimate, overlapping by half; default one segment, the
             whole record: tones are then exact.
-        start: s at the beginning that are left out.
-        allow_short: accept fewer than four periods.
+        start: s at the beginning that are left out.  allow_short: accept fewer than four periods.
         interval: level of the statistical intervals, 0 to 1; None for no intervals.
     Returns:
         Impedances in both orders of averaging (see the module), with the coherence of the two
@@ -209,10 +208,10 @@ def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> d
     used = rows >= 0
     through = velocity[:, rows.clamp(min=0)]
     points = transfer_from_amplitudes(through, face).response
-    points = torch.where(used[:, None], points, torch.full_like(points, torch.nan))
+    points = torch.where(used[:, None], points, torch.nan)
     inside = (cells.labels >= 0) & used
     member = cells.membership(used).T.to(torch.complex128)
-    admittance = torch.where(inside[:, None], 1 / points, torch.zeros_like(points))
+    admittance = torch.where(inside[:, None], 1 / points, 0)
     mean_face, mean_through = member @ face, member @ through
 
     def first(driver: Tensor, response: Tensor) -> Tensor:
@@ -229,13 +228,9 @@ def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> d
 
 
 def _coherence(
-    record: PressureRecord,
-    frequency: Tensor,
-    lines: tuple[Tensor, Tensor],
-    cells: Cells,
-    rows: Tensor,
-    options: dict[str, Any],
-) -> tuple[Tensor, int]:
+    record: PressureRecord, frequency: Tensor, lines: tuple[Tensor, Tensor], cells: Cells,
+    rows: Tensor, options: dict[str, Any],
+) -> tuple[Tensor, int]:  # fmt: skip
     """Of the two pressures, mean over a cell's points, (C, F), and the number of segments.
 
     The amplitudes (S, P, F), (S, C, F) of a single segment say nothing of it; shorter segments do.

@@ -28,20 +28,13 @@ def require_level(level: float | None) -> None:
 
 
 def dean_uncertainty(
-    record: PressureRecord,
-    frequency: Tensor,
-    drive: Tensor,
-    found: Mapping[str, Tensor],
-    cells: Cells,
-    rows: Tensor,
-    options: Mapping[str, Any],
-    level: float | None,
-) -> PointUncertainty | None:
+    record: PressureRecord, frequency: Tensor, drive: Tensor, found: Mapping[str, Tensor],
+    cells: Cells, rows: Tensor, options: Mapping[str, Any], level: float | None,
+) -> PointUncertainty | None:  # fmt: skip
     """Intervals of cells and surface in both orders; None for fewer than four blocks.
 
     Args:
-        record, frequency, options: as ``in_situ`` has them.
-        drive: rho c v_in/p_b, (F,).
+        record, frequency, options: as ``in_situ`` has them.  drive: rho c v_in/p_b, (F,).
         found: impedances of points, cells and surface.
         cells, rows: of the probes, and the row of the backplate that belongs to each.
         level: of the intervals; None for none.
@@ -87,22 +80,15 @@ def dean_uncertainty(
 
 
 def wave_interval(
-    record: PressureRecord,
-    signals: Sequence[Tensor],
-    frequency: Tensor,
-    reflection: Tensor,
-    places: Tensor,
-    options: Mapping[str, Any],
-    level: float | None,
-) -> Interval | None:
+    record: PressureRecord, signals: Sequence[Tensor], frequency: Tensor, reflection: Tensor,
+    places: Tensor, options: Mapping[str, Any], level: float | None,
+) -> Interval | None:  # fmt: skip
     """Of Z at y = 0 from plane waves, (F,); None for fewer than four blocks.
 
     Args:
         record, frequency, options: as ``decompose_waves`` has them.
         signals: pressures of the microphones, and rho c v_in there if velocities are used.
-        reflection: R, (F,).
-        places: y, m.
-        level: of the interval; None for none.
+        reflection: R, (F,).  places: y, m.  level: of the interval; None for none.
     """
     if level is None:
         return None

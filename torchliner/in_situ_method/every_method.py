@@ -20,9 +20,7 @@ class InSituRow:
     """One impedance of one method, normalised.
 
     Args:
-        method, place: what and where.
-        frequency: Hz.
-        impedance: Z.
+        method, place: what and where.  frequency: Hz.  impedance: Z.
         own: what the file states for this method, if anything.
         true: the file's truth, if it states one.
         coherence: of the two pressures; nan for microphones.
@@ -60,18 +58,13 @@ class InSituReport:
 
 
 def in_situ_report(
-    record: PressureRecord,
-    frequency: Any = None,
-    *,
-    losses: str = "none",
-    pair: Sequence[int] | str = "pair",
-    **options: Any,
-) -> InSituReport:
+    record: PressureRecord, frequency: Any = None, *, losses: str = "none",
+    pair: Sequence[int] | str = "pair", **options: Any,
+) -> InSituReport:  # fmt: skip
     """Every method the record has signals for, beside the file's own values.
 
     Args:
-        record: pressures.
-        frequency: Hz; default the record's tone.
+        record: pressures.  frequency: Hz; default the record's tone.
         losses: in the cavity; see ``in_situ``.
         pair: the two microphones of the two-microphone row.
         options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval``.

@@ -45,15 +45,13 @@ class WaveDecomposition:
     """Plane waves in front of a surface.
 
     Args:
-        name: of the method, for tables.
-        frequency: Hz, (F,).
+        name: of the method, for tables.  frequency: Hz, (F,).
         reflection: R at y = 0, complex128, (F,).
         incident: rms over the segments of the incident wave's peak amplitude at y = 0, Pa, (F,).
         residual: rms of what the two waves leave over that of the pressures, (F,); nan for two
             pressures, or one with its velocity, which two waves always fit.
         condition: condition number of the equations, (F,): errors of the microphones grow by it.
-        microphones: indices of those that were used.
-        notes: warnings, with numbers.
+        microphones: indices of those that were used.  notes: warnings, with numbers.
         interval: statistical, of Z, (F,), because the record is finite; None without any.
     """
 
@@ -95,8 +93,7 @@ def decompose_waves(
     Over several segments R is the H1 estimate with the incident wave as the input.
 
     Args:
-        record: with microphones.
-        frequency: Hz, one or several; default the record's own tone.
+        record: with microphones.  frequency: Hz, one or several; default the record's own tone.
         microphones: indices, ``all``, or ``pair``: the two best conditioned.
         velocities: use the velocities at the microphones as well.
         window, segment, start, allow_short, interval: as for ``in_situ``.
@@ -172,13 +169,9 @@ def _chosen(
 
 
 def _notes(
-    record: PressureRecord,
-    name: str,
-    frequency: Tensor,
-    places: Tensor,
-    residual: Tensor,
+    record: PressureRecord, name: str, frequency: Tensor, places: Tensor, residual: Tensor,
     condition: Tensor,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     notes = []
     bias = residual * condition
     bad, poor = int(condition.argmax()), int(bias.argmax())

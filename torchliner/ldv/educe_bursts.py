@@ -49,8 +49,7 @@ def educe_bursts(
     Args:
         stations: file or folder, as for ``read_bursts``; or records; or what ``list_stations``
             returns, which is read one by one, so that the line need not fit into memory.
-        liner: as for ``educe``.
-        frequency: Hz, one or several; default the stations' own tone.
+        liner: as for ``educe``.  frequency: Hz, one or several; default the stations' own tone.
         reference: channel that carries the phase of the sound, one for all or one a station in the
             order of ``stations``, or functions that read it for a station. With it the coherence
             of v is that with the reference, ``self-consistent`` takes the part of v that follows

@@ -39,8 +39,7 @@ def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
     mean of Z less Z of the mean R, right to second order.
 
     Args:
-        reflection: R of the segments, (S, F).
-        choices: with the level.
+        reflection: R of the segments, (S, F).  choices: with the level.
     """
     count = len(reflection)
     if choices.interval is None or not can_resample(count):
@@ -57,8 +56,7 @@ def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAvera
     """(5.2) over the stations that count.
 
     Args:
-        line: stations.
-        choices: with the level of the interval.
+        line: stations.  choices: with the level of the interval.
         draws: of the Monte Carlo, the paper's 5000.
     Raises:
         ValueError: no station counts.
@@ -95,9 +93,7 @@ def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Te
     """Mean over the stations of one drawn segment each: (M, F), batched over the draws.
 
     Args:
-        admittance: (N, S, F).
-        counts: segments of each station, (N,).
-        draws: M.
+        admittance: (N, S, F).  counts: segments of each station, (N,).  draws: M.
         seed: of the generator.
     Source: Roncen et al. (2026), eq. (5.2a), before its outer sum.
     """

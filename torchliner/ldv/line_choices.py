@@ -27,8 +27,7 @@ class StationChoices:
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or
             ``refuse`` them.
-        monte_carlo: draws of (5.2) (the paper: 5000).
-        filters: which bursts count.
+        monte_carlo: draws of (5.2) (the paper: 5000).  filters: which bursts count.
     """
 
     method: str = "linear"

@@ -36,8 +36,7 @@ def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
     """Of the average, and of each station, against the stated level; or why there is none.
 
     Args:
-        line: with its average.
-        choices: limit, doubt and level of the intervals.
+        line: with its average.  choices: limit, doubt and level of the intervals.
     """
     known = stated_pressure(line, line.frequency, None)
     if isinstance(known, str) or line.average is None:

@@ -35,19 +35,14 @@ WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole rec
 
 
 def educe_station(
-    record: BurstRecord,
-    liner: LinerModel,
-    frequency: Any,
-    station_choices: StationChoices,
-    choices: Choices,
-    reference: ReferenceChannel | None = None,
+    record: BurstRecord, liner: LinerModel, frequency: Any, station_choices: StationChoices,
+    choices: Choices, reference: ReferenceChannel | None = None,
     reference_phase: float | None = None,
-) -> ImpedanceLine:
+) -> ImpedanceLine:  # fmt: skip
     """One station, which depends on no other: a line of N = 1 without an average.
 
     Args:
-        record: bursts as read.
-        liner: as for ``educe``.
+        record: bursts as read.  liner: as for ``educe``.
         frequency: Hz, one or several; None takes the record's tone.
         station_choices, choices: from bursts to segments; of the replay, for tones.
         reference: channel that carries the phase of the sound.

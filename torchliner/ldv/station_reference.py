@@ -47,9 +47,7 @@ def reference_tone(
     """The reference channel in the segments of a station.
 
     Args:
-        cut: segments.
-        reference: channel that covers them.
-        frequency: Hz, (F,).
+        cut: segments.  reference: channel that covers them.  frequency: Hz, (F,).
         record: with the window over each segment.
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
@@ -87,8 +85,7 @@ def sound_phases(
     """psi of ``given`` in each segment, counted from its first sample, rad, (S, F).
 
     Args:
-        cut, frequency, reference: as for ``clock_phases``.
-        lead: rad, of the sound over the clock.
+        cut, frequency, reference: as for ``clock_phases``.  lead: rad, of the sound over the clock.
     Raises:
         ValueError: neither a reference nor a lead is known.
     """

@@ -30,8 +30,7 @@ class Segments:
         start: of each segment on the clock of the arrivals, s, (S,).
         hop: samples from one segment to the next.
         attenuation: factor on a tone over the whole record, complex128, (F,).
-        corrected: frequencies whose tone was corrected, bool, (F,).
-        notes: warnings, with numbers.
+        corrected: frequencies whose tone was corrected, bool, (F,).  notes: warnings, with numbers.
     """
 
     plane: VelocityPlane
@@ -47,9 +46,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     """Bursts onto a grid, the tone corrected, cut into segments.
 
     Args:
-        record: validated bursts.
-        frequency: Hz, (F,).
-        choices: from bursts to segments.
+        record: validated bursts.  frequency: Hz, (F,).  choices: from bursts to segments.
     Raises:
         ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than
             a segment, fewer than two arrivals a period, a tone damped below 0.3.

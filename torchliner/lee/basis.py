@@ -20,8 +20,7 @@ class Basis:
 
     Args:
         nodes, weights: Gauss points and weights, (n,); the mass matrix is diag(weights).
-        convection: integral of phi_i' phi_j, (n, n).
-        first, last: phi at 0 and at 1, (n,).
+        convection: integral of phi_i' phi_j, (n, n).  first, last: phi at 0 and at 1, (n,).
     """
 
     nodes: Tensor
@@ -62,9 +61,7 @@ class Rows:
     """The integrals across the duct, element by element; (E, n, n).
 
     Args:
-        mass: of phi_i phi_j.
-        flow: of M phi_i phi_j.
-        shear: of dM/dy phi_i phi_j.
+        mass: of phi_i phi_j.  flow: of M phi_i phi_j.  shear: of dM/dy phi_i phi_j.
     """
 
     mass: Tensor

@@ -25,8 +25,7 @@ class Column:
     points: (2 N) or (N). One against it holds (p - u)/2: (N). The wall's holds n.
 
     Args:
-        lined: whether the lower wall is a port.
-        elements: of the column.
+        lined: whether the lower wall is a port.  elements: of the column.
         vertical: waves (E, up and down, n) that go into elements through horizontal edges, of unit
             waves into the column from the left, from the right and from the wall, (F, 2 N, I).
         out: waves out to the ``right``, the ``left`` and the ``wall``, of the same waves in.
@@ -64,8 +63,8 @@ def condense_column(
     from_sides = _diagonal(scattering[..., sides:, :sides])
     source, closed = _neighbours(count, n, lined, k.device)
     one = torch.eye(2 * n * count, dtype=scattering.dtype, device=k.device)
-    arriving = torch.where(closed[:, None], to_vertical[:, source], torch.zeros_like(to_vertical))
-    right = torch.where(closed[:, None], from_sides[:, source], torch.zeros_like(from_sides))
+    arriving = torch.where(closed[:, None], to_vertical[:, source], 0)
+    right = torch.where(closed[:, None], from_sides[:, source], 0)
     if lined:
         right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
     vertical = torch.linalg.solve(one - arriving, right)

@@ -48,10 +48,7 @@ def condense_elements(k: Tensor, width: float, basis: Basis, rows: Rows, flow: b
     """Elements of one width.
 
     Args:
-        k: omega/c, 1/m, (F,).
-        width: m.
-        basis, rows: of the mesh.
-        flow: whether v crosses edges.
+        k: omega/c, 1/m, (F,).  width: m.  basis, rows: of the mesh.  flow: whether v crosses edges.
     """
     steady, mass = element_operator(width, basis, rows)
     incoming, outgoing = element_ports(width, basis, rows, flow)

@@ -27,11 +27,8 @@ class DuctField:
     """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
 
     Args:
-        case: the duct.
-        frequency: Hz, (F,).
-        source: its side.
-        waves: X of ``ports.py``, Pa, (..., F, D).
-        swept: the duct's answers to unit waves.
+        case: the duct.  frequency: Hz, (F,).  source: its side.
+        waves: X of ``ports.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
         dtype: of what is read from the field; the sums are done in complex128.
         lining: the wall that it was solved with, or None where there is no liner.
     """

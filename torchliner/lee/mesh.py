@@ -27,8 +27,7 @@ class DuctMesh:
     Args:
         case: the duct.
         x: column edges, m, increasing from ``start`` to ``end``; every liner edge is one of them.
-        y: row edges, m, increasing from 0 to H.
-        degree: p, at least 1.
+        y: row edges, m, increasing from 0 to H.  degree: p, at least 1.
     Raises:
         ValueError: edges that do not increase, do not span the duct or miss a liner edge.
     """
@@ -122,21 +121,13 @@ class DuctMesh:
 
 
 def build_mesh(
-    case: DuctCase,
-    frequency: float,
-    *,
-    degree: int = 4,
-    column: float | None = None,
-    row: float | None = None,
-    wall_cell: float | None = None,
-    edge_cell: float | None = None,
-) -> DuctMesh:
+    case: DuctCase, frequency: float, *, degree: int = 4, column: float | None = None,
+    row: float | None = None, wall_cell: float | None = None, edge_cell: float | None = None,
+) -> DuctMesh:  # fmt: skip
     """A mesh for one frequency and all below it.
 
     Args:
-        case: the duct.
-        frequency: the highest, Hz.
-        degree: p.
+        case: the duct.  frequency: the highest, Hz.  degree: p.
         column, row: largest elements along and across the duct, m; default: a fifth of the height
             or 1.25 times the points per wavelength of ``FEWEST``, whichever is less.
         wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the

@@ -33,11 +33,9 @@ MESHES = ((4, 2), (8, 4), (16, 8), (32, 16))
 
 
 def order_table(
-    flow: str,
-    degrees: Sequence[int] = (1, 2, 3, 4),
-    meshes: Sequence[tuple[int, int]] = MESHES,
+    flow: str, degrees: Sequence[int] = (1, 2, 3, 4), meshes: Sequence[tuple[int, int]] = MESHES,
     direction: str = "downstream",
-) -> list[dict[str, Any]]:
+) -> list[dict[str, Any]]:  # fmt: skip
     """Errors of mode 0 in a duct of 150 x 50 mm lined throughout with Z = 2.33-0.30j, at 1500 Hz.
 
     The mode enters at one end, leaves at the other and is known there exactly: alpha and shape from
@@ -47,9 +45,7 @@ def order_table(
     Args:
         flow: ``no flow`` or ``sheared`` (tanh profile, bulk Mach 0.3, shear 0.5, whose derivatives
             stay small enough for the order to be seen on coarse meshes).
-        degrees: p.
-        meshes: columns and rows; each next one twice as fine.
-        direction: of the mode.
+        degrees: p.  meshes: columns and rows; each next one twice as fine.  direction: of the mode.
     Returns:
         A row a mesh: flow, degree, columns, rows, unknowns, the largest ``error`` of p over the
         largest p, and the ``order``, log2 of the last error over this one, nan on the first mesh.

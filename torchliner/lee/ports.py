@@ -47,8 +47,7 @@ def solve_ports(response: Response, wall: Wall | None, starts: Tensor, returns: 
     """X for waves sent in from the ends.
 
     Args:
-        response: of the swept duct.
-        wall: of the liner, or None where there is none.
+        response: of the swept duct.  wall: of the liner, or None where there is none.
         starts: s0 at the left and right end, (..., F, 2).
         returns: r of the left and right end, (..., F, 2).
     Returns:

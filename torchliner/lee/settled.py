@@ -78,8 +78,7 @@ def solve_settled(
         case, frequency: as for ``DuctSolver``.
         impedance: as for ``DuctSolver.solve``, without leading axes.
         places: x at which levels on ``wall`` are compared, m; the transmission always is.
-        mesh: to be used as it is, without a second one.
-        keep: ``all`` or ``walls``.
+        mesh: to be used as it is, without a second one.  keep: ``all`` or ``walls``.
     Raises:
         RuntimeError: meshes that still differ by more than 1 dB, or a wave in the field that grows
             by more than 100 dB over the liner; the message says by how much.
@@ -134,7 +133,7 @@ def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> 
     loud = spl_from_pressure_amplitude(first) > spl_from_pressure_amplitude(
         first.abs().amax(-1, keepdim=True)) - WEAK  # fmt: skip
     levels = 20 * (first / second).abs().log10().abs()
-    return torch.maximum(moved, torch.where(loud, levels, torch.zeros_like(levels)).amax(-1))
+    return torch.maximum(moved, torch.where(loud, levels, 0).amax(-1))
 
 
 def _judge(found: SettledField) -> None:

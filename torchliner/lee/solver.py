@@ -33,8 +33,7 @@ class DuctSolver:
     which is solved for each of them. The discrete solution is the whole system's, to rounding.
 
     Args:
-        case: the duct.
-        frequency: Hz, (F,).
+        case: the duct.  frequency: Hz, (F,).
         mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what
             pressures and velocities along both walls need.
@@ -48,14 +47,9 @@ class DuctSolver:
     """
 
     def __init__(
-        self,
-        case: DuctCase,
-        frequency: Any,
-        mesh: DuctMesh | None = None,
-        *,
-        keep: str = "all",
+        self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all",
         memory: float = MEMORY,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
@@ -144,19 +138,13 @@ class DuctSolver:
 
 
 def solve_duct(
-    case: DuctCase,
-    frequency: Any,
-    impedance: Any = math.inf,
-    mesh: DuctMesh | None = None,
-    *,
+    case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *,
     keep: str = "all",
-) -> DuctField:
+) -> DuctField:  # fmt: skip
     """The sound field of a lined duct with flow.
 
     Args:
-        case: the duct.
-        frequency: Hz, (F,).
-        impedance: Z; see ``DuctSolver.solve``.
+        case: the duct.  frequency: Hz, (F,).  impedance: Z; see ``DuctSolver.solve``.
         mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` or ``walls``; see ``DuctSolver``.
     Returns:

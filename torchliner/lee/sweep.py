@@ -56,9 +56,7 @@ class SweptDuct:
     """All sweeps of a duct.
 
     Args:
-        mesh, basis: of the duct.
-        modes: at its ends.
-        response: to unit waves, all frequencies.
+        mesh, basis: of the duct.  modes: at its ends.  response: to unit waves, all frequencies.
         parts: what is kept, one after the other along the frequencies.
     """
 
@@ -70,13 +68,9 @@ class SweptDuct:
 
 
 def sweep_duct(
-    case: DuctCase,
-    mesh: DuctMesh,
-    frequency: Tensor,
-    keep_all: bool,
-    memory: float,
+    case: DuctCase, mesh: DuctMesh, frequency: Tensor, keep_all: bool, memory: float,
     modes: Callable[..., EndModes] = plane_modes,
-) -> SweptDuct:
+) -> SweptDuct:  # fmt: skip
     """Condense and sweep; see ``DuctSolver``. ``modes`` are those that the ends let out."""
     basis = Basis.of_degree(mesh.degree, frequency.device)
     rows = Rows.of_flow(basis, mesh.y, case.profile)

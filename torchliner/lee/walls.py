@@ -83,8 +83,7 @@ def wall_of(
     Args:
         impedance: numbers, broadcast against (F, S), S lined patches, leading axes free; or a
             function of x (m, (P,)) and frequency (Hz, (F,)) that returns (..., F, P).
-        mesh, basis: of the duct.
-        k, frequency: 1/m and Hz, (F,).
+        mesh, basis: of the duct.  k, frequency: 1/m and Hz, (F,).
         slip_mach: M at the wall for Ingard's and Myers' condition, else 0.
     Raises:
         ValueError: shapes that do not fit; see ``wall_reflection``.

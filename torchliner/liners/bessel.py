@@ -34,9 +34,9 @@ class _RatioI2I0(torch.autograd.Function):
 
 def _slope(s: Tensor, ratio: Tensor) -> Tensor:
     """From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; 0 at s = 0."""
-    safe = torch.where(s == 0, torch.ones_like(s), s)
+    safe = torch.where(s == 0, 1, s)
     slope = s * (1 - ratio) ** 2 / 2 - 2 * ratio / safe
-    return torch.where(s == 0, torch.zeros_like(s), slope)
+    return torch.where(s == 0, 0, slope)
 
 
 def ratio_i2_i0(s: Tensor) -> Tensor:

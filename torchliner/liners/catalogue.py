@@ -115,8 +115,7 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
     """TOML text that ``load_liner`` reads back as ``liner``.
 
     Args:
-        liner: model of plain numbers, with a name.
-        source: where the numbers come from.
+        liner: model of plain numbers, with a name.  source: where the numbers come from.
         description: one line.
     """
     facts = liner.describe()

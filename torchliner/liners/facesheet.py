@@ -19,10 +19,8 @@ def facesheet_impedance(
     """Linear impedance of a perforate, normalised: first two terms of eq. (2.2a).
 
     Args:
-        omega: rad/s, > 0, real, any shape.
-        thickness, radius: L_p and r_p, m.
-        porosity: phi_p, that of the plate in front of the cavity.
-        fluid: gas.
+        omega: rad/s, > 0, real, any shape.  thickness, radius: L_p and r_p, m.
+        porosity: phi_p, that of the plate in front of the cavity.  fluid: gas.
     Source: Roncen et al. (2026), eq. (2.2a-c), after Atalla & Sgard (2007).
     """
     extra = end_correction(radius, porosity)

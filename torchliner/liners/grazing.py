@@ -11,8 +11,7 @@ def goodrich_resistance(
     Args:
         bulk_mach: M_b.
         flow_facing_porosity: open area over the whole liner surface (the global porosity).
-        displacement_thickness: delta*, m.
-        diameter: orifice diameter d, m.
+        displacement_thickness: delta*, m.  diameter: orifice diameter d, m.
     Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b
         stands twice there; once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12
         between Mach 0.1 and 0.3), twice gives 0.41-0.49.

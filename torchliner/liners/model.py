@@ -30,8 +30,7 @@ class Number:
     """A real parameter of a model that may be varied.
 
     Args:
-        value: SI.
-        unit: SI, "1" if it has none.
+        value: SI.  unit: SI, "1" if it has none.
         low, high: what makes sense: above ``low``, at most ``high``.
     """
 

@@ -61,11 +61,8 @@ def speed_law_coefficients(
     """Coefficients (a, b, c, d) of the module's formula for |v| at the perforate, eq. (2.4).
 
     Args:
-        omega: rad/s, > 0, any shape, which the results share.
-        radius: r_p, m.
-        porosity: phi_p.
-        vena_contracta: C_vc; 0.8 in the paper, 0.75 for sharp edges.
-        fluid: gas.
+        omega: rad/s, > 0, any shape, which the results share.  radius: r_p, m.  porosity: phi_p.
+        vena_contracta: C_vc; 0.8 in the paper, 0.75 for sharp edges.  fluid: gas.
     Source: Roncen et al. (2026), eqs (2.4a,b), (2.5a,b), rearranged, not changed. The exponential
         is capped where it would overflow, below about 3e-4 Hz: Re G is 0 there.
     """

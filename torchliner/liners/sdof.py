@@ -55,8 +55,7 @@ class SDoFLiner(LinerModel):
         orifice_diameter: d = 2 r_p, m. For a slit its width: r_p is then half the slit.
         porosity: phi_p of the facesheet the orifices see, 0 to 1: local if ``open_area_fraction``
             carries the walls, global otherwise.
-        cavity_depth: H_c, m.
-        cavity_hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
+        cavity_depth: H_c, m.  cavity_hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
         cavity_porosity: phi_c, 0 to 1.
         open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in
             parallel (section 5.3), 0 to 1.
@@ -69,8 +68,7 @@ class SDoFLiner(LinerModel):
         cell_pitch: L_c, m, for averages over cells; None if there are no cells.
         flow_facing_porosity: porosity of the whole surface for eq. (2.7);
             default porosity x open_area_fraction.
-        fluid: gas.
-        name: for labels.
+        fluid: gas.  name: for labels.
     Raises:
         ValueError: a length or porosity outside its range, or a hole larger than the pitch.
     Source: Roncen et al. (2026), section 2 and section 5.3, with the departures named in

@@ -31,8 +31,7 @@ class TabulatedLiner(LinerModel):
         frequency: Hz, increasing, (N,).
         values: Z normalised, complex, (N,) if Z does not depend on |v|, else (N, M).
         speed: |v| m/s, increasing from 0, (M,); None for a table over frequency alone.
-        cell_pitch: m, for averages over cells.
-        name: for labels.
+        cell_pitch: m, for averages over cells.  name: for labels.
     Raises:
         ValueError: shapes disagree, an axis does not increase, values are not finite.
     """
@@ -127,8 +126,7 @@ class TabulatedLiner(LinerModel):
         """Normalised impedance, complex128, of the broadcast shape.
 
         Args:
-            frequency: Hz, within the table.
-            speed: |v| m/s, within the table.
+            frequency: Hz, within the table.  speed: |v| m/s, within the table.
         Raises:
             ValueError: outside the table.
         """

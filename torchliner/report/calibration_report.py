@@ -115,9 +115,7 @@ def draw_predictions(
     """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse.
 
     Args:
-        panels: rows by the title of their panel.
-        title: of the figure.
-        path: where to save it.
+        panels: rows by the title of their panel.  title: of the figure.  path: where to save it.
     """
     figure, axes = subplots(1, len(panels), 3.6)
     names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))

@@ -15,8 +15,7 @@ def closure_lines(
     """What the whole planes are compared with, a row each and frequency; why the answer fails.
 
     Args:
-        results: maps, or one line.
-        where: columns that say which row it is.
+        results: maps, or one line.  where: columns that say which row it is.
     """
     heading = "\n".join(dict.fromkeys(f"closure: {result.closure_words}" for result in results))
     rows: list[dict[str, Any]] = []

@@ -26,10 +26,8 @@ class Curves:
     """Quantities over one variable.
 
     Args:
-        at: the variable, increasing, (N,).
-        values: columns by name, each (N,).
-        label: for legends.
-        variable: its name and unit.
+        at: the variable, increasing, (N,).  values: columns by name, each (N,).
+        label: for legends.  variable: its name and unit.
     """
 
     at: Array

@@ -89,12 +89,9 @@ def _mesh_words(ratio: dict[str, Any]) -> str:
 
 @styled
 def draw_walls(
-    solved: Sequence[tuple[DuctSetup, DuctField]],
-    path: str | Path | None = None,
-    frequency_index: int = 0,
-    labels: Sequence[str] | None = None,
-    title: str | None = None,
-) -> Figure:
+    solved: Sequence[tuple[DuctSetup, DuctField]], path: str | Path | None = None,
+    frequency_index: int = 0, labels: Sequence[str] | None = None, title: str | None = None,
+) -> Figure:  # fmt: skip
     """SPL and phase along the wall of the microphones (figures 13, 18)."""
     figure, axes = subplots(1, 2, 3.2)
     for i, (setup, field) in enumerate(solved):

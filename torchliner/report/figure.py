@@ -96,9 +96,7 @@ def finish(
     """Legend, heading and file, where asked for.
 
     Args:
-        figure: with everything drawn.
-        path: picture to write.
-        title: above all panels.
+        figure: with everything drawn.  path: picture to write.  title: above all panels.
         legend: columns, at most, of the names in the first panel, below all panels.
     """
     if legend:

@@ -70,11 +70,9 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
 
 @styled
 def draw_in_situ(
-    record: PressureRecord,
-    points: PointImpedances,
-    path: str | Path | None = None,
+    record: PressureRecord, points: PointImpedances, path: str | Path | None = None,
     frequency_index: int = 0,
-) -> Any:
+) -> Any:  # fmt: skip
     """R and X of the in situ method along x: points, cells in both orders, the file's truth."""
     profile = points_along_x(points, frequency_index)
     known = bool((points.point_x == points.point_x).all())

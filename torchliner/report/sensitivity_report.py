@@ -96,8 +96,7 @@ def draw_contributions(
     """Bars of the changes of R and X, one pair of panels, largest on top.
 
     Args:
-        rows: of one frequency, of ``budget_table`` or ``sensitivity_table``.
-        title: of the figure.
+        rows: of one frequency, of ``budget_table`` or ``sensitivity_table``.  title: of the figure.
         path: where to save it.
     """
     total = next((row for row in rows if row["parameter"] == COMBINED), None)

@@ -90,8 +90,7 @@ class Table:
     """Rows, mappings or objects, and what is shown of them.
 
     Args:
-        rows: at least one for ``write_csv``.
-        columns: in their order.
+        rows: at least one for ``write_csv``.  columns: in their order.
         csv: format of numbers in CSV; without one all their digits.
     """
 

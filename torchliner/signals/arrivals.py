@@ -129,12 +129,9 @@ def onto_grid(
 
 
 def interpolate(
-    arrival_times: Tensor,
-    values: Tensor,
-    grid: UniformGrid,
-    method: str = "linear",
+    arrival_times: Tensor, values: Tensor, grid: UniformGrid, method: str = "linear",
     band: float | None = None,
-) -> Tensor:
+) -> Tensor:  # fmt: skip
     """One station's values on a grid that its arrivals span: (..., N) at (N,) to (..., T).
 
     No checks of the data: see ``onto_grid``.

@@ -23,13 +23,9 @@ def require_draws(draws: int) -> None:
 
 
 def draw_pressures(
-    pressure: Tensor,
-    draws: int,
-    generator: torch.Generator,
-    *,
-    level_error: float = LEVEL_ERROR,
+    pressure: Tensor, draws: int, generator: torch.Generator, *, level_error: float = LEVEL_ERROR,
     phase_error: float = PHASE_ERROR,
-) -> Tensor:
+) -> Tensor:  # fmt: skip
     """Pressures with errors, (D, ..., N, F).
 
     Args:

@@ -22,13 +22,9 @@ def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tup
 
 
 def split_waves(
-    pressure: Tensor,
-    places: Tensor,
-    frequency: Tensor,
-    sound_speed: float,
-    mach: float = 0.0,
+    pressure: Tensor, places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0,
     velocity: Tensor | None = None,
-) -> tuple[Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Least-squares amplitudes of the two waves from complex pressures.
 
     Args:

@@ -53,16 +53,10 @@ class RejectedFlow:
 
 
 def reject_flow_noise(
-    pressure: Tensor,
-    reference: Tensor,
-    frequency: Tensor,
-    sampling_rate: float,
-    *,
-    segment: float | None = None,
-    window: Any = "hann",
-    start: float = 0.0,
+    pressure: Tensor, reference: Tensor, frequency: Tensor, sampling_rate: float, *,
+    segment: float | None = None, window: Any = "hann", start: float = 0.0,
     name: str = "microphones",
-) -> RejectedFlow:
+) -> RejectedFlow:  # fmt: skip
     """Tones that are coherent with a reference channel.
 
     Args:

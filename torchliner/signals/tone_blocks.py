@@ -62,14 +62,9 @@ class TimeBlocks:
 
 
 def blocks_of(
-    signals: Sequence[Tensor],
-    frequency: Tensor,
-    sampling_rate: float,
-    *,
-    window: Any,
-    segment: float | None,
-    start: float,
-) -> TimeBlocks | None:
+    signals: Sequence[Tensor], frequency: Tensor, sampling_rate: float, *, window: Any,
+    segment: float | None, start: float,
+) -> TimeBlocks | None:  # fmt: skip
     """Amplitudes of signals of one time base in blocks of time; None for fewer than four.
 
     Args:

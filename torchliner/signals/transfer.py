@@ -36,14 +36,9 @@ class Transfer:
 
 
 def segment_amplitudes(
-    signal: Tensor,
-    frequency: Tensor,
-    sampling_rate: float,
-    *,
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
-) -> Tensor:
+    signal: Tensor, frequency: Tensor, sampling_rate: float, *, window: Any = "hann",
+    segment: float | None = None, start: float = 0.0,
+) -> Tensor:  # fmt: skip
     """Complex tone amplitudes of each segment, (S, ..., F); see ``tone_amplitudes``.
 
     Args:

@@ -28,11 +28,8 @@ def warnings_of(
     """A note a frequency and fault.
 
     Args:
-        result: without notes.
-        found: its solution.
-        line: that was fitted.
-        wall: of its microphones.
-        freedom: degrees of freedom of chi squared.
+        result: without notes.  found: its solution.  line: that was fitted.
+        wall: of its microphones.  freedom: degrees of freedom of chi squared.
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (B, F).
     """
     notes = []

@@ -36,8 +36,7 @@ class Grid:
     """Impedances to begin from.
 
     Args:
-        resistance, reactance: all pairs of them.
-        starts: how many of the pairs are begun from.
+        resistance, reactance: all pairs of them.  starts: how many of the pairs are begun from.
     """
 
     resistance: Sequence[float]
@@ -59,10 +58,8 @@ class Solution:
     """What fits best.
 
     Args:
-        place: coordinates of the wall, (B, F, P).
-        amplitude: of the responses, (B, F, K).
-        covariance: of Re rho, Im rho, Re tau, ..., (B, F, 2 P, 2 P).
-        cost: chi squared, (B, F).
+        place: coordinates of the wall, (B, F, P).  amplitude: of the responses, (B, F, K).
+        covariance: of Re rho, Im rho, Re tau, ..., (B, F, 2 P, 2 P).  cost: chi squared, (B, F).
         converged: (B, F).
     """
 
@@ -145,11 +142,9 @@ class WallSearch(Problem):
     """The wall's coordinates as Re rho, Im rho, ..., and the amplitudes, solved for at each place.
 
     Args:
-        model: of the duct.
-        pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
+        model: of the duct.  pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
         weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
-        tolerance: of the last step.
-        unknowns: 2 P.
+        tolerance: of the last step.  unknowns: 2 P.
     """
 
     model: FieldModel
@@ -179,12 +174,9 @@ class WallSearch(Problem):
 
 
 def search(
-    model: FieldModel,
-    pressure: Tensor,
-    start: Tensor,
-    weights: tuple[float, float],
+    model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float],
     tolerance: float = TOLERANCE,
-) -> Solution:
+) -> Solution:  # fmt: skip
     """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N)."""
     unknowns = 2 * start.shape[-1]
     problem = WallSearch(model, pressure, weights, tolerance, unknowns)

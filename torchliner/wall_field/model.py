@@ -26,9 +26,7 @@ class FieldModel:
     """Responses of a duct to the waves sent into it.
 
     Args:
-        solver: the duct.
-        sources: sides that waves are sent from, (K,).
-        places: x, m, (N,).
+        solver: the duct.  sources: sides that waves are sent from, (K,).  places: x, m, (N,).
         wall: of the places, ``opposite`` or ``lined``.
     """
 

@@ -29,11 +29,9 @@ class FromSource:
     """A line seen from its source.
 
     Args:
-        line: as recorded.
-        sign: 1 for a source upstream, -1 downstream.
+        line: as recorded.  sign: 1 for a source upstream, -1 downstream.
         distance: s of the microphones from the first, m, (N,).
-        pressure: Pa, (..., N, F), in the order of s.
-        mach: of the flow along s.
+        pressure: Pa, (..., N, F), in the order of s.  mach: of the flow along s.
     """
 
     line: MicrophoneLine
@@ -57,8 +55,7 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
     """The line along s.
 
     Args:
-        line: microphones.
-        source_side: None for what the line says.
+        line: microphones.  source_side: None for what the line says.
     Raises:
         ValueError: the side of the source or the Mach number is not known.
     """
@@ -93,15 +90,10 @@ def wall_eduction(
     """The record of waves along s, with the impedance of one of them.
 
     Args:
-        seen: the line.
-        wave: alpha' of the wave whose impedance is wanted, (..., F); nan for none.
-        modes, amplitude: of all waves, (..., F, K).
-        residual: (..., F).
-        method: for tables.
-        condition: at the liner.
-        choices: the method's own.
-        found: what the method notes beside them, last.
-        about: further fields of the record.
+        seen: the line.  wave: alpha' of the wave whose impedance is wanted, (..., F); nan for none.
+        modes, amplitude: of all waves, (..., F, K).  residual: (..., F).  method: for tables.
+        condition: at the liner.  choices: the method's own.
+        found: what the method notes beside them, last.  about: further fields of the record.
     """
     line, there = seen.line, ~torch.isnan(wave)
     impedance = impedance_from_wavenumber(
@@ -153,26 +145,17 @@ def duct_notes(line: MicrophoneLine) -> tuple[str, ...]:
 
 
 def with_notes_and_draws(
-    result: WallEduction,
-    notes: tuple[str, ...],
-    educe: Callable[[Tensor], WallEduction],
-    pressure: Tensor,
-    draws: int,
-    generator: torch.Generator | None,
-    *,
-    unknowns: int | None = None,
-    unit: Tensor | None = None,
-    **errors: float,
-) -> WallEduction:
+    result: WallEduction, notes: tuple[str, ...], educe: Callable[[Tensor], WallEduction],
+    pressure: Tensor, draws: int, generator: torch.Generator | None, *, unknowns: int | None = None,
+    unit: Tensor | None = None, **errors: float,
+) -> WallEduction:  # fmt: skip
     """The result with its notes, which are warned of, with the covariance that its residual stands
     for, and with the same eduction over draws of the microphones' errors, as one batch.
 
     Args:
         result: without errors.
         notes: on the result, before those that every result of waves may have.
-        educe: from pressures (D, ..., N, F).
-        pressure: (..., N, F).
-        draws: D; 0 for none.
+        educe: from pressures (D, ..., N, F).  pressure: (..., N, F).  draws: D; 0 for none.
         generator: default one with seed 0.
         unknowns: complex ones of the waves; None for no covariance.
         unit: size of pressure, of the shape of ``pressure``, in whose shares errors are equal;

@@ -25,9 +25,7 @@ def residual_covariance(
     """(F, 2, 2) of (R, X); None without a degree of freedom, or for lines with leading axes.
 
     Args:
-        result: of the pressures.
-        educe: from pressures (D, N, F).
-        pressure: (N, F).
+        result: of the pressures.  educe: from pressures (D, N, F).  pressure: (N, F).
         freedom: N less the complex unknowns.
         unit: size of pressure, (N, F), in whose shares errors are equal.
     """

@@ -43,10 +43,8 @@ class WavePairs(Problem):
     """Lines of microphones, each to be fitted by two waves.
 
     Args:
-        pressure: complex, (P, N).
-        distance: s, m, (N,), from 0 to S.
-        weight: of each microphone, (P, N).
-        duct: of each line, (P,), the flow along s.
+        pressure: complex, (P, N).  distance: s, m, (N,), from 0 to S.
+        weight: of each microphone, (P, N).  duct: of each line, (P,), the flow along s.
         tied: one wall for both waves.
     """
 

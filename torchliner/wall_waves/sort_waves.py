@@ -27,12 +27,10 @@ class SortedWaves:
         frequency: Hz, (F,).
         downstream, upstream: peak amplitudes of the waves that run there, at ``at``, Pa, complex,
             (..., F).
-        at: x, m.
-        source_side: which of them is the incident one.
+        at: x, m.  source_side: which of them is the incident one.
         residual: rms of what they leave over that of the pressures, (..., F); nan for two
             microphones, which two waves always fit.
-        condition: condition number of the equations, (F,).
-        microphones: x of those used, m, (M,).
+        condition: condition number of the equations, (F,).  microphones: x of those used, m, (M,).
         notes: warnings, with numbers.
     """
 

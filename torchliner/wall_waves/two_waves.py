@@ -88,13 +88,9 @@ free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
 def _educe(
-    pressure: Tensor,
-    seen: FromSource,
-    condition: str,
-    tied: bool,
-    weights: str,
+    pressure: Tensor, seen: FromSource, condition: str, tied: bool, weights: str,
     start: Tensor | None,
-) -> WallEduction:
+) -> WallEduction:  # fmt: skip
     """From pressures along s, (..., N, F); ``start`` is (..., 2, F) or None for the grid."""
     line = seen.line
     values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
