@@ -39,9 +39,9 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.growing_wave import growing_wave
 from torchliner.flow_profiles import TanhProfile
 from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.orders import node_places
 from torchliner.lee.settled import solve_settled
 from torchliner.lee.solver import DuctSolver, solve_duct
+from torchliner.lee.verification import node_places
 from torchliner.signals.microphone_errors import draw_pressures
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j

@@ -25,7 +25,7 @@ from common import RESULTS, options_of, parser_of
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.slotting import slotted_correlation, slotted_spectrum
 from torchliner.names import GRID_METHODS
-from torchliner.report.curves import Array, Curves
+from torchliner.report.numbers import Array, Curves
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
 from torchliner.signals.coherent_part import corrected_coherent_part

@@ -26,7 +26,7 @@ from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import ORDERS
 from torchliner.report import figures, height_figures
-from torchliner.report.spectra import draw_spectrum
+from torchliner.report.figures import draw_spectrum
 from torchliner.tdibc.educe import educe
 
 

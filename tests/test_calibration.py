@@ -13,9 +13,8 @@ from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulen
 
 import torchliner as tl
 from torchliner.calibration.calibrate import calibrate
-from torchliner.calibration.misfit import FreeLiners, Misfit
+from torchliner.calibration.misfit import FreeLiners, Misfit, responses_of, speed_weights
 from torchliner.calibration.posterior import Posterior, sample_posterior
-from torchliner.calibration.speed_weights import responses_of, speed_weights
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import ORDERS

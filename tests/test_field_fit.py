@@ -19,8 +19,7 @@ from torchliner.lee.solver import DuctSolver
 from torchliner.records import MicrophoneLine
 from torchliner.wall_field import impedance_search as field_search
 from torchliner.wall_field.fit_field import duct_of_line, fit_field
-from torchliner.wall_field.model import FieldModel
-from torchliner.wall_field.wall import impedance_at
+from torchliner.wall_field.model import FieldModel, impedance_at
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 TRUE = 1.4 - 0.6j

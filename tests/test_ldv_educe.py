@@ -285,7 +285,7 @@ def test_the_line_file_has_units_and_a_title_and_other_files_stay(folder, tmp_pa
 
 def test_a_table_that_changed_is_another_liner(tmp_path):
     """The numbers of a table count, not its name."""
-    from torchliner.ldv.station_key import liner_fingerprint
+    from torchliner.ldv.educe_bursts import liner_fingerprint
 
     found = []
     for factor in (1.0, 2.0):

@@ -20,9 +20,9 @@ from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfi
 from torchliner.lee.ends import EndModes
 from torchliner.lee.field import DuctField
 from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.orders import node_places
 from torchliner.lee.solver import solve_duct
 from torchliner.lee.sweep import sweep_duct
+from torchliner.lee.verification import node_places
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0

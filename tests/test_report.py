@@ -11,8 +11,13 @@ import torchliner as tl
 from torchliner.audits.truth_rows import DEFAULT, TruthRow, true_wave_phase, truth_table
 from torchliner.names import ORDERS
 from torchliner.report import figures
-from torchliner.report.numbers import against_height, impedance_along_x, velocity_along_x
-from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
+from torchliner.report.figures import draw_spectrum
+from torchliner.report.numbers import (
+    against_height,
+    impedance_along_x,
+    impedance_over_frequency,
+    velocity_along_x,
+)
 from torchliner.report.truth_table import format_summary, format_truth
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.liners.bessel import ratio_i2_i0
+from torchliner.liners.cavity import ratio_i2_i0
 from torchliner.liners.grazing import goodrich_resistance
 
 ONERA_GLOBAL = tl.SDoFLiner(0.635e-3, 0.991e-3, 0.0395, 38.1e-3, 4.955e-3, name="onera global")

@@ -15,10 +15,9 @@ import torchliner as tl
 from torchliner.duct.dispersion import cut_on_frequency, wavenumber_from_impedance
 from torchliner.names import CONDITIONS, WALL_METHODS, resolve
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.exponentials import find_exponentials
 from torchliner.signals.microphone_errors import draw_pressures
 from torchliner.wall_field.fit_field import fit_field
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
+from torchliner.wall_waves.kumaresan_tufts import find_exponentials, kumaresan_tufts
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
 FREQUENCY = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from torchliner.checks import frequency_tensor
 from torchliner.duct.case import DuctCase
 from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.elements import element_operator, element_ports
+from torchliner.lee.columns import element_operator, element_ports
 from torchliner.lee.ends import EndModes, plane_modes
 from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.walls import wall_of

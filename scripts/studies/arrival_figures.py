@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.report.curves import Curves
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -15,6 +14,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
+from torchliner.report.numbers import Curves
 
 KILO = 1e-3
 RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"

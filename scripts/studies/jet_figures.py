@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.jet_scaling import JetScaling, fit_exponent
-from torchliner.report.curves import Array, Curves
 from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.numbers import Array, Curves
 
 PAPER_EXPONENTS = (0.4, -0.5)  # eq. (A4)
 STYLES = ("-", "--", ":")

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.report.curves import COMPLEX_PART
 from torchliner.report.figure import (
     COLOURS,
     PARTS,
@@ -22,6 +21,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
+from torchliner.report.numbers import COMPLEX_PART
 
 NEPER = 20 / np.log(10)  # dB
 LEVEL = 0.95  # of the shaded intervals

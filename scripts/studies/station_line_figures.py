@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.records import ImpedanceLine
-from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, label_axes, styled, subplots
 from torchliner.report.line_figures import PAPER_WIDTHS, labels_of, place_along
+from torchliner.report.numbers import part_of
 
 SHIFT = 0.14  # of bars side by side
 

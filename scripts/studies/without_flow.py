@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.names import ORDERS
-from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import part_of
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from torchliner.audits.variants import (
     other_liners,
     with_drive,
 )
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -49,14 +49,10 @@ AUDITED = ("phase", "engine", "incident", "segment", "response")
 
 
 def audit(
-    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
-    liner: Liner,
-    frequency: float | None = None,
-    *,
-    order: str = ORDERS[2],
-    progress: Callable[[int], None] | None = None,
-    **choices: Any,
-) -> Audit:
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments], liner: Liner,
+    frequency: float | None = None, *, order: str = ORDERS[2],
+    progress: Callable[[int], None] | None = None, **choices: Any,
+) -> Audit:  # fmt: skip
     """Vary every open choice by itself and see what it does to the impedance of the whole liner.
 
     Args:
@@ -75,7 +71,14 @@ def audit(
             raise TypeError(f"planes holds {type(plane).__name__}; VelocityPlane is needed")
     if len(several) > 1:
         planes_by_height([_plane_of(each) for each in several])
-    chosen = _base_choices(choices, order)
+    require_choice("order of averaging", order, ORDERS)
+    for name in AUDITED:
+        if choices.get(name) is not None:
+            raise ValueError(
+                f"{name} cannot be chosen for an audit: its base is the phase averaged by the "
+                "engine 'spectral', and the other rules are among what it varies"
+            )
+    chosen = Choices(**choices)
     work = _Work(several, liner, frequency, chosen, order, progress)
     work.moments()
     for factor, vary in (
@@ -88,18 +91,6 @@ def audit(
             work.skipped[factor] = str(reason)
     tell(work.found.notes)
     return work.result()
-
-
-def _base_choices(choices: dict[str, Any], order: str) -> Choices:
-    if order not in ORDERS:
-        raise ValueError(f"order is {order!r}; one of {', '.join(ORDERS)}")
-    for name in AUDITED:
-        if choices.get(name) is not None:
-            raise ValueError(
-                f"{name} cannot be chosen for an audit: its base is the phase averaged by the "
-                "engine 'spectral', and the other rules are among what it varies"
-            )
-    return Choices(**choices)
 
 
 class _Work:

@@ -16,14 +16,16 @@ from torch import Tensor
 
 from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
-from torchliner.calibration.misfit import ClosureMisfit, FreeLiners, Misfit
-from torchliner.calibration.posterior import Posterior, Prediction
-from torchliner.calibration.speed_weights import (
+from torchliner.calibration.misfit import (
+    ClosureMisfit,
+    FreeLiners,
+    Misfit,
     SpeedWeights,
     driving_speed,
     responses_of,
     speed_weights,
 )
+from torchliner.calibration.posterior import Posterior, Prediction
 from torchliner.calibration.targets import (
     bounds_of,
     nepers_of,
@@ -155,20 +157,11 @@ class Calibration:
 
 def calibrate(
     planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
-    liners: Liner | Sequence[Liner],
-    references: Any,
-    parameters: Mapping[str, tuple[float, float]],
-    *,
-    order: str = "velocity first",
-    closure: bool = False,
-    pressure: Any = None,
-    noise: Any = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    frequency: Any = None,
-    draws: int = 2000,
-    seed: int = 0,
-    **choices: Any,
-) -> Calibration:
+    liners: Liner | Sequence[Liner], references: Any, parameters: Mapping[str, tuple[float, float]],
+    *, order: str = "velocity first", closure: bool = False, pressure: Any = None,
+    noise: Any = None, prior: Mapping[str, tuple[float, float]] | None = None,
+    frequency: Any = None, draws: int = 2000, seed: int = 0, **choices: Any,
+) -> Calibration:  # fmt: skip
     """Fit parameters to reference impedances, or to closure, phase ``averaged``.
 
     Args:
@@ -219,10 +212,8 @@ def calibrate(
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(None if noise is None else nepers_of(noise), counts)
     else:
-        wanted, spread = (
-            references_of([one.plane for one in ready], references, counts),
-            noise_of(noise, counts),
-        )
+        wanted = references_of([one.plane for one in ready], references, counts)
+        spread = noise_of(noise, counts)
     about = (weights, models, names, low, high, wanted, spread, known)
     misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)
     if misfit.data + len(known) < len(names):
@@ -290,27 +281,12 @@ def _result(
     if posterior is not None:
         interval = posterior.quantiles(posterior.draws, QUANTILES)
     return Calibration(
-        parameters=misfit.names,
-        values=values,
-        low=misfit.low,
-        high=misfit.high,
-        liners=tuple(misfit.moved(values.tolist())),
-        covariance=fit.covariance,
-        scaling="stated noise" if fit.stated else "residual",
-        degrees_of_freedom=fit.freedom,
-        chi_square=fit.chi_square,
-        posterior=posterior,
-        interval=interval,
-        singular_values=fit.singular_values,
-        unseen=fit.unseen,
-        on_bound=fit.on_bound,
-        wanted=misfit.wanted,
-        found=found,
-        model_error=error,
-        order=order,
-        choices=chosen,
-        notes=(*notes, *messages, *fit.warnings()),
-        data=misfit.data,
-        speeds=(min(speeds), max(speeds)),
-        closure=left,
-    )
+        parameters=misfit.names, values=values, low=misfit.low, high=misfit.high,
+        liners=tuple(misfit.moved(values.tolist())), covariance=fit.covariance,
+        scaling="stated noise" if fit.stated else "residual", degrees_of_freedom=fit.freedom,
+        chi_square=fit.chi_square, posterior=posterior, interval=interval,
+        singular_values=fit.singular_values, unseen=fit.unseen, on_bound=fit.on_bound,
+        wanted=misfit.wanted, found=found, model_error=error, order=order, choices=chosen,
+        notes=(*notes, *messages, *fit.warnings()), data=misfit.data,
+        speeds=(min(speeds), max(speeds)), closure=left,
+    )  # fmt: skip

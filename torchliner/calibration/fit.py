@@ -160,10 +160,9 @@ class Fit:
 
 
 def fit_misfit(misfit: Misfit, share: Tensor, stated: bool) -> Fit:
-    """Least squares by trust-region reflective steps, with the exact Jacobian.
+    """Least squares by trust-region reflective steps, with the exact Jacobian, from a place in the
+    box, 0 to 1, (n,); ``stated``: whether the noise is known.
 
-    Args:
-        misfit: of the planes.  share: start, 0 to 1, (n,).  stated: whether the noise is known.
     Raises:
         RuntimeError: the least squares do not converge.
     """

@@ -63,13 +63,12 @@ class Posterior:
 def sample_posterior(
     log_density: Callable[[Tensor], Tensor], best: Tensor, precision: Tensor, draws: int, seed: int
 ) -> Posterior:
-    """Draws in the unit box.
+    """Draws in the unit box; those of the proposals that fall outside do not count.
 
     Args:
         log_density: of (M, n) in the unit box, up to a constant, (M,).
         best: centre of the proposals, (n,).
         precision: inverse of the Gauss-Newton covariance, (n, n).
-        draws: proposals; those that fall outside the box do not count.  seed: of the generator.
     """
     generator = torch.Generator().manual_seed(seed)
     size = len(best)
@@ -137,13 +136,8 @@ class Prediction:
         return standard_of(self.covariance)
 
     def misses(self, truth: complex, noise: complex = 0j, index: int = 0) -> complex:
-        """By how many standard deviations R and X lie off a known impedance, signed.
-
-        Args:
-            truth: normalised impedance.
-            noise: its own standard uncertainty u(R) + j u(X), added in quadrature.
-            index: of the frequency.
-        """
+        """By how many standard deviations R and X lie off a known impedance, signed; its own
+        uncertainty ``noise``, u(R) + j u(X), is added in quadrature."""
         away, spread = complex(self.impedance[index]) - truth, complex(self.standard[index])
         parts = ((away.real, spread.real, noise.real), (away.imag, spread.imag, noise.imag))
         first, second = (d / max((s * s + u * u) ** 0.5, 1e-300) if s == s else s

@@ -125,15 +125,10 @@ class Sensitivities(OfParameters):
 
 
 def sensitivities(
-    plane: VelocityPlane | Moments,
-    liner: Liner,
-    frequency: Any = None,
-    parameters: Sequence[str] | None = None,
-    *,
-    reference_phase: Any = None,
-    progress: Progress | None = None,
-    **choices: Any,
-) -> Sensitivities:
+    plane: VelocityPlane | Moments, liner: Liner, frequency: Any = None,
+    parameters: Sequence[str] | None = None, *, reference_phase: Any = None,
+    progress: Progress | None = None, **choices: Any,
+) -> Sensitivities:  # fmt: skip
     """dZ/dp of the liner, its cells and every probe, for all parameters from one reading.
 
     Args:

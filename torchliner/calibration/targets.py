@@ -51,12 +51,8 @@ def bounds_of(
 def references_of(
     planes: Sequence[VelocityPlane], references: Any, counts: Sequence[int]
 ) -> Tensor:
-    """Reference impedances of all planes, (D,).
-
-    Args:
-        planes: as given.  references: a name, or values by plane.
-        counts: frequencies of each plane.
-    """
+    """Reference impedances of all planes, (D,), by name or by values of each plane, whose numbers
+    of frequencies are ``counts``."""
     if isinstance(references, str):
         values: list[Any] = []
         for plane in planes:

@@ -67,16 +67,9 @@ def impedance_from_wavenumber(
 
 
 def wavenumber_from_impedance(
-    impedance: Tensor,
-    frequency: Any,
-    *,
-    height: Any,
-    mach: Any = 0.0,
-    sound_speed: Any = 343.2,
-    condition: str = "ingard-myers",
-    direction: str = "downstream",
-    mode: Any = 0,
-) -> Tensor:
+    impedance: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
+    condition: str = "ingard-myers", direction: str = "downstream", mode: Any = 0,
+) -> Tensor:  # fmt: skip
     r"""Axial wavenumber of one mode, followed from the rigid wall.
 
     Args:
@@ -108,7 +101,13 @@ def wavenumber_from_impedance(
     require_choice("direction", direction, DIRECTIONS)
     if bool(torch.isnan(impedance.detach()).any()):
         raise ValueError("impedance holds nan; leave those values out")
-    _warn_of_sources(impedance.detach())
+    resistance = impedance.detach().real
+    if bool((resistance < FEEDS).any()):
+        tell(
+            f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in "
+            f"{int((resistance < FEEDS).sum())} of {resistance.numel()} values: such a wall feeds "
+            "the sound"
+        )
     count = torch.as_tensor(mode, device=impedance.device)
     whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
     duct, z = duct_of(whole, frequency, height, mach, sound_speed, condition)
@@ -137,17 +136,6 @@ def cut_on_frequency(
     if mode < 1:
         raise ValueError(f"mode is {mode}; the plane wave, 0, runs at every frequency")
     return mode * sound_speed * math.sqrt(1 - mach**2) / (2 * height)
-
-
-def _warn_of_sources(impedance: Tensor) -> None:
-    active = impedance.real < FEEDS
-    if bool(active.any()):
-        lowest = float(impedance.real[active].min())
-        tell(
-            f"impedance has a negative resistance, {lowest:.3g} at least, in {int(active.sum())} "
-            f"of {active.numel()} values: such a wall feeds the sound",
-            depth=2,
-        )
 
 
 def _rigid_wavenumber(duct: Duct, mode: Tensor, sign: int) -> Tensor:

@@ -67,15 +67,10 @@ class DuctModes:
 
 
 def duct_modes(
-    profile: MeanFlow | Sequence[MeanFlow],
-    frequency: Any,
-    impedance: Any = torch.inf,
-    *,
-    count: int = 6,
-    direction: str = "downstream",
-    slip_condition: str | None = None,
+    profile: MeanFlow | Sequence[MeanFlow], frequency: Any, impedance: Any = torch.inf, *,
+    count: int = 6, direction: str = "downstream", slip_condition: str | None = None,
     points: int = 12,
-) -> DuctModes:
+) -> DuctModes:  # fmt: skip
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
     The rigid duct's wavenumbers come from the eigenvalues of the linearised Euler equations at

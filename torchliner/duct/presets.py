@@ -15,8 +15,7 @@ from torch import Tensor
 
 from torchliner import flow_profiles, toml_files
 from torchliner.conversions import pressure_amplitude_from_spl
-from torchliner.duct.case import DuctCase
-from torchliner.duct.plausible import doubt_sound
+from torchliner.duct.case import DuctCase, doubt_sound
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from torchliner.checks import require_positive
-from torchliner.flow_profiles.mean_flow import SymmetricProfile
+from torchliner.flow_profiles.mean_flow import Array, SymmetricProfile
 
 KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
 SUBLAYER, BUFFER_DECAY = 11.0, 3.0  # y+
@@ -81,10 +80,10 @@ class LawOfTheWallProfile(SymmetricProfile):
         friction = 2 * self.kinematic_viscosity * reynolds / self.duct_height
         return friction * _bulk_plus(reynolds) / self.sound_speed
 
-    def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape(self, t: Array) -> Array:
         return _velocity_plus(t, self.friction_reynolds) / self._centre_plus
 
-    def _shape_slope(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape_slope(self, t: Array) -> Array:
         return _slope_plus(t, self.friction_reynolds) / self._centre_plus
 
     @cached_property
@@ -96,7 +95,7 @@ class LawOfTheWallProfile(SymmetricProfile):
         return _bulk_plus(self.friction_reynolds) / self._centre_plus
 
 
-def _velocity_plus(t: NDArray[np.float64], reynolds: float) -> NDArray[np.float64]:
+def _velocity_plus(t: Array, reynolds: float) -> Array:
     """u+ over t = 1 - r."""
     height = reynolds * t
     factor = (2 - t) / (1 + (1 - t) ** 2)
@@ -104,7 +103,7 @@ def _velocity_plus(t: NDArray[np.float64], reynolds: float) -> NDArray[np.float6
     return np.log1p(KARMAN * height * factor) / KARMAN + BUFFER * buffer
 
 
-def _slope_plus(t: NDArray[np.float64], reynolds: float) -> NDArray[np.float64]:
+def _slope_plus(t: Array, reynolds: float) -> Array:
     """du+/dt, term by term of ``_velocity_plus``."""
     height, r = reynolds * t, 1 - t
     # t * factor = (1 - r^2)/(1 + r^2), whose slope over t is 4 r/(1 + r^2)^2.

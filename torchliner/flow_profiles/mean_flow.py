@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from torchliner.checks import require_positive
 
+Array = NDArray[np.float64]
+
 
 class FlowProfile(Protocol):
     """A mean flow between two walls; any object that knows these two will do."""
@@ -18,7 +20,7 @@ class FlowProfile(Protocol):
         """H, m."""
         ...
 
-    def velocity(self, y: ArrayLike) -> NDArray[np.float64]:
+    def velocity(self, y: ArrayLike) -> Array:
         """U at a distance y (m, 0 to H) from the wall, m/s."""
         ...
 
@@ -41,11 +43,11 @@ class MeanFlow(FlowProfile, Protocol):
         """delta* at the wall y = 0, m."""
         ...
 
-    def mach(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach(self, y: ArrayLike) -> Array:
         """M = U/c at y (m)."""
         ...
 
-    def mach_slope(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach_slope(self, y: ArrayLike) -> Array:
         """dM/dy at y (m), 1/m: the derivative of ``mach``, not a difference quotient."""
         ...
 
@@ -60,11 +62,11 @@ class SymmetricProfile:
     duct_height: float
     sound_speed: float
 
-    def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape(self, t: Array) -> Array:
         """U/U_0 at t; 1 at t = 1."""
         raise NotImplementedError
 
-    def _shape_slope(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape_slope(self, t: Array) -> Array:
         """d(U/U_0)/dt."""
         raise NotImplementedError
 
@@ -83,7 +85,7 @@ class SymmetricProfile:
         """delta* of either wall, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
         return self.duct_height / 2 * (1 - self._bulk_share)
 
-    def velocity(self, y: ArrayLike) -> NDArray[np.float64]:
+    def velocity(self, y: ArrayLike) -> Array:
         """U(y), m/s.
 
         Args:
@@ -93,17 +95,17 @@ class SymmetricProfile:
         """
         return self.sound_speed * self.mach(y)
 
-    def mach(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach(self, y: ArrayLike) -> Array:
         """M(y) = U/c; arguments and errors of ``velocity``."""
         return self.centreline_mach * self._shape(self._depth(y))
 
-    def mach_slope(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach_slope(self, y: ArrayLike) -> Array:
         """dM/dy, 1/m, differentiated by hand; arguments and errors of ``velocity``."""
         heights, half = np.asarray(y, np.float64), self.duct_height / 2
         slope = self.centreline_mach / half * self._shape_slope(self._depth(y))
         return np.sign(half - heights) * slope
 
-    def _depth(self, y: ArrayLike) -> NDArray[np.float64]:
+    def _depth(self, y: ArrayLike) -> Array:
         heights = inside_duct(y, self.duct_height)
         return np.minimum(heights, self.duct_height - heights) / (self.duct_height / 2)
 
@@ -125,7 +127,7 @@ class SymmetricProfile:
             )
 
 
-def inside_duct(y: ArrayLike, duct_height: float) -> NDArray[np.float64]:
+def inside_duct(y: ArrayLike, duct_height: float) -> Array:
     """Distances from the wall as an array.
 
     Raises:

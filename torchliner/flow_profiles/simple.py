@@ -1,14 +1,17 @@
-"""The two limits of a duct flow: a plug, which slips along the walls, and a parabola."""
+"""Flows in closed form: a plug, which slips along the walls, a parabola, and the hyperbolic-tangent
+profile of Rienstra and Vilenski between them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from torchliner.checks import require_positive
-from torchliner.flow_profiles.mean_flow import SymmetricProfile
+from torchliner.checks import require_positive, tell
+from torchliner.flow_profiles.mean_flow import Array, SymmetricProfile
+
+THIN_SHEAR, THINNEST_SHEAR = 0.05, 0.03
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,10 @@ class UniformProfile(SymmetricProfile):
                 "other direction)"
             )
 
-    def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape(self, t: Array) -> Array:
         return np.ones_like(t)
 
-    def _shape_slope(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape_slope(self, t: Array) -> Array:
         return np.zeros_like(t)  # the step at the walls is left to the wall law
 
     @property
@@ -65,12 +68,82 @@ class ParabolicProfile(SymmetricProfile):
         self._check_scale()
         self._check_centreline()
 
-    def _shape(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape(self, t: Array) -> Array:
         return t * (2 - t)
 
-    def _shape_slope(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _shape_slope(self, t: Array) -> Array:
         return 2 * (1 - t)
 
     @property
     def _bulk_share(self) -> float:
         return 2 / 3
+
+
+@dataclass(frozen=True)
+class TanhProfile(SymmetricProfile):
+    r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
+
+    :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
+    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: 1 and smooth on the centreline, 0 at the
+    walls. For d -> 0 it is a plug flow, for d -> infinity a parabola.
+
+    Args:
+        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
+        shear: d, thickness of the shear layer in half heights; at least 0.03.  sound_speed: c, m/s.
+        allow_thin: take a ``shear`` below 0.03 too, for a study of what then goes wrong.
+    Raises:
+        ValueError: bulk or centreline Mach number not below 1, or ``shear`` below 0.03.
+    Warns:
+        DataWarning: ``shear`` below 0.05.
+    Source: Rienstra & Vilenski (2008), eq. (4), with the half height as radius, as in section
+        5.5.4 and appendix A.2 of Roncen et al. (2026). A print with "+ r" in place of the factor
+        (1 + r) does not reach U_0 on the centreline.
+    """
+
+    bulk_mach: float
+    duct_height: float
+    shear: float = 0.1
+    sound_speed: float = 343.2
+    allow_thin: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive("profile shear", self.shear)
+        self._check_scale()
+        if self.shear < THINNEST_SHEAR and not self.allow_thin:
+            raise ValueError(
+                f"profile shear is {self.shear:g}, below {THINNEST_SHEAR:g}: so thin a layer makes "
+                "any answer that depends on its inside a matter of the grid; thicken it (or pass "
+                "allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
+            )
+        self._check_centreline(f" and shear {self.shear:g}")
+        if self.shear < THIN_SHEAR:
+            tell(
+                f"profile shear is {self.shear:g}, below {THIN_SHEAR:g}: waves on so thin a layer "
+                "may be unstable, and results then depend on the mesh",
+                depth=2,
+            )
+
+    def _shape(self, t: Array) -> Array:
+        rest, slope = self._remainder
+        return np.tanh(t / self.shear) + rest * (slope * (1 - t) + 2 - t) * t
+
+    def _shape_slope(self, t: Array) -> Array:
+        rest, slope = self._remainder
+        # sech^2 from exponentials of negative numbers: cosh overflows for thin layers.
+        decay = np.exp(-2 * t / self.shear)
+        layer = 4 * decay / (1 + decay) ** 2 / self.shear
+        return layer + rest * (slope * (1 - 2 * t) + 2 * (1 - t))
+
+    @property
+    def _remainder(self) -> tuple[float, float]:
+        """1 - T without cancellation, and (1 + T)/d."""
+        rest = 2 * math.exp(-2 / self.shear) / (1 + math.exp(-2 / self.shear))
+        return rest, (2 - rest) / self.shear
+
+    @property
+    def _bulk_share(self) -> float:
+        """Mean of U/U_0 over r = 0..1: d ln cosh(1/d) + (1 - T) [((1 + T)/d + 1)/6 + 1/2]."""
+        d = self.shear
+        rest, slope = self._remainder
+        log_cosh = 1 / d + math.log1p(math.exp(-2 / d)) - math.log(2)
+        return d * log_cosh + rest * ((slope + 1) / 6 + 0.5)

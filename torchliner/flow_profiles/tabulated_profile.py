@@ -1,4 +1,4 @@
-"""A measured or computed mean flow, as a table."""
+"""Measured or computed mean flows, as tables."""
 
 from __future__ import annotations
 
@@ -6,13 +6,59 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from torchliner.checks import require_positive
-from torchliner.flow_profiles.mean_flow import inside_duct
+from torchliner.checks import plain_array, require_positive
+from torchliner.flow_profiles.mean_flow import Array, inside_duct
 
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
+
+
+def displacement_thickness(
+    y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None
+) -> float:
+    r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
+
+    Args:
+        y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
+        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
+    Raises:
+        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or
+            U_0 zero.
+    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the
+        spacing.
+
+    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
+    0.005
+    """
+    heights, speeds = _checked_table(y, velocity, "velocity", 2)
+    reference = speeds[-1] if centreline_velocity is None else centreline_velocity
+    if reference == 0:
+        raise ValueError("the centreline velocity is 0; the profile has no flow")
+    return float(trapezoid(1 - speeds / reference, heights))
+
+
+def _checked_table(
+    y: ArrayLike, velocity: ArrayLike, name: str, fewest: int
+) -> tuple[Array, Array]:
+    """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
+    heights, speeds = (np.array(plain_array(values, label), np.float64)
+                       for label, values in (("y", y), (name, velocity)))  # fmt: skip
+    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
+        raise ValueError(
+            f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least "
+            f"{('two', 'three')[fewest - 2]} points are needed"
+        )
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError(f"y and {name} must be finite")
+    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
+        raise ValueError(
+            f"y must increase from the wall to the centreline, or to the other wall, and starts at "
+            f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
+        )
+    return heights, speeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +82,8 @@ class TabulatedProfile:
     Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
     """
 
-    y: NDArray[np.float64]
-    velocity_table: NDArray[np.float64]
+    y: Array
+    velocity_table: Array
     duct_height: float
     bulk_mach: float = None  # type: ignore[assignment]  # filled in on creation
     sound_speed: float = 343.2
@@ -45,10 +91,21 @@ class TabulatedProfile:
     def __post_init__(self) -> None:
         for name in ("duct_height", "sound_speed"):
             require_positive(f"profile {name}", getattr(self, name))
-        heights, speeds = np.array(self.y, np.float64), np.array(self.velocity_table, np.float64)
-        _require_table(heights, speeds, self.duct_height)
-        if abs(heights[-1] - self.duct_height) > WHOLE * self.duct_height:
-            heights, speeds = _mirrored(heights, speeds, self.duct_height)
+        heights, speeds = _checked_table(self.y, self.velocity_table, "velocity_table", 3)
+        if (speeds < 0).any():
+            raise ValueError(
+                f"velocity_table is {speeds.min():g} at y = {heights[speeds.argmin()]:g} m; it "
+                "must be at least 0 (the flow runs along +x, with no flow back)"
+            )
+        half = self.duct_height / 2
+        if abs(heights[-1] - half) <= 2 * WHOLE * half:
+            heights = np.concatenate([heights, self.duct_height - heights[-2::-1]])
+            speeds = np.concatenate([speeds, speeds[-2::-1]])
+        elif abs(heights[-1] - self.duct_height) > WHOLE * self.duct_height:
+            raise ValueError(
+                f"y ends at {heights[-1]:g} m; it must end at the other wall, "
+                f"{self.duct_height:g} m, or, for a symmetric flow, on the centreline, {half:g} m"
+            )
         heights[-1] = self.duct_height
         mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
         if self.bulk_mach is None:
@@ -70,15 +127,15 @@ class TabulatedProfile:
         object.__setattr__(self, "y", heights)
         object.__setattr__(self, "velocity_table", self.sound_speed * machs)
 
-    def velocity(self, y: ArrayLike) -> NDArray[np.float64]:
+    def velocity(self, y: ArrayLike) -> Array:
         """U(y), m/s, at y (m, 0 to H, any shape)."""
         return self.sound_speed * self.mach(y)
 
-    def mach(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach(self, y: ArrayLike) -> Array:
         """M(y) at y (m, 0 to H, any shape)."""
         return self._cubics(inside_duct(y, self.duct_height))
 
-    def mach_slope(self, y: ArrayLike) -> NDArray[np.float64]:
+    def mach_slope(self, y: ArrayLike) -> Array:
         """dM/dy of the cubics, 1/m, at y (m, 0 to H, any shape)."""
         return self._slopes(inside_duct(y, self.duct_height))
 
@@ -103,36 +160,3 @@ class TabulatedProfile:
     @cached_property
     def _slopes(self) -> PchipInterpolator:
         return self._cubics.derivative()
-
-
-def _require_table(
-    heights: NDArray[np.float64], speeds: NDArray[np.float64], duct_height: float
-) -> None:
-    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < 3:
-        raise ValueError(
-            f"y has shape {heights.shape} and velocity_table {speeds.shape}; two equal lists of at "
-            "least three points are needed"
-        )
-    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
-        raise ValueError("y and velocity_table must be finite")
-    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
-        raise ValueError("y must increase from the wall, 0 m, where U of a sheared flow is 0")
-    if (speeds < 0).any():
-        worst = int(speeds.argmin())
-        raise ValueError(
-            f"velocity_table is {speeds[worst]:g} at y = {heights[worst]:g} m; it must be at least "
-            "0 (the flow runs along +x, with no flow back)"
-        )
-    ends = np.array([duct_height, duct_height / 2])
-    if np.abs(heights[-1] - ends).min() > WHOLE * duct_height:
-        raise ValueError(
-            f"y ends at {heights[-1]:g} m; it must end at the other wall, {duct_height:g} m, or, "
-            f"for a symmetric flow, on the centreline, {duct_height / 2:g} m"
-        )
-
-
-def _mirrored(
-    heights: NDArray[np.float64], speeds: NDArray[np.float64], duct_height: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    upper = duct_height - heights[-2::-1]
-    return np.concatenate([heights, upper]), np.concatenate([speeds, speeds[-2::-1]])

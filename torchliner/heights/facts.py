@@ -109,9 +109,8 @@ def _imprints(
         return [None, None, None], ["no cell pitch is known; the cells' imprint cannot be judged"]
     profiles: list[NDArray[np.float64] | None] = [_over_z(rms**2) ** 0.5, _over_z(mean), None]
     if plane.streamwise is not None:
-        stream = VelocityPlane(
-            plane.streamwise, sampling_rate=plane.sampling_rate, name=f"{plane.name}, streamwise"
-        )
+        name = f"{plane.name}, streamwise"
+        stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
         first, square = moments(stream)
         variance = (square - first**2).clamp(min=0).reshape(plane.probe_shape)
         profiles[2] = _over_z(variance) ** 0.5
@@ -119,13 +118,10 @@ def _imprints(
         found = [None if p is None else cell_imprint(plane.x, p, pitch) for p in profiles]
     except ValueError as error:
         return [None, None, None], [f"{plane.name}: no imprint can be judged: {error}"]
-    notes = []
-    if found[0] is not None and found[0].cells == 1:
-        notes.append(
-            "the probes span a single cell: the imprint is the harmonics of the pitch in it, and "
-            "nothing shows that they repeat"
-        )
-    return found, notes
+    alone = found[0] is not None and found[0].cells == 1
+    note = ("the probes span a single cell: the imprint is the harmonics of the pitch in it, and "
+            "nothing shows that they repeat")  # fmt: skip
+    return found, [note] if alone else []
 
 
 def _over_z(values: Tensor) -> NDArray[np.float64]:

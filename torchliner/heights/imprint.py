@@ -130,11 +130,8 @@ class Decay:
 
 
 def fit_decay(heights: Sequence[float], amplitudes: Sequence[float], pitch: float) -> Decay | None:
-    """Least squares of ln(amplitude) over height; None with fewer than three heights.
-
-    Args:
-        heights: m, (N,).  amplitudes: above 0, (N,).  pitch: L_c, m.
-    """
+    """Least squares of ln(amplitude) over height, m, (N,) both; None with fewer than three heights
+    or an amplitude not above 0. ``pitch`` is L_c, m."""
     if len(heights) < FEWEST_HEIGHTS or not all(a > 0 for a in amplitudes):
         return None
     places, logs = np.asarray(heights), np.log(amplitudes)

@@ -90,14 +90,6 @@ class HeightStudy:
         """The rows of one averaging length, lowest first."""
         return [row for row in self.rows if row.length == length]
 
-    @property
-    def cell_length(self) -> float:
-        """The averaging length nearest to one cell; without cells the longest."""
-        if self.pitch is None:
-            return self.lengths[-1]
-        pitch = self.pitch
-        return min(self.lengths, key=lambda length: abs(length - pitch))
-
 
 def study_heights(
     planes: Sequence[VelocityPlane], liner: Liner, frequency: float | None = None, *,

@@ -46,16 +46,10 @@ LOW_COHERENCE = 0.5
 
 
 def in_situ(
-    record: PressureRecord,
-    frequency: Any = None,
-    *,
-    losses: str = "none",
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
-    allow_short: bool = False,
+    record: PressureRecord, frequency: Any = None, *, losses: str = "none", window: Any = "hann",
+    segment: float | None = None, start: float = 0.0, allow_short: bool = False,
     interval: float | None = LEVEL,
-) -> PointImpedances:
+) -> PointImpedances:  # fmt: skip
     r"""Impedance at every facesheet point, per cell and over the whole surface, after Dean.
 
     Args:

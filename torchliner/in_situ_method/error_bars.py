@@ -1,12 +1,19 @@
-"""Statistical intervals of the in situ and microphone methods, from blocks of time.
+r"""Statistical intervals of the in situ and microphone methods, from blocks of time.
 
 They say how far Z may be off because the record is finite; not what the formula, the cavity's
 numbers or the microphones' own errors do.
+
+A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when
+tone, conjugate and mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole
+periods, so A is the mean, with the window's weight W_s of each block, of :math:`A + c_s/W_s`: the
+form that ``bootstrap`` resamples. Over several segments the blocks are the segments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -14,17 +21,106 @@ from torch import Tensor
 
 from torchliner.records import Interval, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells
+from torchliner.signals.blocks import plan_blocks
+from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.plane_waves import split_waves
-from torchliner.signals.resampling import FROM_ADMITTANCE, ITSELF
-from torchliner.signals.tone_blocks import FEWEST_RUNS, SMALLEST_WIDTH, blocks_of
+from torchliner.signals.resampling import (
+    FROM_ADMITTANCE,
+    FROM_REFLECTION,
+    ITSELF,
+    Conversion,
+    Resampling,
+)
+from torchliner.signals.transfer import segment_amplitudes
+from torchliner.signals.windows import make_window
 
 LEVEL = 0.95
+FEWEST_RUNS = 8  # below, an interval says little
+SMALLEST_WIDTH = 1e-9  # a steady tone leaves rounding
 
 
 def require_level(level: float | None) -> None:
     """Refuse what is no share of all cases; None is for no intervals."""
     if level is not None and not 0 < level < 1:
         raise ValueError(f"interval is {level:g}; it is a level between 0 and 1 (95 % is 0.95)")
+
+
+@dataclass(frozen=True)
+class _TimeBlocks:
+    """Blocks of a record at one frequency.
+
+    Args:
+        amplitudes: of each signal given, (S, ..., 1).  weights: W, of sum 1, (S,).
+        single: whether they are blocks of one segment, not segments.
+    """
+
+    amplitudes: tuple[Tensor, ...]
+    weights: Tensor
+    single: bool
+
+    def h1(self, driver: Tensor, response: Tensor, ratio: Tensor) -> Tensor:
+        """Deviation of H1 = response/driver in each block, to first order, (S, ...).
+
+        Args:
+            driver, response: of the blocks, (S, ..., 1), linear in ``amplitudes``.
+            ratio: H1 of the whole record, (..., 1).
+        """
+        weight = self.weights.reshape(-1, *[1] * (driver.ndim - 1))
+        whole = (weight * driver).sum(0)
+        # Within one segment the driver is that of the whole record; over segments H1 weights them.
+        lead = whole if self.single else driver
+        power = lead.abs().square() if self.single else (weight * driver.abs().square()).sum(0)
+        return lead.conj() * (response - ratio * driver) / power
+
+    def interval(
+        self, series: Tensor, value: Tensor, level: float, conversion: Conversion = FROM_REFLECTION
+    ) -> Interval:
+        """Of Z from the deviation of a quantity in each block, (S, ...); see ``Resampling``."""
+        return Resampling(self.weights, level, conversion).over_time(series, value)
+
+
+def _blocks_of(
+    signals: Sequence[Tensor], frequency: Tensor, sampling_rate: float, *, window: Any,
+    segment: float | None, start: float,
+) -> _TimeBlocks | None:  # fmt: skip
+    """Amplitudes of signals of one time base in blocks of time; None for fewer than four.
+
+    Args:
+        signals: real, (..., T) each.  frequency: Hz, (1,).  sampling_rate: Hz.
+        window, segment, start: as for ``segment_amplitudes``, whose amplitudes these explain.
+    """
+    first = round(start * sampling_rate)
+    samples = signals[0].shape[-1]
+    if segment is not None and round(segment * sampling_rate) != samples - first:
+        cut = {"window": window, "segment": segment, "start": start}
+        parts = tuple(segment_amplitudes(s, frequency, sampling_rate, **cut) for s in signals)
+        equal = torch.full((len(parts[0]),), 1 / len(parts[0]), dtype=torch.float64)
+        # A single segment that leaves part of the record out has no others to be compared with.
+        return _TimeBlocks(parts, equal, False) if can_resample(len(equal)) else None
+    blocks = plan_blocks(samples, first, sampling_rate / float(frequency))
+    if not can_resample(blocks.count):
+        return None
+    weight = make_window(window, samples - first).weights
+    turn = 2j * torch.pi * frequency / sampling_rate * torch.arange(first, samples)
+    basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
+    across = basis.conj() * weight
+    dual = torch.linalg.solve(across @ basis.mT, across)
+    share = blocks.sums(torch.cat([weight.new_zeros(first), weight]))
+    share = share / weight.sum()
+    borders = [b - first for b in blocks.borders]
+    kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairwise(borders)])  # (S, 3)
+    found = []
+    for signal in signals:
+        ends = [*borders, samples - first] if borders[-1] < samples - first else borders
+        sums = torch.stack([
+            signal[..., first + a : first + b].to("cpu", torch.complex128) @ dual[:, a:b].T
+            for a, b in pairwise(ends)
+        ])  # fmt: skip
+        fitted = sums.sum(0)  # tone, conjugate, mean
+        left = sums[: blocks.count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
+        size = share.reshape(-1, *[1] * (left.ndim - 1)).clamp(min=1e-12)
+        found.append((fitted[..., 0] + left / size)[..., None])
+    return _TimeBlocks(tuple(found), share / share.sum(), True)
 
 
 def dean_uncertainty(
@@ -50,7 +146,7 @@ def dean_uncertainty(
     parts: dict[str, list[Interval]] = {}
     count = 0
     for f, hertz in enumerate(frequency):
-        blocks = blocks_of((face, back), hertz[None], record.sampling_rate, **options)
+        blocks = _blocks_of((face, back), hertz[None], record.sampling_rate, **options)
         if blocks is None:
             return None
         count = min(count or len(blocks.weights), len(blocks.weights))
@@ -94,7 +190,7 @@ def wave_interval(
         return None
     parts = []
     for f, hertz in enumerate(frequency):
-        blocks = blocks_of(signals, hertz[None], record.sampling_rate, **options)
+        blocks = _blocks_of(signals, hertz[None], record.sampling_rate, **options)
         if blocks is None:
             return None
         waves, _, _ = split_waves(

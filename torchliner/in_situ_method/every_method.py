@@ -64,10 +64,8 @@ def in_situ_report(
     """Every method the record has signals for, beside the file's own values.
 
     Args:
-        record: pressures.  frequency: Hz; default the record's tone.
-        losses: in the cavity; see ``in_situ``.
         pair: the two microphones of the two-microphone row.
-        options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval``.
+        options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval`` of ``in_situ``.
     """
     rows: list[InSituRow] = []
     notes: tuple[str, ...] = ()

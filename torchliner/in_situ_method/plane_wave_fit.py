@@ -77,17 +77,10 @@ class WaveDecomposition:
 
 
 def decompose_waves(
-    record: PressureRecord,
-    frequency: Any = None,
-    *,
-    microphones: Sequence[int] | str = "all",
-    velocities: bool = False,
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
-    allow_short: bool = False,
-    interval: float | None = LEVEL,
-) -> WaveDecomposition:
+    record: PressureRecord, frequency: Any = None, *, microphones: Sequence[int] | str = "all",
+    velocities: bool = False, window: Any = "hann", segment: float | None = None,
+    start: float = 0.0, allow_short: bool = False, interval: float | None = LEVEL,
+) -> WaveDecomposition:  # fmt: skip
     """Reflection and impedance at y = 0 from microphones in front of the surface.
 
     Over several segments R is the H1 estimate with the incident wave as the input.
@@ -138,16 +131,10 @@ def decompose_waves(
         notes += few_blocks_note(f"{record.name}: {name}", bounds, interval)
     tell(notes)
     return WaveDecomposition(
-        name=name,
-        frequency=wanted,
-        reflection=reflection,
-        incident=2 * waves[:, 0].abs().square().mean(0).sqrt(),
-        residual=spread,
-        condition=condition,
-        microphones=tuple(chosen),
-        notes=tuple(notes),
-        interval=bounds,
-    )
+        name=name, frequency=wanted, reflection=reflection,
+        incident=2 * waves[:, 0].abs().square().mean(0).sqrt(), residual=spread,
+        condition=condition, microphones=tuple(chosen), notes=tuple(notes), interval=bounds,
+    )  # fmt: skip
 
 
 def _chosen(

@@ -3,44 +3,47 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
+
+import torch
+from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.io.burst_format import Place
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
-from torchliner.ldv.join_stations import join_lines
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.line_closure import with_line_closure
 from torchliner.ldv.line_warnings import warnings_of
-from torchliner.ldv.station import educe_station
-from torchliner.ldv.station_key import liner_fingerprint, station_key
+from torchliner.ldv.station import CASE, educe_station
 from torchliner.ldv.station_reference import checked_phases
-from torchliner.liners.model import Liner, as_liner
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import ORDERS
-from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
+from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
+from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
+SHARED = ("frequency", "goodrich")  # tensors that are those of the whole line
+LISTS = ("names", "flags", "dropped", "station_notes")
+PADDED = ("reflection", "segment_start")  # nan for the segments that a shorter station lacks
 
 
 def educe_bursts(
-    stations: str | Path | Sequence[Station],
-    liner: Liner,
-    frequency: Any = None,
-    *,
-    reference: Reference | Sequence[Reference] | None = None,
-    reference_phase: Any = None,
-    parts: str | Path | LineParts | None = None,
-    progress: Callable[[int], None] | None = None,
+    stations: str | Path | Sequence[Station], liner: Liner, frequency: Any = None, *,
+    reference: Reference | Sequence[Reference] | None = None, reference_phase: Any = None,
+    parts: str | Path | LineParts | None = None, progress: Callable[[int], None] | None = None,
     **choices: Any,
-) -> ImpedanceLine:
+) -> ImpedanceLine:  # fmt: skip
     """Impedance along a line of stations of bursts, segment by segment, and its averages.
 
     Each station is put on a uniform grid, cut into overlapping segments, and these are replayed as
@@ -78,7 +81,14 @@ def educe_bursts(
         raise ValueError(
             f"reference_phase is only used with phase='given', not {replay_choices.phase!r}"
         )
-    references = _checked_references(reference, len(stations))
+    references: list[Any] = [reference] * len(stations)
+    if isinstance(reference, (list, tuple)):
+        references = list(reference)
+    if len(references) != len(stations):
+        raise ValueError(
+            f"{len(references)} reference channels for {len(stations)} stations; one for all or "
+            "one a station, in their order"
+        )
     phases = checked_phases(reference_phase, len(stations))
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
     shared: list[Any] = []
@@ -153,17 +163,6 @@ def _checked_stations(stations: Any) -> list[Station]:
     return found
 
 
-def _checked_references(reference: Any, count: int) -> list[Any]:
-    if not isinstance(reference, (list, tuple)):
-        return [reference] * count
-    if len(reference) != count:
-        raise ValueError(
-            f"{len(reference)} reference channels for {count} stations; one for all or one a "
-            "station, in their order"
-        )
-    return list(reference)
-
-
 def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
     """Choices between bursts and segments, and those of the replay."""
     names = {field.name for field in dataclasses.fields(StationChoices)}
@@ -173,3 +172,92 @@ def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
         raise ValueError("stations of bursts are educed for tones; leave incident out")
     # A station is one place: the coherent velocity of its cell is not known.
     return station_choices, Choices(**{"order": ORDERS[0], **rest})
+
+
+def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
+    """Stations of several lines as one, in the order given; averages are not carried over.
+
+    Raises:
+        ValueError: lines of different cases or frequencies.
+    """
+    first = lines[0]
+    for other in lines[1:]:
+        _require_same_case(first, other)
+    most = max(line.segment_start.shape[1] for line in lines)
+    joined: dict[str, Any] = {}
+    for name, value in vars(first).items():
+        values = [getattr(line, name) for line in lines]
+        if name in LISTS:
+            joined[name] = tuple(chain.from_iterable(values))
+        elif name in PADDED:
+            joined[name] = torch.cat([_padded(each, most) for each in values])
+        elif isinstance(value, Tensor) and name not in SHARED:
+            joined[name] = torch.cat(values)
+    intervals = [line.interval for line in lines if line.interval is not None]
+    joined["interval"] = Interval.joined(intervals) if len(intervals) == len(lines) else None
+    return dataclasses.replace(first, average=None, notes=(), **joined)
+
+
+def _padded(values: Tensor, segments: int) -> Tensor:
+    nan = complex(float("nan"), float("nan")) if values.is_complex() else float("nan")
+    missing = values.new_full((len(values), segments - values.shape[1], *values.shape[2:]), nan)
+    return torch.cat([values, missing], dim=1)
+
+
+def _require_same_case(first: ImpedanceLine, other: ImpedanceLine) -> None:
+    if not torch.equal(first.frequency, other.frequency):
+        raise ValueError(
+            f"{other.names[0]} is educed at {other.frequency.tolist()} Hz, {first.names[0]} at "
+            f"{first.frequency.tolist()} Hz; name the frequency for all"
+        )
+    mine, theirs = (
+        None if line.goodrich is None else line.goodrich.tolist() for line in (first, other)
+    )
+    if mine != theirs:
+        raise ValueError(
+            f"{other.names[0]} has another displacement thickness or Mach number than "
+            f"{first.names[0]}; the stations of a line share one case"
+        )
+    for key in CASE:
+        mine, theirs = getattr(first, key), getattr(other, key)
+        if mine != theirs:
+            raise ValueError(
+                f"{other.names[0]} has {key} {theirs}, {first.names[0]} {mine}; the stations of a "
+                "line share one case"
+            )
+
+
+def station_key(
+    station: BurstRecord | StationSource, reference: ReferenceChannel | None, choices: list[Any]
+) -> str:
+    """Hash of the data, the reference channel and all choices: 32 hexadecimal digits."""
+    if isinstance(station, StationSource):
+        source = f"{station.digest()} {station.name}"
+    else:
+        source = _hash(list(vars(station).values()))
+    channel = (
+        [] if reference is None else [reference.values, reference.sampling_rate, reference.start]
+    )
+    text = json.dumps([__version__, source, _hash(channel), *choices], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def liner_fingerprint(liner: LinerModel) -> str:
+    """Hash of a liner's description and impedances: the name of a table says too little."""
+    low, high = liner.frequency_range or (300.0, 3500.0)
+    top = min(20.0, liner.speed_max or 20.0)
+    speeds = torch.linspace(0, top, 41, dtype=torch.float64)
+    with torch.no_grad():
+        values = [
+            torch.as_tensor(liner.impedance(float(f), speeds)).to(torch.complex128)
+            for f in torch.linspace(float(low), float(high), 9)
+        ]
+    about = json.dumps(liner.describe(), default=str)
+    return _hash([torch.view_as_real(torch.stack(values)), about])
+
+
+def _hash(values: list[Any]) -> str:
+    digest = hashlib.sha256()
+    for value in values:
+        digest.update(value.numpy().tobytes() if hasattr(value, "numpy") else repr(value).encode())
+    return digest.hexdigest()

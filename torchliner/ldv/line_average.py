@@ -33,13 +33,10 @@ DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB
 
 
 def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
-    """Of the mean of Z over the segments, (F,); None where segments are too few to resample.
+    """Of the mean of Z over the segments, (F,), from their R, (S, F); None where they are too few.
 
     The ``bias`` is what the mean is off because Z is not linear in R and each segment is short: the
     mean of Z less Z of the mean R, right to second order.
-
-    Args:
-        reflection: R of the segments, (S, F).  choices: with the level.
     """
     count = len(reflection)
     if choices.interval is None or not can_resample(count):
@@ -53,11 +50,8 @@ def station_interval(reflection: Tensor, choices: Choices) -> Interval | None:
 
 
 def average_line(line: ImpedanceLine, choices: Choices, draws: int) -> LineAverage:
-    """(5.2) over the stations that count.
+    """(5.2) over the stations that count, by ``draws`` of the Monte Carlo, the paper's 5000.
 
-    Args:
-        line: stations.  choices: with the level of the interval.
-        draws: of the Monte Carlo, the paper's 5000.
     Raises:
         ValueError: no station counts.
     """
@@ -92,9 +86,7 @@ def segment_admittances(line: ImpedanceLine) -> Tensor:
 def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Tensor:
     """Mean over the stations of one drawn segment each: (M, F), batched over the draws.
 
-    Args:
-        admittance: (N, S, F).  counts: segments of each station, (N,).  draws: M.
-        seed: of the generator.
+    From admittances (N, S, F), ``counts`` (N,) segments of each station.
     Source: Roncen et al. (2026), eq. (5.2a), before its outer sum.
     """
     stations, _, lines = admittance.shape

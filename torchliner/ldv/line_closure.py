@@ -33,11 +33,7 @@ def with_line_closure(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
 
 
 def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
-    """Of the average, and of each station, against the stated level; or why there is none.
-
-    Args:
-        line: with its average.  choices: limit, doubt and level of the intervals.
-    """
+    """Of the average, and of each station, against the stated level; or why there is none."""
     known = stated_pressure(line, line.frequency, None)
     if isinstance(known, str) or line.average is None:
         return known if isinstance(known, str) else "not checked: the line has no average"

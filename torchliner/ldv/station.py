@@ -81,35 +81,23 @@ def educe_station(
     interval = station_interval(reflection, choices)
     vertical = station.moments.components["wall_normal"]
     return ImpedanceLine(
-        frequency=wanted,
-        reflection=reflection[None],
-        segment_start=cut.start[None],
-        x=_one(record.x),
-        y=_one(record.y),
-        z=_one(record.z),
-        mean_velocity=_one(vertical.weighted_mean),
-        velocity_rms=_one(vertical.weighted_rms),
+        frequency=wanted, reflection=reflection[None], segment_start=cut.start[None],
+        x=_one(record.x), y=_one(record.y), z=_one(record.z),
+        mean_velocity=_one(vertical.weighted_mean), velocity_rms=_one(vertical.weighted_rms),
         velocity_amplitude=_mean_amplitude(ready, clock_phases(cut, wanted, tone))[None],
-        coherence=coherence[None],
-        attenuation=cut.attenuation[None],
-        corrected=cut.corrected[None],
+        coherence=coherence[None], attenuation=cut.attenuation[None], corrected=cut.corrected[None],
         phase_held=rule.held[:segments].cpu().to(torch.float64).mean(0)[None],
-        rate=_one(cut.signal.mean_rate),
-        grid_rate=_one(cut.signal.grid.rate),
-        longest_gap=_one(cut.signal.longest_gap),
-        received=torch.tensor([record.received]),
+        rate=_one(cut.signal.mean_rate), grid_rate=_one(cut.signal.grid.rate),
+        longest_gap=_one(cut.signal.longest_gap), received=torch.tensor([record.received]),
         bursts=torch.tensor([kept.bursts]),
         used=torch.tensor([not flags or station_choices.flagged == "use"]),
         wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
         interval=interval and Interval(*(value[None] for value in vars(interval).values())),
-        names=(record.title or record.name,),
-        flags=(flags,),
-        dropped=(dict(kept.dropped),),
-        station_notes=(notes,),
-        goodrich=goodrich_of(ready),
+        names=(record.title or record.name,), flags=(flags,), dropped=(dict(kept.dropped),),
+        station_notes=(notes,), goodrich=goodrich_of(ready),
         choices=_facts(ready, station_choices, choices, tone is not None),
         **{key: getattr(record, key) for key in CASE},
-    )
+    )  # fmt: skip
 
 
 def _one(value: Any) -> Tensor:

@@ -44,11 +44,8 @@ class ReferenceTone:
 def reference_tone(
     cut: Segments, reference: ReferenceChannel, frequency: Tensor, record: Record
 ) -> ReferenceTone:
-    """The reference channel in the segments of a station.
+    """The reference channel in the segments of a station; ``record`` has the window over each.
 
-    Args:
-        cut: segments.  reference: channel that covers them.  frequency: Hz, (F,).
-        record: with the window over each segment.
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
     """
@@ -82,10 +79,9 @@ def clock_phases(cut: Segments, frequency: Tensor, reference: ReferenceTone | No
 def sound_phases(
     cut: Segments, frequency: Tensor, reference: ReferenceTone | None, lead: float | None
 ) -> Tensor:
-    """psi of ``given`` in each segment, counted from its first sample, rad, (S, F).
+    """psi of ``given`` in each segment, counted from its first sample, rad, (S, F), ``lead`` ahead
+    of the clock.
 
-    Args:
-        cut, frequency, reference: as for ``clock_phases``.  lead: rad, of the sound over the clock.
     Raises:
         ValueError: neither a reference nor a lead is known.
     """

@@ -43,10 +43,8 @@ class Segments:
 
 
 def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> Segments:
-    """Bursts onto a grid, the tone corrected, cut into segments.
+    """Validated bursts onto a grid, the tone corrected, cut into segments.
 
-    Args:
-        record: validated bursts.  frequency: Hz, (F,).  choices: from bursts to segments.
     Raises:
         ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than
             a segment, fewer than two arrivals a period, a tone damped below 0.3.
@@ -56,9 +54,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
             f"{record.name} holds no wall-normal velocity, only streamwise; say which channel "
             "measures it, e.g. components = -wall_normal"
         )
-    _require_two_segments(record, choices)
-    _require_small_grid(record, choices)
-    _require_no_gap(record, choices)
+    _require_enough(record, choices)
     # What is doubtful becomes a note of the station; the line as a whole warns once.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
@@ -95,7 +91,8 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     return Segments(plane, signal, begin, hop, factors.factor[0], corrected, notes)
 
 
-def _require_two_segments(record: BurstRecord, choices: StationChoices) -> None:
+def _require_enough(record: BurstRecord, choices: StationChoices) -> None:
+    """Two segments, a grid that fits into memory, no gap longer than a segment."""
     lasts = float(record.arrival_time[-1] - record.arrival_time[0])
     needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - choices.overlap)) * choices.segment
     if lasts < needed or record.bursts < 2:
@@ -104,20 +101,12 @@ def _require_two_segments(record: BurstRecord, choices: StationChoices) -> None:
             f"{choices.segment:g} s with an overlap of {choices.overlap:g} take {needed:.4g} s. "
             "Measure longer, or shorten the segment"
         )
-
-
-def _require_small_grid(record: BurstRecord, choices: StationChoices) -> None:
-    if choices.grid_rate is None:
-        return
-    points = float(record.arrival_time[-1] - record.arrival_time[0]) * choices.grid_rate
+    points = lasts * (choices.grid_rate or 0.0)
     if points > MOST_POINTS:
         raise ValueError(
             f"{record.name}: a grid of {choices.grid_rate:g} Hz has {points:.3g} points (limit "
             f"{MOST_POINTS:g}); {record.bursts} bursts fill far fewer, lower grid_rate"
         )
-
-
-def _require_no_gap(record: BurstRecord, choices: StationChoices) -> None:
     steps = record.arrival_time.diff()
     longest = int(steps.argmax())
     if float(steps[longest]) > choices.segment:

@@ -1,4 +1,20 @@
-"""A column of elements, condensed to what goes in and out of its two sides and of the lined wall.
+r"""Elements of the linearised Euler equations, condensed to what goes in and out of their edges;
+columns of them, to what goes in and out of two sides and of the lined wall.
+
+With q = (p, u, v), p in units of rho c^2 and velocities of c, and exp(j omega t),
+
+.. math:: j k q + \partial_x (A_x q) + \partial_y (A_y q) + B q = 0,
+
+A_x = [[M, 1, 0], [1, M, 0], [0, 0, M]], A_y = [[0, 0, 1], [0, 0, 0], [1, 0, 0]], and M' v in the
+equation of u. Discontinuous Galerkin with the upwind flux: with the outward normal n, M_n = M n_x,
+and the waves w+ = (p + u_n)/2 from inside and w- = (p - u_n)/2 from outside,
+
+.. math:: F_p = (1 + M_n) w^+ - (1 - M_n) w^-, \quad F_n = (1 + M_n) w^+ + (1 - M_n) w^-, \quad
+    F_t = \max(M_n, 0) u_{t,in} + \min(M_n, 0) u_{t,out}.
+
+So an element (M >= 0) receives through its left edge w = (p + u)/2 and v, through its right edge
+(p - u)/2, through its bottom (p + v)/2 and through its top (p - v)/2, and gives out the same
+through the opposite edges. Where there is no flow no v crosses an edge, and none is carried.
 
 The walls close the column: at the rigid one the wave that arrives, (p + v_n)/2, comes back as it
 is: with a = p + v_n, p* = (1 + R) a/2 and v* = (1 - R) a/2 for R = 1. At a lined one it comes back
@@ -14,7 +30,98 @@ import torch
 from torch import Tensor
 
 from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.elements import Elements, condense_elements
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """All elements of a column for a batch of frequencies; n = degree + 1, 3 n^2 unknowns each.
+
+    Incoming and outgoing waves are counted along the edges, in this order: along the flow (left to
+    right) w and, with flow, v; against it (right to left) w; upwards w; downwards w; each n.
+
+    Args:
+        interior: unknowns (field, y, x) of unit incoming waves, (F, E, 3 n^2, I).
+        scattering: outgoing waves of unit incoming ones, (F, E, I, I).
+        along: how many waves run along the flow, 2 n or n.
+    """
+
+    interior: Tensor
+    scattering: Tensor
+    along: int
+
+
+def condense_elements(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool) -> Elements:
+    """Elements of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
+    steady, mass = element_operator(width, basis, rows)
+    incoming, outgoing = element_ports(width, basis, rows, flow)
+    system = 1j * k[:, None, None, None] * mass + steady
+    interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
+    scattering = outgoing.to(system.dtype) @ interior
+    return Elements(interior, scattering, basis.count * (2 if flow else 1))
+
+
+def element_operator(width: float, basis: Basis, rows: Rows) -> tuple[Tensor, Tensor]:
+    """What does not depend on k, and the mass matrix which j k multiplies; (E, 3 n^2, 3 n^2)."""
+    first, last = (torch.outer(end, end) for end in (basis.first, basis.last))
+    mass_x = width * torch.diag(basis.weights)
+    ahead, against = (rows.mass + rows.flow) / 2, (rows.mass - rows.flow) / 2
+    out = _kron(ahead, last)  # through the right edge, of (p + u)
+    back = _kron(against, first)  # through the left edge, of (p - u)
+    convected = -_kron(rows.flow, basis.convection)
+    acoustic_x = -_kron(rows.mass, basis.convection) + out - back
+    acoustic_y = _kron((last - first) / 2 - basis.convection, mass_x).expand_as(out)
+    vertical = _kron((last + first) / 2, mass_x).expand_as(out)
+    still = torch.zeros_like(out)
+    steady = _blocks([
+        [convected + out + back + vertical, acoustic_x, acoustic_y],
+        [acoustic_x, convected + out + back, _kron(rows.shear, mass_x)],
+        [acoustic_y, still, convected + _kron(rows.flow, last) + vertical],
+    ])  # fmt: skip
+    mass = _kron(rows.mass, mass_x)
+    return steady, _blocks([[mass, still, still], [still, mass, still], [still, still, mass]])
+
+
+def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor]:
+    """Right-hand sides of unit incoming waves (E, 3 n^2, I) and outgoing waves (E, I, 3 n^2)."""
+    count = len(rows.mass)
+    first, last = basis.first[:, None], basis.last[:, None]
+    mass_x = (width * torch.diag(basis.weights)).expand(count, -1, -1)
+    one = torch.eye(basis.count).to(basis.nodes).expand(count, -1, -1)
+    ahead, against = _kron(rows.mass + rows.flow, first), _kron(rows.mass - rows.flow, last)
+    up, down = (_kron(end.expand(count, -1, -1), mass_x[0]) for end in (first, last))
+    right, left = _kron(one, last.T) / 2, _kron(one, first.T) / 2
+    top, bottom = (_kron(end.T.expand(count, -1, -1), one[0]) / 2 for end in (last, first))
+    still, none = torch.zeros_like(ahead), torch.zeros_like(right)
+    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up],
+                [down, still, -down]]  # fmt: skip
+    outgoing = [[right, right, none], [left, -left, none], [top, none, top],
+                [bottom, none, -bottom]]  # fmt: skip
+    if flow:
+        incoming.insert(1, [still, still, _kron(rows.flow, first)])
+        outgoing.insert(1, [none, none, 2 * right])
+    return (
+        torch.cat([torch.cat(part, -2) for part in incoming], -1),
+        torch.cat([torch.cat(part, -1) for part in outgoing], -2),
+    )
+
+
+def diagonal_blocks(blocks: Tensor) -> Tensor:
+    """(..., E, a, b) as block-diagonal matrices (..., E a, E b)."""
+    *lead, count, a, b = blocks.shape
+    whole = blocks.new_zeros(*lead, count, a, count, b)
+    whole.diagonal(dim1=-4, dim2=-2).copy_(blocks.movedim(-3, -1))
+    return whole.reshape(*lead, count * a, count * b)
+
+
+def _kron(across: Tensor, along: Tensor) -> Tensor:
+    """Kronecker products of (E, a, b) or (a, b) with (c, d): (E, a c, b d)."""
+    across = across if across.ndim == 3 else across[None]
+    product = across[:, :, None, :, None] * along[:, None, :]
+    return product.flatten(3).flatten(1, 2)
+
+
+def _blocks(rows: list[list[Tensor]]) -> Tensor:
+    return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +166,8 @@ def condense_column(
     sides = along + n  # waves of one element through its left and right edges
     scattering = elements.scattering
     # Vertical waves out of every element, by vertical waves in and by waves in through the sides.
-    to_vertical = _diagonal(scattering[..., sides:, sides:])
-    from_sides = _diagonal(scattering[..., sides:, :sides])
+    to_vertical = diagonal_blocks(scattering[..., sides:, sides:])
+    from_sides = diagonal_blocks(scattering[..., sides:, :sides])
     source, closed = _neighbours(count, n, lined, k.device)
     one = torch.eye(2 * n * count, dtype=scattering.dtype, device=k.device)
     arriving = torch.where(closed[:, None], to_vertical[:, source], 0)
@@ -68,15 +175,18 @@ def condense_column(
     if lined:
         right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
     vertical = torch.linalg.solve(one - arriving, right)
-    out = _diagonal(scattering[..., :sides, sides:]) @ vertical
-    direct = _diagonal(scattering[..., :sides, :sides])
+    out = diagonal_blocks(scattering[..., :sides, sides:]) @ vertical
+    direct = diagonal_blocks(scattering[..., :sides, :sides])
     out[..., : direct.shape[-1]] += direct
     parts = [out]
     if lined:
         down = to_vertical[:, n : 2 * n] @ vertical
         down[..., : direct.shape[-1]] += from_sides[:, n : 2 * n]
         parts.append(down)
-    order = _side_order(count, n, along, lined, k.device)
+    # From (element, w, v, w back) to (w, v over all elements; w back over all elements; wall).
+    order = torch.arange(count * sides, device=k.device).reshape(count, -1, n)
+    order = order.transpose(0, 1).flatten()
+    order = torch.cat([order, torch.arange(n if lined else 0, device=k.device) + order.numel()])
     whole = torch.cat(parts, -2)[:, order][..., order]
     sizes = {"right": count * along, "left": count * n, "wall": n if lined else 0}
     names_in = ("left", "right", "wall")
@@ -87,15 +197,6 @@ def condense_column(
         for source_side, block in zip(names_in, row.split(list(sizes.values()), -1), strict=True)
     }
     return Column(lined, elements, vertical[..., order], rows_out, blocks)
-
-
-def _diagonal(blocks: Tensor) -> Tensor:
-    """(F, E, a, b) as block-diagonal matrices (F, E a, E b)."""
-    frequencies, count, a, b = blocks.shape
-    whole = blocks.new_zeros(frequencies, count, a, count, b)
-    index = torch.arange(count, device=blocks.device)
-    whole[:, index, :, index] = blocks.transpose(0, 1)
-    return whole.reshape(frequencies, count * a, count * b)
 
 
 def _neighbours(count: int, n: int, lined: bool, device: torch.device) -> tuple[Tensor, Tensor]:
@@ -113,11 +214,3 @@ def _neighbours(count: int, n: int, lined: bool, device: torch.device) -> tuple[
     closed = torch.ones_like(index, dtype=torch.bool)
     closed[0, 0] = not lined
     return source.flatten(), closed.flatten()
-
-
-def _side_order(count: int, n: int, along: int, lined: bool, device: torch.device) -> Tensor:
-    """From (element, w, v, w back) to (w, v over all elements; w back over all elements; wall)."""
-    index = torch.arange(count * (along + n), device=device).reshape(count, -1, n)
-    order = index.transpose(0, 1).flatten()
-    extra = torch.arange(n if lined else 0, device=device) + order.numel()
-    return torch.cat([order, extra])

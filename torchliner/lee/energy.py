@@ -51,7 +51,11 @@ class EnergyBalance:
 
 def energy_balance(swept: SweptDuct, waves: Tensor, wall: Wall | None) -> EnergyBalance:
     """Of X (..., F, D) of ``ports.py`` and the wall that it was solved with."""
-    coming, out = ends_energy(swept, waves)
+    mach = swept.mesh.case.profile.bulk_mach
+    along, against = (1 + mach) ** 2, (1 - mach) ** 2
+    size = waves[..., [0, 1, -2, -1]].abs().square()
+    coming = along * size[..., 0] + against * size[..., 2]
+    out = against * size[..., 1] + along * size[..., 3]
     absorbed = torch.zeros_like(out)
     mesh = swept.mesh
     if wall is not None:
@@ -65,15 +69,6 @@ def energy_balance(swept: SweptDuct, waves: Tensor, wall: Wall | None) -> Energy
         power = (pressure * (2 * eta - pressure).conj()).real
         absorbed = (power * weights).sum(-1)
     return EnergyBalance(out / coming, absorbed / coming)
-
-
-def ends_energy(swept: SweptDuct, waves: Tensor) -> tuple[Tensor, Tensor]:
-    """Energy in and out of both ends, in |p|^2, (..., F)."""
-    mach = swept.mesh.case.profile.bulk_mach
-    size = waves[..., [0, 1, -2, -1]].abs().square()
-    along, against = (1 + mach) ** 2, (1 - mach) ** 2
-    coming = along * size[..., 0] + against * size[..., 2]
-    return coming, against * size[..., 1] + along * size[..., 3]
 
 
 def warn_of_gain(swept: SweptDuct, waves: Tensor, wall: Wall | None, frequency: Any) -> None:

@@ -59,8 +59,7 @@ def solve_ports(response: Response, wall: Wall | None, starts: Tensor, returns: 
     reading = torch.cat(
         [response.wall[..., :count, :], response.left[:, None], response.right[:, None]], -2
     )
-    sent = None if wall is None else wall.after(reading[..., 2 : 2 + count])
-    system = _system(response, reading, wall, sent, returns)
+    system = _system(response, reading, wall, returns)
     modes = torch.stack([response.left_modes[:, 0], response.right_modes[:, 1]], -1)
     sources = reading[..., [0, 2 + count]]
     right = (sources * starts[..., None, :]).sum(-1)
@@ -75,29 +74,21 @@ def solve_ports(response: Response, wall: Wall | None, starts: Tensor, returns: 
     return torch.cat([coming[..., :1], going[..., :1], waves, coming[..., 1:], going[..., 1:]], -1)
 
 
-def _system(
-    response: Response, reading: Tensor, wall: Wall | None, sent: Tensor | None, returns: Tensor
-) -> Tensor:
+def _system(response: Response, reading: Tensor, wall: Wall | None, returns: Tensor) -> Tensor:
     """Of eta, c_L, c_R; rows: walls, left, right; (..., F, W + 2, W + 2)."""
-    count = reading.shape[-2] - 2
-    ends = []
-    for side, at in ((0, 0), (1, 2 + count)):
-        ends.append(reading[..., at + 1] + returns[..., side, None] * reading[..., at])
-    own = [
-        response.left_modes[:, 1] + returns[..., 0] * response.left_modes[:, 0],
-        response.right_modes[:, 0] + returns[..., 1] * response.right_modes[:, 1],
-    ]
-    parts = torch.stack(torch.broadcast_tensors(*ends), -1)
-    rest = torch.diag_embed(torch.stack(torch.broadcast_tensors(*own), -1))
+    count, back = reading.shape[-2] - 2, returns[..., None, :]
+    parts = reading[..., [1, 3 + count]] + back * reading[..., [0, 2 + count]]
+    left, right = response.left_modes, response.right_modes
+    own = torch.stack([left[:, 1], right[:, 0]], -1)
+    rest = torch.diag_embed(own + returns * torch.stack([left[:, 0], right[:, 1]], -1))
     zeros = rest.new_zeros(*rest.shape[:-2], count, 2)
     parts = parts - torch.cat([zeros, rest], -2)
-    if wall is None or sent is None:
+    if wall is None:
         return parts
+    sent = wall.after(reading[..., 2 : 2 + count])
     shape = np.broadcast_shapes(sent.shape[:-2], parts.shape[:-2])
-    arrive = (
-        torch.eye(count, dtype=sent.dtype, device=sent.device)
-        if wall.arrive is None else wall.arrive
-    )  # fmt: skip
+    one = torch.eye(count, dtype=sent.dtype, device=sent.device)
+    arrive = one if wall.arrive is None else wall.arrive
     arrive = torch.cat([arrive, arrive.new_zeros(*arrive.shape[:-2], 2, count)], -2)
     walls = (sent - arrive).expand(*shape, -1, -1)
     return torch.cat([walls, parts.expand(*shape, -1, -1)], -1)

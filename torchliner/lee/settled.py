@@ -63,15 +63,9 @@ class SettledField:
 
 
 def solve_settled(
-    case: DuctCase,
-    frequency: Any,
-    impedance: Any = math.inf,
-    *,
-    places: Any = (),
-    wall: str = "opposite",
-    mesh: DuctMesh | None = None,
-    keep: str = "walls",
-) -> SettledField:
+    case: DuctCase, frequency: Any, impedance: Any = math.inf, *, places: Any = (),
+    wall: str = "opposite", mesh: DuctMesh | None = None, keep: str = "walls",
+) -> SettledField:  # fmt: skip
     """The field of one impedance, refined until a finer mesh moves it by less than 0.05 dB.
 
     Args:

@@ -141,19 +141,7 @@ def solve_duct(
     case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *,
     keep: str = "all",
 ) -> DuctField:  # fmt: skip
-    """The sound field of a lined duct with flow.
-
-    Args:
-        case: the duct.  frequency: Hz, (F,).  impedance: Z; see ``DuctSolver.solve``.
-        mesh: default ``build_mesh`` for the highest frequency.
-        keep: ``all`` or ``walls``; see ``DuctSolver``.
-    Returns:
-        DuctField of shape (..., F).
-    Raises:
-        ValueError, RuntimeError: see ``DuctSolver`` and its ``solve``.
-    Warns:
-        DataWarning: as there.
-    """
+    """The sound field of a lined duct with flow: ``DuctSolver`` of these and its ``solve``."""
     if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
         frequency = frequency_tensor(frequency).to(impedance.device)
     return DuctSolver(case, frequency, mesh, keep=keep).solve(impedance)

@@ -77,10 +77,10 @@ def sweep_duct(
     flow = bool((rows.flow != 0).any())
     y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * basis.nodes.cpu().numpy()
     at_ends = modes(case.profile, frequency, torch.as_tensor(y.ravel()).to(frequency), flow)
-    each = _bytes_swept(mesh, basis.count, flow)
+    each, walls = _bytes_of_waves(mesh, basis.count, flow)
     at_once = max(1, int(AT_ONCE // each))
     held = len(frequency) if keep_all else min(at_once, len(frequency))
-    need = held * each + len(frequency) * _bytes_of_walls(mesh, basis.count)
+    need = held * each + len(frequency) * walls
     if need > memory:
         fewer = "give keep='walls' if pressures along the walls are enough, or " if keep_all else ""
         raise ValueError(
@@ -178,18 +178,11 @@ def _backward(
     return passes[::-1], sources[::-1]
 
 
-def _bytes_swept(mesh: DuctMesh, n: int, flow: bool) -> int:
-    """Of the waves into all columns, for one frequency: a sweep's own, kept for fields inside."""
+def _bytes_of_waves(mesh: DuctMesh, n: int, flow: bool) -> tuple[int, int]:
+    """For one frequency: of a sweep's own, into all columns, kept for fields inside; and of those
+    that arrive at both walls and, for the response, at the lined one."""
+    columns, lined = len(mesh.lined), int(mesh.lined.sum())
     across = (len(mesh.y) - 1) * n
-    waves = len(mesh.lined) * across * (3 if flow else 2) + n * int(mesh.lined.sum())
-    return 16 * waves * _units(mesh, n)
-
-
-def _bytes_of_walls(mesh: DuctMesh, n: int) -> int:
-    """Of the waves that arrive at both walls and, for the response, at the lined one."""
-    return 16 * n * (2 * len(mesh.lined) + int(mesh.lined.sum())) * _units(mesh, n)
-
-
-def _units(mesh: DuctMesh, n: int) -> int:
-    """D, unit waves in: two modes at either end and n points of each lined column."""
-    return 4 + n * int(mesh.lined.sum())
+    units = 4 + n * lined  # D: two modes at either end and n points of each lined column
+    inside = columns * across * (3 if flow else 2) + n * lined
+    return 16 * inside * units, 16 * n * (2 * columns + lined) * units

@@ -27,6 +27,7 @@ from torch import Tensor
 
 from torchliner.duct.wall_impedance import wall_reflection
 from torchliner.lee.basis import Basis
+from torchliner.lee.columns import diagonal_blocks
 from torchliner.lee.mesh import DuctMesh
 
 
@@ -88,13 +89,15 @@ def wall_of(
     Raises:
         ValueError: shapes that do not fit; see ``wall_reflection``.
     """
-    if callable(impedance):
-        blocks = _varying(impedance, mesh, basis, frequency)
-    else:
-        blocks = _piecewise(impedance, mesh, basis, frequency)
+    pick = _varying if callable(impedance) else _piecewise
+    blocks = pick(impedance, mesh, basis, frequency)
     if slip_mach == 0:
         return Wall(blocks)
-    return _transported(blocks, mesh, basis, k, slip_mach)
+    whole = diagonal_blocks(blocks)
+    one = torch.eye(whole.shape[-1], dtype=blocks.dtype, device=blocks.device)
+    share = (slip_mach / (2j * k))[:, None, None]
+    arrive = one + share * (_downwind_derivative(mesh, basis).to(blocks) @ (one - whole))
+    return Wall(one + whole - arrive, arrive)
 
 
 def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
@@ -131,19 +134,6 @@ def _varying(
     values, weights = (t.to(reflection) for t in (values, weights))
     blocks = values.mT @ ((reflection * weights)[..., None] * values)
     return blocks / basis.weights[:, None]
-
-
-def _transported(blocks: Tensor, mesh: DuctMesh, basis: Basis, k: Tensor, mach: float) -> Wall:
-    count, n = blocks.shape[-3:-1]
-    derivative = _downwind_derivative(mesh, basis).to(blocks)
-    whole = blocks.new_zeros(*blocks.shape[:-3], count, n, count, n)
-    index = range(count)
-    whole[..., index, :, index, :] = blocks.movedim(-3, 0)
-    whole = whole.reshape(*blocks.shape[:-3], count * n, count * n)
-    one = torch.eye(count * n, dtype=blocks.dtype, device=blocks.device)
-    share = (mach / (2j * k))[:, None, None]
-    arrive = one + share * (derivative @ (one - whole))
-    return Wall(one + whole - arrive, arrive)
 
 
 def _downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:

@@ -112,12 +112,8 @@ def load_liner(name: str | Path) -> LinerModel:
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
-    """TOML text that ``load_liner`` reads back as ``liner``.
-
-    Args:
-        liner: model of plain numbers, with a name.  source: where the numbers come from.
-        description: one line.
-    """
+    """TOML text that ``load_liner`` reads back as ``liner``, of plain numbers and with a name;
+    ``source`` says where the numbers come from."""
     facts = liner.describe()
     fluid = facts.pop("fluid", {})
     facts = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description,

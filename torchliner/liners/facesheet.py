@@ -1,16 +1,29 @@
-"""The perforated plate at vanishing amplitude."""
+r"""The perforated plate: its linear impedance, and the nonlinear term of eq. (2.4), brought to a
+form that is exact at v = 0.
+
+With u = |v|/phi_p, S_t = q/u, q = sqrt(2) omega r_p and E = 1 + 0.06 exp(3.74/S_h):
+
+    1/(1 + 2 S_t E)       = u/(u + 2 q E),
+    1 - 1/(1 + X)         = X/(1 + X),   X = 0.013 S_h^2 (u/q)^2.5.
+
+So at one frequency both parts are rational in |v| and |v|^2.5 with coefficients that depend on the
+frequency and the liner alone:
+
+    Re G =  a |v|^2 / (|v| + b),         Im G = -c |v|^2.5 / (|v|^2.5 + d).
+
+The printed forms lose 1e-3 relative at |v| = 1e-6 m/s and divide by zero at rest.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchliner.fluid import Fluid
 
-
-def end_correction(radius: Tensor, porosity: Tensor) -> Tensor:
-    """Correction length eps_e of one side, m. Source: eq. (2.2b)."""
-    return 0.85 * radius * (1 - 1.14 * torch.sqrt(porosity))
+LARGEST_EXPONENT = 700.0  # exp of more overflows float64; the resistance is 0 long before
 
 
 def facesheet_impedance(
@@ -23,9 +36,60 @@ def facesheet_impedance(
         porosity: phi_p, that of the plate in front of the cavity.  fluid: gas.
     Source: Roncen et al. (2026), eq. (2.2a-c), after Atalla & Sgard (2007).
     """
-    extra = end_correction(radius, porosity)
+    extra = 0.85 * radius * (1 - 1.14 * torch.sqrt(porosity))  # eps_e of one side, eq. (2.2b)
     surface_resistance = torch.sqrt(fluid.dynamic_viscosity * omega * fluid.density)
     viscous = surface_resistance / (fluid.characteristic_impedance * porosity)
     viscous = viscous * (2 * thickness / radius + 4 * extra / radius) / 2**0.5
     mass = (2 * extra + thickness) / (fluid.sound_speed * porosity) * omega
     return torch.complex(viscous, viscous + mass)
+
+
+@dataclass(frozen=True)
+class SpeedLaw:
+    """Z(|v|) of a liner at fixed frequencies: six real tensors of one shape, (F,) by rule.
+
+    Z = linear + a |v|^2/(|v| + b) - j c |v|^2.5/(|v|^2.5 + d), |v| in m/s as measured.
+    """
+
+    resistance: Tensor
+    reactance: Tensor
+    a: Tensor
+    b: Tensor
+    c: Tensor
+    d: Tensor
+
+    def parts(self, speed: Tensor) -> tuple[Tensor, Tensor]:
+        """Resistance and reactance for |v| broadcast against the coefficients."""
+        square, power = powers(speed)
+        resistance = self.resistance + self.a * (square / (speed + self.b))
+        return resistance, self.reactance - self.c * (power / (power + self.d))
+
+
+def powers(speed: Tensor) -> tuple[Tensor, Tensor]:
+    """|v|^2 and |v|^2.5; v*v*sqrt(v) is ten times faster than a power of 2.5.
+
+    The clamp gives the square root a slope of 0, not infinity, at rest.
+    """
+    square = speed * speed
+    return square, square * speed.clamp(min=1e-30).sqrt()
+
+
+def speed_law_coefficients(
+    omega: Tensor, radius: Tensor, porosity: Tensor, vena_contracta: Tensor, fluid: Fluid
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Coefficients (a, b, c, d) of the module's formula for |v| at the perforate, eq. (2.4).
+
+    Args:
+        omega: rad/s, > 0, any shape, which the results share.  radius: r_p, m.  porosity: phi_p.
+        vena_contracta: C_vc; 0.8 in the paper, 0.75 for sharp edges.  fluid: gas.
+    Source: Roncen et al. (2026), eqs (2.4a,b), (2.5a,b), rearranged, not changed. The exponential
+        is capped where it would overflow, below about 3e-4 Hz: Re G is 0 there.
+    """
+    shear = radius * torch.sqrt(omega / fluid.kinematic_viscosity)
+    strouhal_speed = 2**0.5 * omega * radius
+    growth = 1 + 0.06 * torch.exp((3.74 / shear).clamp(max=LARGEST_EXPONENT))
+    a = 2**0.5 / (2 * vena_contracta**2 * porosity**2 * fluid.sound_speed) + 0 * omega
+    b = 2 * strouhal_speed * growth * porosity
+    c = omega / fluid.sound_speed * radius / porosity * (0.6 + 1.6 / shear + 0.015 * shear)
+    d = (strouhal_speed * porosity) ** 2.5 / (0.013 * shear**2)
+    return a, b, c, d

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,12 +20,10 @@ from torchliner.checks import (
     require_choice,
     require_positive,
 )
-from torchliner.fluid import Fluid
-from torchliner.liners.air_state import air_state, fluid_at
+from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.liners.facesheet import facesheet_impedance
+from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
 from torchliner.liners.model import LinerModel, Number
-from torchliner.liners.nonlinear import SpeedLaw, speed_law_coefficients
 from torchliner.names import VELOCITY_READINGS
 
 Parameter = float | Tensor
@@ -72,7 +71,7 @@ class SDoFLiner(LinerModel):
     Raises:
         ValueError: a length or porosity outside its range, or a hole larger than the pitch.
     Source: Roncen et al. (2026), section 2 and section 5.3, with the departures named in
-        ``liners/bessel.py`` and ``fluid.py``.
+        ``liners/cavity.py`` and ``fluid.py``.
     """
 
     model = "sdof"
@@ -223,3 +222,27 @@ class SDoFLiner(LinerModel):
         if state:
             changes["fluid"] = fluid_at(self.fluid, **state)
         return self.replace(**changes)
+
+
+def air_state(fluid: Fluid) -> tuple[float, float]:
+    """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``.
+
+    For gases that are not air they are the state about which c, rho and eta are scaled as those
+    of air: c as sqrt(T), rho as p/T, eta by Sutherland's law.
+    """
+    temperature = plain_number(fluid.sound_speed) ** 2 / (1.4 * GAS_CONSTANT_AIR)
+    return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
+
+
+def fluid_at(fluid: Fluid, temperature: Any = None, pressure: Any = None) -> Fluid:
+    """The gas at another temperature (K) or pressure (Pa); gamma and Pr stay."""
+    here = air_state(fluid)
+    base = Fluid.from_temperature(*here)
+    moved = Fluid.from_temperature(
+        here[0] if temperature is None else temperature, here[1] if pressure is None else pressure
+    )
+    scaled: dict[str, Any] = {
+        name: getattr(fluid, name) * (getattr(moved, name) / getattr(base, name))
+        for name in ("sound_speed", "density", "dynamic_viscosity")
+    }
+    return dataclasses.replace(fluid, **scaled)

@@ -11,21 +11,18 @@ import torch
 from torchliner.conversions import impedance_from_admittance
 from torchliner.in_situ_method.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
-from torchliner.report.curves import COMPLEX_PART, Curves, part_of
-from torchliner.report.numbers import height_label, over_z
+from torchliner.report.numbers import COMPLEX_PART, Curves, height_label, over_z, part_of
 from torchliner.report.table import format_bounds, format_complex
 
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
     """Resistance and reactance of another method along x: admittance averaged over equal x."""
-    known = torch.isfinite(found.point_impedance[:, frequency_index].real)
-    place = found.point_x if bool(torch.isfinite(found.point_x).all()) else None
-    x, average = over_z(
-        None if place is None else place[known], 1 / found.point_impedance[known, frequency_index]
-    )
+    value = found.point_impedance[:, frequency_index]
+    known = torch.isfinite(value.real)
+    place = found.point_x[known] if bool(torch.isfinite(found.point_x).all()) else None
+    x, average = over_z(place, 1 / value[known])
     impedance = impedance_from_admittance(average)
-    values = {part: part_of(impedance, part) for part in COMPLEX_PART}
-    return Curves(x, values, found.name)
+    return Curves(x, {part: part_of(impedance, part) for part in COMPLEX_PART}, found.name)
 
 
 def alongside_at(
@@ -61,7 +58,7 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
             for end, order in ORDERS:
                 value = complex(getattr(other, f"liner_impedance{end}")[index])
                 mine = result.bounds_of_liner(result.order, frequency_index)
-                theirs = _bounds_of(other, f"liner{end}", index)
+                theirs = other.bounds_of_liner(end, index)
                 row: dict[str, Any] = {
                     "height": result.height,
                     "frequency": float(result.frequency[frequency_index]),
@@ -73,13 +70,6 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
                     row |= joint_bounds(mine, theirs or (value, value))
                 found.append(row)
     return found
-
-
-def _bounds_of(other: PointImpedances, name: str, index: int) -> tuple[complex, complex] | None:
-    if other.uncertainty is None:
-        return None
-    interval = getattr(other.uncertainty, name)
-    return complex(interval.low[index]), complex(interval.high[index])
 
 
 def joint_bounds(

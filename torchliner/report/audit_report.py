@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.audits.rows import Audit, AuditRow
-from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import part_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex, real_and_imaginary
 
 ROW_HEIGHT = 0.17  # inches
@@ -31,16 +31,13 @@ WRITTEN = (
 
 def plain_audit(found: Audit) -> dict[str, Any]:
     """For JSON."""
+    names = ("title", "frequency", "order", "base", "level", "readings", "closure", "closure_words",
+             "choices")  # fmt: skip
     return {
-        **{key: getattr(found, key) for key in ("title", "frequency", "order", "base")},
+        **{key: getattr(found, key) for key in names},
         "interval": None if found.low is None else [found.low, found.high],
-        "level": found.level,
         "rows": [vars(row) for row in found.rows],
         "not_applicable": dict(found.skipped),
-        "readings": found.readings,
-        "closure": found.closure,
-        "closure_words": found.closure_words,
-        "choices": found.choices,
         "notes": list(found.notes),
         "nearest_truth": found.nearest_truth or None,
     }
@@ -62,17 +59,15 @@ def format_audit(found: Audit) -> str:
     """Factors by how far they move Z; the base and its interval on top."""
     base = f"base {format_complex(found.base)}"
     if found.low is not None and found.high is not None and found.level is not None:
-        base += (
-            f"; {100 * found.level:g} % statistical interval "
-            f"{format_bounds((found.low, found.high))}"
-        )
+        bounds = format_bounds((found.low, found.high))
+        base += f"; {100 * found.level:g} % statistical interval {bounds}"
     skipped = [f"  {factor}: {reason}" for factor, reason in found.skipped.items()]
+    level = "" if found.closure is None else f" {found.closure:+.2f} dB"
     return "\n".join([
         f"{found.title}, {found.frequency:g} Hz, whole liner, {found.order}",
         base,
-        f"closure: {found.closure_words}\n" if found.closure is None else
-        f"closure {found.closure:+.2f} dB {found.closure_words}\n",
-        Table(found.rows, SHOWN if found.closure is None else (*SHOWN, CLOSURE)).as_text(),
+        f"closure{level or ':'} {found.closure_words}\n",
+        Table(found.rows, (*SHOWN, CLOSURE) if level else SHOWN).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
         *([f"\n{found.nearest_truth}"] if found.nearest_truth else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",

@@ -112,11 +112,8 @@ def format_calibration(found: Calibration) -> str:
 def draw_predictions(
     panels: Mapping[str, Sequence[PredictionRow]], title: str, path: str | Path | None = None
 ) -> Figure:
-    """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse.
-
-    Args:
-        panels: rows by the title of their panel.  title: of the figure.  path: where to save it.
-    """
+    """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse; a panel of rows
+    a title."""
     figure, axes = subplots(1, len(panels), 3.6)
     names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
     for axis, (heading, rows) in zip(axes[0], panels.items(), strict=True):

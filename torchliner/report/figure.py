@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.io.whole_file import PICTURES, written_whole
-from torchliner.report.curves import Curves
+from torchliner.report.numbers import Curves
 
 PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
@@ -18,11 +18,7 @@ Figure = Any  # matplotlib.figure.Figure; imported when drawn
 
 
 def require_matplotlib() -> Any:
-    """The module.
-
-    Raises:
-        ImportError: it is not installed.
-    """
+    """The module; ImportError where it is not installed."""
     try:
         import matplotlib
     except ImportError as error:
@@ -93,12 +89,7 @@ def legend_below(figure: Figure, axis: Any, columns: int) -> None:
 def finish(
     figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
 ) -> Figure:
-    """Legend, heading and file, where asked for.
-
-    Args:
-        figure: with everything drawn.  path: picture to write.  title: above all panels.
-        legend: columns, at most, of the names in the first panel, below all panels.
-    """
+    """Legend (columns at most, of the names in the first panel), heading and file, if asked for."""
     if legend:
         legend_below(figure, figure.axes[0], legend)
     if title is not None:
@@ -115,24 +106,10 @@ MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
 WIDTH = 6.6  # in, text width of a journal page
 
 RC: Any = {
-    "font.size": 9.0,
-    "font.family": "serif",
-    "font.serif": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 9.0,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.top": True,
-    "ytick.right": True,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 4.0,
-    "axes.linewidth": 0.6,
-    "figure.dpi": 120,
-    "savefig.dpi": 200,
-    "figure.constrained_layout.use": True,
-}
+    "font.size": 9.0, "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix", "axes.titlesize": 9.0, "axes.labelsize": 9.0,
+    "legend.fontsize": 8.0, "legend.frameon": False, "xtick.labelsize": 8.0, "ytick.labelsize": 8.0,
+    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
+    "lines.linewidth": 1.2, "lines.markersize": 4.0, "axes.linewidth": 0.6, "figure.dpi": 120,
+    "savefig.dpi": 200, "figure.constrained_layout.use": True,
+}  # fmt: skip

@@ -12,7 +12,6 @@ from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
-from torchliner.report.curves import Curves, part_of
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -20,6 +19,7 @@ from torchliner.report.figure import (
     PARTS,
     WIDTH,
     Figure,
+    draw_band,
     draw_curve,
     finish,
     impedance_panels,
@@ -28,15 +28,19 @@ from torchliner.report.figure import (
     subplots,
 )
 from torchliner.report.numbers import (
+    Curves,
     against_height,
     case_title,
     height_label,
     impedance_along_x,
+    impedance_over_frequency,
     interval_words,
+    part_of,
     velocity_along_x,
 )
 
 FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
+BARS = 15  # statistical intervals along a spectrum, about
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
@@ -132,9 +136,8 @@ def draw_against_height(
     """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend)."""
     figure, axes = subplots(1, 1, 3.6)
     axis = axes[0, 0]
-    rows = against_height(results)
     frequency = float(results[0].frequency[frequency_index])
-    rows = [row for row in rows if row.frequency == frequency]
+    rows = [row for row in against_height(results) if row.frequency == frequency]
     orders = list(reversed(results[0].orders))
     names = [order.replace(" ", "_") for order in orders]
     shown = [getattr(row, name) for row in rows for name in names]
@@ -216,6 +219,46 @@ def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None =
         axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
     panels[1][0].set_ylim(-6, 6)
     return finish(figure, path, title, legend=ONE_ROW)
+
+
+@styled
+def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = None) -> Any:
+    """R and X over frequency at several heights: spread over probes shaded, intervals as bars."""
+    figure, panels = impedance_panels(3.0, r"$f$ (kHz)")
+    ordered = sorted(results, key=lambda r: r.height or 0.0)
+    for axis, part in panels:
+        drawn = []
+        for i, result in enumerate(ordered):
+            numbers = impedance_over_frequency(result)
+            colour, kilohertz = COLOURS[i], numbers.at / 1e3
+            name = numbers.label or "educed"
+            axis.plot(kilohertz, numbers.values[part], color=colour, label=name)
+            drawn.append(numbers.values[part])
+            for other, style in zip(_others(result), ("--", ":"), strict=False):
+                axis.plot(kilohertz, numbers.values[f"{part}, {other}"], style, color=colour)
+                drawn.append(numbers.values[f"{part}, {other}"])
+            low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
+            draw_band(axis, kilohertz, low, high, colour)
+            if f"{part} low" in numbers.values:
+                some = slice(i, None, max(1, len(kilohertz) // BARS))
+                ends = (numbers.values[f"{part} {end}"][some] for end in ("low", "high"))
+                axis.vlines(kilohertz[some], *ends, color=colour, linewidth=1.2, zorder=3)
+        # A cavity's antiresonance, where Z has a pole, would hide all the rest.
+        low, high = np.nanpercentile(np.concatenate(drawn), [5, 90])
+        margin = 0.5 * (high - low) + 1e-9
+        axis.set_ylim(low - margin, high + margin)
+    panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
+    title = case_title(ordered[0]) or "educed impedance"
+    words = interval_words(ordered[0])
+    kinds = zip(("dashed", "dotted"), _others(ordered[0]), strict=False)
+    lines = ", ".join(f"{kind}: {order}" for kind, order in kinds)
+    title += f"; solid: {ordered[0].order}, {lines}\nshaded: middle half of the "
+    title += f"probes; bars: {words}" if words else "probes"
+    return finish(figure, path, title, legend=4)
+
+
+def _others(result: ImpedanceMap) -> list[str]:
+    return [order for order in result.orders if order != result.order]
 
 
 def _millimetres(values: Any, count: int) -> Any:

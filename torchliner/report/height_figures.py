@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from torchliner.heights.study import HeightStudy
-from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -18,6 +17,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
+from torchliner.report.numbers import COMPLEX_PART, Array, Curves, part_of
 
 ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
 _V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"

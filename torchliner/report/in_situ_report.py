@@ -9,8 +9,8 @@ from typing import Any
 from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stated_impedance
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
-from torchliner.report.curves import part_of
 from torchliner.report.figure import COLOURS, ONE_ROW, draw_curve, finish, impedance_panels, styled
+from torchliner.report.numbers import part_of
 from torchliner.report.table import (
     Column,
     Table,
@@ -19,11 +19,6 @@ from torchliner.report.table import (
     plain_columns,
     real_and_imaginary,
 )
-
-
-def _end(row: InSituRow, which: int) -> complex | None:
-    return None if row.interval is None else row.interval[which]
-
 
 COLUMNS = (
     Column("method", heading="method"),
@@ -39,8 +34,10 @@ COLUMNS = (
     Column("coherence", heading="coherence", text=".2f"),
     Column("residual", heading="residual", text=".5f"),
     Column("incident_level"),
-    *real_and_imaginary("resistance_low", "reactance_low", lambda row: _end(row, 0)),
-    *real_and_imaginary("resistance_high", "reactance_high", lambda row: _end(row, 1)),
+    *real_and_imaginary("resistance_low", "reactance_low", lambda r: r.interval and r.interval[0]),
+    *real_and_imaginary(
+        "resistance_high", "reactance_high", lambda r: r.interval and r.interval[1]
+    ),
 )
 
 

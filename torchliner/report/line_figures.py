@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceLine
-from torchliner.report.curves import part_of
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -19,6 +18,7 @@ from torchliner.report.figure import (
     impedance_panels,
     styled,
 )
+from torchliner.report.numbers import part_of
 
 PAPER_WIDTHS = 3.0  # standard deviations over the segments in the paper's coloured areas
 

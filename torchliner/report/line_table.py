@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
-from torchliner.report.closure_table import closure_lines, plain_closure
+from torchliner.report.closure_report import closure_lines, plain_closure
 from torchliner.report.table import (
     Column,
     Table,
@@ -54,12 +54,9 @@ def _station_table(line: ImpedanceLine) -> Table:
         Column("", lambda at: float(line.frequency[at[1]]), "f Hz", ".1f"),
         Column("", lambda at: complex(line.impedance[at]), "Z (5.1)", format_complex),
     ]
-    if (interval := line.interval) is not None:
-
-        def bounds(at: At) -> tuple[complex, complex]:
-            return complex(interval.low[at]), complex(interval.high[at])
-
-        columns.append(Column("", bounds, f"{_level(line)} interval", format_bounds))
+    if line.interval is not None:
+        bounds, heading = line.interval.bounds, f"{_level(line)} interval"
+        columns.append(Column("", lambda at: bounds(*at), heading, format_bounds))
     columns += [
         Column("", lambda at: complex(line.segment_spread[at]), "segments R, X", format_pair),
         Column("", station(line.mean_velocity), "v0", ".3f"),
@@ -86,8 +83,7 @@ def _averages(line: ImpedanceLine) -> list[str]:
     for f, frequency in enumerate(line.frequency.tolist()):
         text = f"{frequency:7.1f} Hz: {format_complex(complex(found.impedance[f]))}"
         if found.interval is not None:
-            low, high = complex(found.interval.low[f]), complex(found.interval.high[f])
-            text += f"; {_level(line)} interval {format_bounds((low, high), 4)}"
+            text += f"; {_level(line)} interval {format_bounds(found.interval.bounds(f), 4)}"
         along, drawn = complex(found.spatial_spread[f]), complex(found.monte_carlo_spread[f])
         lines.append(
             f"{text}; spread along the line of R, X {format_pair(along)}; Monte Carlo "

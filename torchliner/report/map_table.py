@@ -8,7 +8,7 @@ from typing import Any
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
-from torchliner.report.closure_table import closure_lines, plain_closure
+from torchliner.report.closure_report import closure_lines, plain_closure
 from torchliner.report.numbers import against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,

@@ -4,18 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.survey import moments
 from torchliner.replay.kernels import BAND
-from torchliner.report.curves import COMPLEX_PART, Array, Curves, part_of
+from torchliner.report.table import Column, Table
+
+Array = NDArray[np.float64]
+COMPLEX_PART = {"resistance": "real", "reactance": "imag"}
+
+
+def part_of(value: Any, part: str) -> Any:
+    """'resistance' or 'reactance' of a complex number, or of a tensor as an array."""
+    number = getattr(value, COMPLEX_PART[part])
+    return number.detach().cpu().numpy() if hasattr(number, "detach") else number
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Quantities over one variable.
+
+    Args:
+        at: the variable, increasing, (N,).  values: columns by name, each (N,).
+        label: for legends.  variable: its name and unit.
+    """
+
+    at: Array
+    values: dict[str, Array]
+    label: str
+    variable: str = "x (m)"
+
+    def write_csv(self, path: str | Path) -> None:
+        """The variable and the values, by columns, nine digits."""
+        names = (self.variable, *self.values)
+        rows = [
+            dict(zip(names, row, strict=True))
+            for row in zip(self.at, *self.values.values(), strict=True)
+        ]
+        Table(rows, [Column(name) for name in names], ".9g").write_csv(path)
 
 
 def height_label(height: float | None) -> str:
@@ -68,6 +105,26 @@ def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Cu
     frequency = np.linspace(low, high, 641)
     values = _parts(liner.impedance(frequency, speed))
     return Curves(frequency, values, label, "frequency (Hz)")
+
+
+def impedance_over_frequency(result: ImpedanceMap) -> Curves:
+    """Whole-liner impedance in all orders, the statistical interval of the answer, and
+    quartiles over the probes that were not left out, which are no uncertainty."""
+    values: dict[str, Array] = {}
+    for part in COMPLEX_PART:
+        values[part] = part_of(result.answer, part)
+        for order in result.orders:
+            if order != result.order:
+                values[f"{part}, {order}"] = part_of(result.of_liner(order), part)
+        if result.uncertainty is not None:
+            bounds = getattr(result.uncertainty, f"liner{ENDS[result.order]}")
+            for end, bound in (("low", bounds.low), ("high", bounds.high)):
+                values[f"{part} {end}"] = part_of(bound, part)
+        flat = part_of(result.impedance, part).reshape(-1, len(result.frequency))
+        for share in (25, 75):
+            values[f"{part}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
+    frequency = result.frequency.detach().cpu().numpy()
+    return Curves(frequency, values, height_label(result.height), "frequency (Hz)")
 
 
 def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:

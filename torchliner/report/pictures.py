@@ -8,9 +8,9 @@ from pathlib import Path
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.reduction.moments import ReducedVelocity
 from torchliner.report import figures
-from torchliner.report.closure_figure import closure_table, draw_closure
-from torchliner.report.numbers import impedance_along_x, velocity_along_x
-from torchliner.report.spectra import draw_spectrum, impedance_over_frequency
+from torchliner.report.closure_report import closure_table, draw_closure
+from torchliner.report.figures import draw_spectrum
+from torchliner.report.numbers import impedance_along_x, impedance_over_frequency, velocity_along_x
 
 
 def draw_pictures(

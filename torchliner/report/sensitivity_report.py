@@ -93,12 +93,8 @@ def format_budget(budget: Budget, found: Sensitivities, order: str, table: Table
 def draw_contributions(
     rows: Sequence[dict[str, Any]], title: str, path: str | Path | None = None
 ) -> Figure:
-    """Bars of the changes of R and X, one pair of panels, largest on top.
-
-    Args:
-        rows: of one frequency, of ``budget_table`` or ``sensitivity_table``.  title: of the figure.
-        path: where to save it.
-    """
+    """Bars of the changes of R and X, one pair of panels, largest on top; rows of one frequency, of
+    ``budget_table`` or ``sensitivity_table``."""
     total = next((row for row in rows if row["parameter"] == COMBINED), None)
     kept = [row for row in rows if row is not total][::-1]
     end = "" if "resistance" in kept[0] else "_per_percent"

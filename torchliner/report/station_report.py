@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.report.curves import Curves
 from torchliner.report.figure import COLOURS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.numbers import Curves
 from torchliner.report.table import Column, Table
 from torchliner.signals.burst_moments import HISTOGRAM_BINS, HISTOGRAM_REACH, interval_histogram
 from torchliner.signals.inspected_station import Station

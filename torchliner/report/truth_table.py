@@ -61,14 +61,16 @@ def format_rules(rows: Sequence[TruthRow]) -> str:
 
 def format_truth(rows: Sequence[TruthRow]) -> str:
     """One text table per case: Z by height, drive, order and phase rule."""
-    tables = []
-    for case in dict.fromkeys(row.case for row in rows):
-        mine = [row for row in rows if row.case == case]
-        tables.append(
-            f"case {case}: true Z = {format_complex(mine[0].true)} (normalised)\n"
-            f"{_by_phase(((row, row.educed) for row in mine), format_complex)}"
-        )
-    return "\n\n".join(tables)
+    return "\n\n".join(
+        f"case {mine[0].case}: true Z = {format_complex(mine[0].true)} (normalised)\n"
+        f"{_by_phase(((row, row.educed) for row in mine), format_complex)}"
+        for mine in _by_case(rows)
+    )
+
+
+def _by_case(rows: Sequence[TruthRow]) -> list[list[TruthRow]]:
+    return [[row for row in rows if row.case == case]
+            for case in dict.fromkeys(row.case for row in rows)]  # fmt: skip
 
 
 def _case_summary(rows: Sequence[TruthRow]) -> dict[str, Any]:
@@ -89,8 +91,7 @@ def _case_summary(rows: Sequence[TruthRow]) -> dict[str, Any]:
 
 def format_summary(rows: Sequence[TruthRow]) -> str:
     """Per case: the error of the default rules over the heights, and of the best and worst rule."""
-    cases = [[row for row in rows if row.case == case]
-             for case in dict.fromkeys(row.case for row in rows)]  # fmt: skip
+    cases = _by_case(rows)
     summaries = [_case_summary(mine) for mine in cases]
     columns = [
         Column(name, heading=name, text=".3f" if isinstance(value, float) else "")

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import MicrophoneLine
-from torchliner.report.curves import part_of
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -21,6 +20,7 @@ from torchliner.report.figure import (
     label_axes,
     styled,
 )
+from torchliner.report.numbers import part_of
 from torchliner.report.wall_table import LEVEL, Educed
 
 FAR = 8.0  # interquartile ranges: 11 standard deviations of normal draws

@@ -75,17 +75,10 @@ class GridSignal:
 
 
 def onto_grid(
-    arrival_times: Any,
-    values: Any,
-    rate: float | None = None,
-    method: str = "linear",
-    *,
-    frequency: float | None = None,
-    band: float | None = None,
-    longest_gap: float | None = None,
-    gaps: str = "report",
-    name: str = "arrivals",
-) -> GridSignal:
+    arrival_times: Any, values: Any, rate: float | None = None, method: str = "linear", *,
+    frequency: float | None = None, band: float | None = None, longest_gap: float | None = None,
+    gaps: str = "report", name: str = "arrivals",
+) -> GridSignal:  # fmt: skip
     """Values at random times onto a uniform grid, one station or several of any lengths.
 
     Args:

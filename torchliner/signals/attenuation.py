@@ -94,17 +94,10 @@ def poisson_attenuation(frequency: Any, rate: Any, method: str = "linear") -> Te
 
 
 def tone_attenuation(
-    arrival_times: Any,
-    frequency: Any,
-    rate: float | None = None,
-    method: str = "linear",
-    window: Any = "hann",
-    *,
-    segment: float | None = None,
-    band: float | None = None,
-    grid: UniformGrid | None = None,
-    name: str = "arrivals",
-) -> ToneAttenuation:
+    arrival_times: Any, frequency: Any, rate: float | None = None, method: str = "linear",
+    window: Any = "hann", *, segment: float | None = None, band: float | None = None,
+    grid: UniformGrid | None = None, name: str = "arrivals",
+) -> ToneAttenuation:  # fmt: skip
     """The complex factors on a tone's windowed line for these very arrivals.
 
     Args:

@@ -73,13 +73,10 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
     known = len(steps) > 0 and duration > 0
     nan = float("nan")
     return BurstMoments(
-        components,
-        record.transit_time is not None and bool((record.transit_time > 0).any()),
-        duration,
-        len(steps) / duration if known else nan,
-        float(steps.max()) if known else nan,
+        components, record.transit_time is not None and bool((record.transit_time > 0).any()),
+        duration, len(steps) / duration if known else nan, float(steps.max()) if known else nan,
         float(steps.std(correction=0) / steps.mean()) if known else nan,
-    )
+    )  # fmt: skip
 
 
 def _moments(values: Tensor, weights: Tensor) -> tuple[float, float, float]:

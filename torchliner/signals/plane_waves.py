@@ -44,10 +44,14 @@ def split_waves(
     if len(places) < fewest:
         count = f"{len(places)} microphone" if len(places) else "no microphone"
         raise ValueError(f"{count} is given; two waves need at least two")
-    _refuse_coincident(places)
+    for i, j in combinations(range(len(places)), 2):
+        if abs(float(places[i] - places[j])) < COINCIDENT:
+            raise ValueError(
+                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they "
+                "measure one pressure: move or leave out one of them"
+            )
     plus, minus = wavenumbers(frequency, sound_speed, mach)
-    towards = torch.exp(1j * plus[:, None] * places)
-    away = torch.exp(-1j * minus[:, None] * places)
+    towards, away = torch.exp(1j * plus[:, None] * places), torch.exp(-1j * minus[:, None] * places)
     rows = torch.stack([towards, away], -1)
     measured = pressure.to(torch.complex128)
     if velocity is not None:
@@ -63,15 +67,6 @@ def split_waves(
     if rows.shape[1] == rows.shape[2]:
         residual = torch.full_like(residual, torch.nan)
     return waves.movedim(-1, -2), residual, condition
-
-
-def _refuse_coincident(places: Tensor) -> None:
-    for i, j in combinations(range(len(places)), 2):
-        if abs(float(places[i] - places[j])) < COINCIDENT:
-            raise ValueError(
-                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they "
-                "measure one pressure: move or leave out one of them"
-            )
 
 
 def _refuse_singular(

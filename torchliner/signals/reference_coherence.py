@@ -21,7 +21,7 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.signals.transfer import transfer_function
-from torchliner.signals.windows import Window, make_window
+from torchliner.signals.windows import make_window
 
 FEWEST_SEGMENTS = 8
 NO_TONE = 1e-24  # power of a tone over the largest square of its signal
@@ -91,21 +91,16 @@ def reject_flow_noise(
             f"{name}: the reference has no tone at {float(frequency[absent][0]):g} Hz; name the "
             "frequencies that were played"
         )
-    independent = _independent(found.segments, make_window(window, round(length * sampling_rate)))
+    weights = make_window(window, round(length * sampling_rate)).weights
+    half = len(weights) // 2
+    rho = float((weights[:-half] * weights[half:]).sum() / weights.square().sum())
+    independent = found.segments / (1 + 2 * rho * (found.segments - 1) / found.segments)
     coherence = found.coherence.clamp(max=1)
     error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
     notes = _warnings_of(coherence, frequency, independent, name)
     tell(notes)
     amplitude = 2 * found.response * power.sqrt()
     return RejectedFlow(amplitude, coherence, error, found.segments, notes)
-
-
-def _independent(segments: int, window: Window) -> float:
-    """How many independent segments weigh as much as those that overlap by half."""
-    weights = window.weights
-    half = len(weights) // 2
-    rho = float((weights[:-half] * weights[half:]).sum() / weights.square().sum())
-    return segments / (1 + 2 * rho * (segments - 1) / segments)
 
 
 def _warnings_of(

@@ -13,12 +13,7 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, stated_frequency
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.reduction.basis import (
-    Basis,
-    choose_basis,
-    interpolation_error,
-    response_of,
-)
+from torchliner.reduction.basis import Basis, choose_basis, interpolation_error, response_of
 from torchliner.reduction.line_means import LineReader
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.sources import in_full_precision
@@ -36,11 +31,7 @@ from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_gr
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.reading import Asked, read_plane, reader_lines
 from torchliner.tdibc.reduced import fitted, record_of
-from torchliner.tdibc.review import (
-    needs_kernels,
-    review_liner,
-    review_record,
-)
+from torchliner.tdibc.review import needs_kernels, review_liner, review_record
 from torchliner.tdibc.review_kernels import frequencies_read, review_tables
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for

@@ -36,8 +36,7 @@ from torchliner.signals.microphone_errors import (
 )
 from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
-from torchliner.wall_field.model import FieldModel
-from torchliner.wall_field.wall import coordinates, impedance_at, impedance_covariance
+from torchliner.wall_field.model import FieldModel, coordinates, impedance_at, impedance_covariance
 
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
@@ -45,18 +44,11 @@ SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps sma
 
 
 def fit_field(
-    line: MicrophoneLine,
-    solver: DuctSolver,
-    *,
-    wall: str = "opposite",
-    far_end: str = "fitted",
-    variation: str = "constant",
-    start: complex | None = None,
-    draws: int = 0,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
+    line: MicrophoneLine, solver: DuctSolver, *, wall: str = "opposite", far_end: str = "fitted",
+    variation: str = "constant", start: complex | None = None, draws: int = 0,
+    level_error: float = LEVEL_ERROR, phase_error: float = PHASE_ERROR,
     generator: torch.Generator | None = None,
-) -> FieldFit:
+) -> FieldFit:  # fmt: skip
     """Impedance of the liner of a duct that fits a line of microphones best.
 
     Args:
@@ -280,20 +272,12 @@ def _result(
         spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
         rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
     return FieldFit(
-        method="LEE fit",
-        frequency=line.frequency,
-        x=line.x,
-        impedance=wall[..., 0].reshape(shape),
-        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
-        rise=rise.reshape(shape),
+        method="LEE fit", frequency=line.frequency, x=line.x, impedance=wall[..., 0].reshape(shape),
+        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2), rise=rise.reshape(shape),
         rise_error=rise_error.reshape(shape),
         amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
-        end_reflection=far.reshape(shape),
-        pressure=at,
-        along=along,
-        pressure_along=between,
+        end_reflection=far.reshape(shape), pressure=at, along=along, pressure_along=between,
         residual=(left / pressure.abs().square().sum(-2)).sqrt(),
-        misfit=(found.cost / freedom).reshape(shape),
-        converged=found.converged.reshape(shape),
+        misfit=(found.cost / freedom).reshape(shape), converged=found.converged.reshape(shape),
         source_side=line.source_side,
-    )
+    )  # fmt: skip

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchliner.checks import FEEDS
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.wall_field.impedance_search import STEPS, Solution
-from torchliner.wall_field.wall import like_rigid
+from torchliner.wall_field.model import like_rigid
 
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 POOR = 0.01  # share of right models that are warned of
@@ -25,11 +25,10 @@ def largest_misfit(freedom: int, cases: int = 1) -> float:
 def warnings_of(
     result: FieldFit, found: Solution, line: MicrophoneLine, wall: str, freedom: int, gains: Tensor
 ) -> tuple[str, ...]:
-    """A note a frequency and fault.
+    """A note a frequency and fault of a fit, its solution, the line and wall of its microphones.
 
     Args:
-        result: without notes.  found: its solution.  line: that was fitted.
-        wall: of its microphones.  freedom: degrees of freedom of chi squared.
+        freedom: degrees of freedom of chi squared.
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (B, F).
     """
     notes = []

@@ -20,8 +20,7 @@ import torch
 from torch import Tensor
 
 from torchliner.least_squares import Problem, System, least_squares
-from torchliner.wall_field.model import FieldModel
-from torchliner.wall_field.wall import bounded, coordinates
+from torchliner.wall_field.model import FieldModel, bounded, coordinates
 
 STEPS = 60
 TOLERANCE = 1e-9  # of a step in the wall's coordinates

@@ -1,4 +1,5 @@
-r"""What the methods of single waves share: microphones seen from the source, warnings, draws.
+r"""What the methods of single waves share: microphones seen from the source,
+warnings (another side, other phases, a rigid wall), draws.
 
 With s the distance from the source's side the wave above the liner is :math:`e^{-j\alpha' s}`: for
 a source upstream s = x and alpha' = alpha; for one downstream the array is read backwards, s = -x,
@@ -15,13 +16,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice, tell
+from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import draw_pressures, require_draws
-from torchliner.wall_waves.linearised import residual_covariance
-from torchliner.wall_waves.wave_warnings import wave_warnings
+
+STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
+LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
+TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
+LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
+HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
 
 
 @dataclass(frozen=True)
@@ -169,7 +174,7 @@ def with_notes_and_draws(
         freedom = pressure.shape[-2] - unknowns
         if unit is None:
             unit = pressure.abs().square().mean(-2, keepdim=True).sqrt().expand(pressure.shape)
-        covariance = residual_covariance(result, educe, pressure, freedom, unit)
+        covariance = _residual_covariance(result, educe, pressure, freedom, unit)
         result = replace(result, covariance=covariance, freedom=2 * freedom)
     if draws == 0:
         return result
@@ -184,3 +189,101 @@ def with_notes_and_draws(
         f"{result.method}: {lost} of {drawn.impedance.numel()} draws have no impedance and are "
         "left out of mean, deviation and interval"
     )
+
+
+def _residual_covariance(
+    result: WallEduction, educe: Callable[[Tensor], WallEduction], pressure: Tensor,
+    freedom: int, unit: Tensor,
+) -> Tensor | None:  # fmt: skip
+    """(F, 2, 2) of (R, X) for errors as large as what the waves leave; None without a degree of
+    freedom, N microphones less the complex unknowns, or for lines with leading axes.
+
+    Errors are taken as independent and normal, of one size in Pa (or in shares of ``unit``, (N, F),
+    where a fit weights so). The slope of Z with each microphone's real and imaginary part is a
+    difference of two eductions, of all microphones as one batch.
+    """
+    if freedom < 1 or pressure.ndim > 2:
+        return None
+    count = len(pressure)
+    steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
+    steps = torch.cat([steps, 1j * steps])[..., None] * unit  # (2 N, N, F)
+    both = educe(torch.cat([pressure + steps, pressure - steps])).impedance.reshape(
+        2, 2 * count, -1
+    )
+    slope = torch.view_as_real((both[0] - both[1]) / (2 * STEP))  # (2 N, F, 2)
+    # Half of the complex variance belongs to each part.
+    variance = result.residual.square() * count / (2 * freedom)
+    return variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
+
+
+def wave_warnings(result: WallEduction) -> tuple[str, ...]:
+    """Sentences on a result, none where it is as it should be."""
+    return (*_direction_notes(result), *_rigid_notes(result),
+            *resistance_notes(result, result.choices["source"]))  # fmt: skip
+
+
+def resistance_notes(result: WallEduction, name: str) -> tuple[str, ...]:
+    """Where the wall would feed sound."""
+    active = result.impedance.real < FEEDS
+    if not bool(active.any()):
+        return ()
+    return (
+        f"{name}: the resistance is negative at {int(active.sum())} of {active.numel()} values, "
+        f"{float(result.impedance.real[active].min()):.3g} at least: the wave found gains energy "
+        "at the wall, or is not the one assumed",
+    )
+
+
+def _direction_notes(result: WallEduction) -> tuple[str, ...]:
+    """The wave kept is not the strongest: another source side, or conjugated phases."""
+    share, name = result.energy_share, result.choices["source"]
+    low = share < LEAST_SHARE
+    notes = []
+    if bool(low.any()):
+        notes.append(
+            f"{name}: {_where(low, result.frequency)} the wave that runs away from a source "
+            f"{result.source_side} holds {float(share[low].min()):.2g} of the energy of the "
+            f"strongest wave at worst (about 1 where all is right, warned of below "
+            f"{LEAST_SHARE:g}): the source may be on the other side (source_side), or phases be "
+            "those of exp(-j omega t)"
+        )
+    strongest = result.energies.argmax(-2, keepdim=True)
+    wave = result.modes.gather(-2, strongest)[..., 0, :]
+    length = float(result.x[-1] - result.x[0])
+    turn, decay = wave.real * length, wave.imag * length
+    # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
+    against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS)
+    against &= turn.abs() > decay.abs()
+    if 2 * int(against.sum()) > against.numel():
+        first = wave[against][0]
+        notes.append(
+            f"{name}: {_where(against, result.frequency)} the phase of the strongest wave runs "
+            f"towards where it grows (alpha {float(first.real):.4g}{float(first.imag):+.4g}j): the "
+            "phases look conjugated, exp(-j omega t) for the exp(+j omega t) that is needed"
+        )
+    return tuple(notes)
+
+
+def _rigid_notes(result: WallEduction) -> tuple[str, ...]:
+    """Nothing but a bound of \\|Z\\| where the wave is that of a rigid duct."""
+    choices = result.choices
+    sign = 1 if result.source_side == "upstream" else -1
+    k = 2 * torch.pi * result.frequency / choices["sound_speed"]
+    rigid = (sign * k / (1 + sign * choices["mach"])).to(result.wavenumber.device)
+    off = (result.wavenumber - rigid).abs() * float(result.x[-1] - result.x[0])
+    near = (off < LIKE_RIGID) & (result.impedance.abs() > HARD)
+    if not bool(near.any()):
+        return ()
+    least = float(result.impedance.abs()[near].min())
+    return (
+        f"{choices['source']}: {_where(near, result.frequency)} the wavenumber is that of a rigid "
+        f"duct's wave within {float(off[near].max()):.2g} rad over the array: the wall looks "
+        f"rigid, and the impedance, |Z| {least:.3g} and more, says only that it is hard (or that "
+        "height, Mach number or sound speed are not those stated)",
+    )
+
+
+def _where(which: Tensor, frequency: Tensor) -> str:
+    """'at 2 of 5 values, first at 600 Hz,'."""
+    first = frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
+    return f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz,"

@@ -62,12 +62,9 @@ class SortedWaves:
 
 
 def sort_waves(
-    line: MicrophoneLine,
-    microphones: Sequence[int] | None = None,
-    *,
-    at: float | None = None,
+    line: MicrophoneLine, microphones: Sequence[int] | None = None, *, at: float | None = None,
     source_side: str | None = None,
-) -> SortedWaves:
+) -> SortedWaves:  # fmt: skip
     """Waves both ways from two flush microphones or more in the rigid duct.
 
     Args:
@@ -106,20 +103,15 @@ def sort_waves(
         some.pressure, (some.x - place).to(there), line.frequency.to(there),
         float(line.fluid.sound_speed), line.stated_mach,
     )  # fmt: skip
-    notes = duct_notes(line) + _condition_notes(line, condition)
+    notes, worst = duct_notes(line), int(condition.argmax())
+    if float(condition[worst]) > LARGE_CONDITION:
+        notes += (
+            f"{line.name}: the microphones of the rigid duct have a condition number of "
+            f"{float(condition[worst]):.3g} at {float(line.frequency[worst]):g} Hz; errors of the "
+            "pressures grow by it",
+        )
     tell(notes)
     return SortedWaves(
         line.frequency, waves[..., 1, :], waves[..., 0, :], place, seen.source_side, residual,
         condition, some.x, notes,
     )  # fmt: skip
-
-
-def _condition_notes(line: MicrophoneLine, condition: Tensor) -> tuple[str, ...]:
-    worst = int(condition.argmax())
-    if float(condition[worst]) <= LARGE_CONDITION:
-        return ()
-    return (
-        f"{line.name}: the microphones of the rigid duct have a condition number of "
-        f"{float(condition[worst]):.3g} at {float(line.frequency[worst]):g} Hz; errors of the "
-        "pressures grow by it",
-    )

@@ -33,18 +33,11 @@ FEWEST = 4  # microphones: more equations than the three unknowns
 
 
 def two_wave_fit(
-    line: MicrophoneLine,
-    *,
-    source_side: str | None = None,
-    condition: str = "ingard-myers",
-    tied: bool = True,
-    weights: str = "absolute",
-    margin: float = 0.0,
-    draws: int = 0,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
+    line: MicrophoneLine, *, source_side: str | None = None, condition: str = "ingard-myers",
+    tied: bool = True, weights: str = "absolute", margin: float = 0.0, draws: int = 0,
+    level_error: float = LEVEL_ERROR, phase_error: float = PHASE_ERROR,
     generator: torch.Generator | None = None,
-) -> WallEduction:
+) -> WallEduction:  # fmt: skip
     """Impedance by least squares over a wave with the source and one against it.
 
     Args:
@@ -77,7 +70,12 @@ def two_wave_fit(
         return _educe(pressure, seen, condition, tied, weights, start)
 
     unit = None if weights == WEIGHTS[0] else seen.pressure.abs()
-    notes = (*duct_notes(line), *_unsettled_notes(first, line.name))
+    notes, lost = duct_notes(line), first.choices["unsettled"]
+    if lost:
+        notes += (
+            f"{line.name}: {lost} of {first.impedance.numel()} fits did not settle; their waves "
+            "may not be the best",
+        )
     return with_notes_and_draws(
         first, notes, educe, seen.pressure, draws, generator, unknowns=4 - tied, unit=unit,
         level_error=level_error, phase_error=phase_error,
@@ -104,15 +102,14 @@ def _educe(
     distance = seen.distance.to(values.device)
     lines = WavePairs(flat, distance, weight, duct, tied)
     if start is None:
-        line, gas = seen.line, seen.line.fluid
         grid = _grid(
-            tuple(line.frequency.tolist()), line.duct_height, seen.mach, gas.sound_speed, condition
-        ).to(line.pressure.device)
-        grid = grid.expand(*lead, -1, 2).reshape(len(flat), -1, 2)
+            tuple(line.frequency.tolist()), line.duct_height, seen.mach, line.fluid.sound_speed,
+            condition,
+        )  # fmt: skip
+        grid = grid.to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
         found = _best_of_grid(lines, grid)
     else:
-        begin = start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2)
-        found = lines.fit(begin)
+        found = lines.fit(start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2))
     wave, amplitude = found.wavenumber, found.amplitude.clone()
     # The reflected wave is referred to the far end in the fit, to the origin in the record.
     amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
@@ -152,13 +149,3 @@ def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
     residual = torch.where(torch.isfinite(found.residual), found.residual, torch.inf)
     index = residual.reshape(best.shape).argmin(-1) + row * best.shape[1]
     return Pairs(*(part[index] for part in found))
-
-
-def _unsettled_notes(result: WallEduction, name: str) -> tuple[str, ...]:
-    count = result.choices["unsettled"]
-    if not count:
-        return ()
-    return (
-        f"{name}: {count} of {result.impedance.numel()} fits did not settle; their waves may not "
-        "be the best",
-    )

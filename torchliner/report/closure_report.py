@@ -1,4 +1,4 @@
-"""Closure of maps over height, one colour an order of averaging, and the limit as a band."""
+"""Closure of maps and lines as text, for JSON, as CSV and as a figure over height."""
 
 from __future__ import annotations
 
@@ -6,13 +6,51 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.records import ImpedanceMap
+from torchliner.records import ImpedanceLine, ImpedanceMap
 from torchliner.records.closure import DEGREES_PER_DB
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
 from torchliner.report.numbers import case_title
 from torchliner.report.table import Column, Table
 
 LABELS = {"level": "closure (dB)", "phase": "closure (degrees)"}
+
+
+def closure_lines(
+    results: Sequence[ImpedanceMap | ImpedanceLine], where: Sequence[Column]
+) -> list[str]:
+    """What the whole planes of maps or one line are compared with, a row each and frequency, placed
+    by the columns ``where``; why the answer fails."""
+    heading = "\n".join(dict.fromkeys(f"closure: {result.closure_words}" for result in results))
+    rows: list[dict[str, Any]] = []
+    sentences: dict[str, None] = {}
+    orders: dict[str, None] = {}
+    for result in sorted(results, key=lambda each: getattr(each, "height", None) or 0.0):
+        if (closure := result.closure) is None:
+            continue
+        if closure.confidence is not None and not rows:
+            heading += f" ({100 * closure.confidence:g} % statistical intervals)"
+        orders |= dict.fromkeys(closure.orders)
+        for i, frequency in enumerate(result.frequency.tolist()):
+            place = {"height": getattr(result, "height", None), "frequency": frequency}
+            rows.append(place | {order: closure.words(order, i) for order in closure.orders})
+            sentences |= dict.fromkeys([closure.sentence(closure.order, frequency, i)])
+    if not rows:
+        return [heading]
+    columns = [*where, *(Column(order, heading=order) for order in orders)]
+    return [
+        f"\n{heading}",
+        Table([dict.fromkeys(orders, "-") | row for row in rows], columns).as_text(),
+        *filter(None, sentences),
+        "",
+    ]
+
+
+def plain_closure(result: ImpedanceMap | ImpedanceLine) -> dict[str, Any]:
+    """For JSON; ``checked`` is false where nothing is known, ``words`` say why."""
+    words = result.closure_words
+    if result.closure is None:
+        return {"checked": False, "words": words}
+    return {"checked": True, "words": words, **result.closure.plain(result.frequency.tolist())}
 
 
 def closure_rows(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> list[dict[str, Any]]:
@@ -22,15 +60,13 @@ def closure_rows(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> l
         if (closure := result.closure) is None:
             continue
         for number, order in enumerate(closure.orders):
-            rows.append(
-                {
-                    "height": result.height,
-                    "frequency": float(result.frequency[frequency_index]),
-                    "order": order,
-                    **closure.liner.at(number, frequency_index),
-                    "verdict": closure.verdict(order, frequency_index),
-                }
-            )
+            rows.append({
+                "height": result.height,
+                "frequency": float(result.frequency[frequency_index]),
+                "order": order,
+                **closure.liner.at(number, frequency_index),
+                "verdict": closure.verdict(order, frequency_index),
+            })  # fmt: skip
     return rows
 
 
