@@ -293,7 +293,7 @@ def test_offset_hangs_on_its_reading():
     [
         ({"phase": "given"}, "phase cannot be chosen for an audit"),
         ({"incident": "noise:300:3000"}, "incident cannot be chosen"),
-        ({"order": "first"}, "order is 'first'; one of probes first, velocity first"),
+        ({"order": "first"}, "order of averaging 'first'.*probes first, velocity first"),
         ({"frequency": [900.0, 1400.0]}, "an audit has one frequency; 2 are given"),
     ],
 )

@@ -133,11 +133,11 @@ class _Work:
             )
         variants, skipped = Variants(ready, self.liners).all()
         self.skipped |= skipped
-        for variant in variants:
-            self._add(variant.factor, variant.name, self._averaged(variant.ready))
-        for other in self.found.orders:
-            if other != self.order:
-                self._add("averaging order", other, complex(self.found.of_liner(other)[0]))
+        for factor, name, other in variants:
+            self._add(factor, name, self._averaged(other))
+        for order in self.found.orders:
+            if order != self.order:
+                self._add("averaging order", order, complex(self.found.of_liner(order)[0]))
 
     def _averaged(self, ready: Prepared) -> complex:
         """Without error bars."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import torch
 
@@ -36,20 +35,8 @@ from torchliner.tdibc.review_kernels import frequencies_read
 WINDOWS = ("boxcar", "hann", "blackman")
 VENA_CONTRACTA = (0.75, 0.8, 0.85)
 EVERYWHERE = [(0.0, 1.0 + 0.0j)]  # lines of the weight 1
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One change.
-
-    Args:
-        factor: what is changed.  name: to what.
-        ready: the plane with the moments, record, liner and reader of the variant.
-    """
-
-    factor: str
-    name: str
-    ready: Prepared
+# What is changed, to what, and the plane with the moments, record, liner and reader of the variant.
+Variant = tuple[str, str, Prepared]
 
 
 class CannotApply(ValueError):
@@ -136,7 +123,7 @@ class Variants:
             reader = self._read(window_lines(window, record.start, self.rate), self.reader.response)
             other = dataclasses.replace(record, window=window)
             ready = dataclasses.replace(self.ready, record=other, reader=reader)
-            yield Variant("window", window.name, ready)
+            yield ("window", window.name, ready)
 
     def _of_kernel(self, liner: LinerModel, kind: str) -> Response:
         ready = self.ready
@@ -150,14 +137,14 @@ class Variants:
             if kind != self.kind:
                 reader = self._read(self.reader.window, self._of_kernel(self.ready.liner, kind))
                 ready = dataclasses.replace(self.ready, reader=reader)
-                yield Variant("kernel", kind + words, ready)
+                yield ("kernel", kind + words, ready)
 
     def _liners(self) -> Iterator[Variant]:
         for factor, name, liner in self.liners:
             response = self._of_kernel(liner, self.kind) if self.kind else response_of(liner)
             reader = self._read(self.reader.window, response)
             ready = dataclasses.replace(self.ready, liner=liner, reader=reader)
-            yield Variant(factor, name, ready)
+            yield (factor, name, ready)
 
     def _with_moments(
         self, groups: list[GroupMoments], record: Record, lines: list[tuple[float, complex]]
@@ -184,7 +171,7 @@ class Variants:
             window = make_window("boxcar", end - begin)
             record = dataclasses.replace(ready.record, start=begin, window=window)
             words = f"{name}, mean over {periods} whole periods"
-            yield Variant("half the record", words, self._with_moments(own, record, EVERYWHERE))
+            yield ("half the record", words, self._with_moments(own, record, EVERYWHERE))
 
     def _half_rate(self) -> Iterator[Variant]:
         rate, record = self.rate / 2, self.ready.record
@@ -204,7 +191,7 @@ class Variants:
             every_second(group, self.reader.plan, record.start) for group in self.ready.sums.groups
         ]
         ready = self._with_moments(groups, half, self.reader.window)
-        yield Variant("sampling rate", f"every second sample, {rate:.6g} Hz", ready)
+        yield ("sampling rate", f"every second sample, {rate:.6g} Hz", ready)
 
 
 def every_second(group: GroupMoments, plan: PassPlan, start: int) -> GroupMoments:

@@ -28,28 +28,14 @@ NEAR = 1e-3  # tolerance of a first search
 KEPT = 2  # of the places that first searches end at
 SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
 ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valleys
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Impedances to begin from.
-
-    Args:
-        resistance, reactance: all pairs of them.  starts: how many of the pairs are begun from.
-    """
-
-    resistance: Sequence[float]
-    reactance: Sequence[float]
-    starts: int
-
-
+# Impedances to begin from: all pairs of resistances and reactances, so many of them.
+Grid = tuple[Sequence[float], Sequence[float], int]
 STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
-COARSE = Grid(
+COARSE = (
     (0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0),
-    (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0),
-    4,
-)
-FINE = Grid((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
+    (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0), 4,
+)  # fmt: skip
+FINE = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +100,13 @@ def from_grid(
     than the level. So the impedances of the grid are compared by pressure, not by its logarithm,
     and the first search takes relative errors of both parts alike.
     """
-    values = [complex(r, x) for r in grid.resistance for x in grid.reactance]
-    places = coordinates(
-        torch.tensor(values, dtype=torch.complex128, device=pressure.device)[:, None]
-    )
+    resistance, reactance, starts = grid
+    pairs = [[complex(r, x)] for r in resistance for x in reactance]
+    places = coordinates(torch.tensor(pairs, dtype=torch.complex128, device=pressure.device))
     fields = model.in_parts(places[:, None].expand(-1, pressure.shape[-2], -1))
     misfit = torch.stack([_loud_misfit(each, pressure) for each in fields])
-    best = places[misfit.topk(grid.starts, 0, largest=False).indices]  # (S, B, F, 1)
-    repeated = pressure.repeat(grid.starts, 1, 1)
+    best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
+    repeated = pressure.repeat(starts, 1, 1)
     rough = search(model, repeated, best.flatten(0, 1), ALIKE, NEAR)
     cost = rough.cost.reshape(best.shape[:-1]).nan_to_num(torch.inf)
     kept = cost.topk(KEPT, 0, largest=False).indices[..., None]
