@@ -15,7 +15,7 @@ from test_audit import Counted
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.heights.imprint import cell_imprint, fit_decay
+from torchliner.heights.facts import cell_imprint, fit_decay
 from torchliner.heights.recommend import Limits, recommend_height
 from torchliner.heights.study import study_heights
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of

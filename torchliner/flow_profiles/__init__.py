@@ -12,14 +12,7 @@ from torchliner.flow_profiles.simple import (
 from torchliner.flow_profiles.tabulated_profile import TabulatedProfile, displacement_thickness
 
 __all__ = [
-    "THINNEST_SHEAR",
-    "THIN_SHEAR",
-    "FlowProfile",
-    "LawOfTheWallProfile",
-    "MeanFlow",
-    "ParabolicProfile",
-    "TabulatedProfile",
-    "TanhProfile",
-    "UniformProfile",
+    "THINNEST_SHEAR", "THIN_SHEAR", "FlowProfile", "LawOfTheWallProfile", "MeanFlow",
+    "ParabolicProfile", "TabulatedProfile", "TanhProfile", "UniformProfile",
     "displacement_thickness",
-]
+]  # fmt: skip

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.conversions import REFERENCE_PRESSURE
 from torchliner.flow_profiles import FlowProfile
+from torchliner.flow_profiles.mean_flow import Array
 from torchliner.fluid import Fluid
 
 SPL_READINGS = ("rms", "printed")
@@ -50,10 +51,8 @@ def jet_velocity(
     return pressure / (gas.characteristic_impedance * porosity * abs(impedance))
 
 
-def penetration_height(
-    velocity: ArrayLike, diameter: float, profile: FlowProfile, *, reach: float = REACH
-) -> NDArray[np.float64]:
-    r"""Height of a jet in a sheared cross-flow at x = ``reach`` d downstream of its hole.
+def penetration_height(velocity: ArrayLike, diameter: float, profile: FlowProfile) -> Array:
+    r"""Height of a jet in a sheared cross-flow at x = 10 d downstream of its hole.
 
     :math:`H = L (x/L)^{1/3}` with :math:`L = \sqrt{\pi/4}\, d\, U_j/U(H)`: the cross-flow is that
     at the height reached. Since U rises with H there is one answer; it is bracketed and found by
@@ -61,7 +60,7 @@ def penetration_height(
 
     Args:
         velocity: U_j, m/s, above 0, any shape.  diameter: d of the hole, m.
-        profile: cross-flow; read from the wall to the middle of the duct.  reach: x_lim/d.
+        profile: cross-flow; read from the wall to the middle of the duct.
     Returns:
         H_j, m, of the shape of ``velocity``. Divided by d it is the paper's H_j/d.
     Raises:
@@ -70,22 +69,21 @@ def penetration_height(
         printed would let the jet fall towards the wall downstream; it is +1/3.
     """
     require_positive("jet diameter (m)", diameter)
-    require_positive("jet reach (x/d)", reach)
     speeds = np.asarray(velocity, np.float64)
     if not (np.isfinite(speeds) & (speeds > 0)).all():
         raise ValueError("jet velocity is in m/s; it must be finite and above 0")
-    found = [_height(float(speed), diameter, profile, reach) for speed in speeds.reshape(-1)]
+    found = [_height(float(speed), diameter, profile) for speed in speeds.reshape(-1)]
     return np.array(found).reshape(speeds.shape)
 
 
-def _height(speed: float, diameter: float, profile: FlowProfile, reach: float) -> float:
+def _height(speed: float, diameter: float, profile: FlowProfile) -> float:
     middle = profile.duct_height / 2
 
     def excess(log_height: float) -> float:
         """ln H - ln of the height that U(H) allows; rises with H."""
         cross = float(profile.velocity(math.exp(log_height)))
         scale = math.sqrt(math.pi / 4) * diameter * speed / cross
-        return log_height - math.log(scale * (reach * diameter / scale) ** (1 / 3))
+        return log_height - math.log(scale * (REACH * diameter / scale) ** (1 / 3))
 
     low, high = math.log(LOWEST * middle), math.log(middle)
     if excess(high) < 0:

@@ -16,8 +16,7 @@ from torchliner.conversions import (
     impedance_from_admittance,
     mean_impedance,
 )
-from torchliner.heights.facts import HeightFacts, JetFlow, facts_of_plane
-from torchliner.heights.imprint import Decay, fit_decay
+from torchliner.heights.facts import Decay, HeightFacts, JetFlow, facts_of_plane, fit_decay
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane

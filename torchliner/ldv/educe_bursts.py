@@ -23,7 +23,7 @@ from torchliner.ldv.line_choices import StationChoices
 from torchliner.ldv.line_closure import with_line_closure
 from torchliner.ldv.line_warnings import warnings_of
 from torchliner.ldv.station import CASE, educe_station
-from torchliner.ldv.station_reference import checked_phases
+from torchliner.ldv.station_segments import checked_phases
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel

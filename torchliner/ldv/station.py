@@ -12,13 +12,14 @@ from torch import Tensor
 from torchliner.checks import stated_frequency
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
-from torchliner.ldv.station_reference import (
+from torchliner.ldv.station_segments import (
     ReferenceTone,
+    Segments,
     clock_phases,
+    cut_into_segments,
     reference_tone,
     sound_phases,
 )
-from torchliner.ldv.station_segments import Segments, cut_into_segments
 from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule

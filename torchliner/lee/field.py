@@ -13,6 +13,7 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
+from torchliner.flow_profiles.mean_flow import Array
 from torchliner.lee.columns import Column
 from torchliner.lee.energy import EnergyBalance, energy_balance
 from torchliner.lee.sweep import Kept, SweptDuct
@@ -135,7 +136,7 @@ class DuctField:
         sizes = [len(part.upper) for part in self.swept.parts]
         return self.waves.split(sizes, -2)
 
-    def _wall_waves(self, x: NDArray[np.float64], wall: str) -> tuple[Tensor, Tensor]:
+    def _wall_waves(self, x: Array, wall: str) -> tuple[Tensor, Tensor]:
         """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
         require_choice("wall", wall, WALLS)
         _require_inside("x", x, self.case.start, self.case.end)
@@ -159,13 +160,13 @@ class DuctField:
         )
 
 
-def _places(values: Any) -> NDArray[np.float64]:
+def _places(values: Any) -> Array:
     if isinstance(values, Tensor):
         values = values.detach().cpu().numpy()
     return np.atleast_1d(np.asarray(values, np.float64)).ravel()
 
 
-def _require_inside(name: str, values: NDArray[np.float64], low: float, high: float) -> None:
+def _require_inside(name: str, values: Array, low: float, high: float) -> None:
     outside = ~((values >= low) & (values <= high))
     if outside.any():
         raise ValueError(
@@ -173,17 +174,13 @@ def _require_inside(name: str, values: NDArray[np.float64], low: float, high: fl
         )
 
 
-def _cells(
-    edges: NDArray[np.float64], places: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _cells(edges: Array, places: Array) -> tuple[NDArray[np.int64], Array]:
     """The cell between edges that each place lies in, and where in it, 0 to 1."""
     cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
     return cell, (places - edges[cell]) / np.diff(edges)[cell]
 
 
-def _point_rows(
-    swept: SweptDuct, part: Kept, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> Tensor:
+def _point_rows(swept: SweptDuct, part: Kept, x: Array, y: Array) -> Tensor:
     """p, u and v at points for unit waves in, (F, P, 3, D), by the elements' own polynomials."""
     mesh, basis = swept.mesh, swept.basis
     column, inside = _cells(mesh.x, x)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from torchliner.checks import require_positive, tell
 from torchliner.duct.case import DuctCase
+from torchliner.flow_profiles.mean_flow import Array
 
 SAME = 1e-9  # of the duct's length or height
 # Points per wavelength, by degree, that keep the error of a wave below 2e-3 of it per wavelength
@@ -33,8 +34,8 @@ class DuctMesh:
     """
 
     case: DuctCase
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Array
+    y: Array
     degree: int = 4
 
     def __post_init__(self) -> None:
@@ -64,7 +65,7 @@ class DuctMesh:
         return 3 * (self.degree + 1) ** 2 * (len(self.x) - 1) * (len(self.y) - 1)
 
     @cached_property
-    def widths(self) -> NDArray[np.float64]:
+    def widths(self) -> Array:
         """Of the columns, m; those equal but for rounding are made equal."""
         widths = np.diff(self.x)
         order = np.argsort(widths)
@@ -89,12 +90,12 @@ class DuctMesh:
         return self.patch_numbers >= 0
 
     @property
-    def lined_starts(self) -> NDArray[np.float64]:
+    def lined_starts(self) -> Array:
         """x of the left edges of the lined columns, m."""
         return self.x[:-1][self.lined]
 
     @property
-    def lined_widths(self) -> NDArray[np.float64]:
+    def lined_widths(self) -> Array:
         """Of the lined columns, m."""
         return self.widths[self.lined]
 
@@ -161,7 +162,7 @@ def build_mesh(
     return DuctMesh(case, x, y, degree)
 
 
-def _graded(length: float, first: float, largest: float, *, both: bool) -> NDArray[np.float64]:
+def _graded(length: float, first: float, largest: float, *, both: bool) -> Array:
     """Edges over 0..length: sizes from ``first`` doubling to ``largest``, from one end or both."""
     if first >= largest:
         return np.linspace(0, length, max(1, math.ceil(length / largest - SAME)) + 1)

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.flow_profiles import MeanFlow, TanhProfile, UniformProfile
+from torchliner.flow_profiles.mean_flow import Array
 from torchliner.lee.basis import Basis
 from torchliner.lee.ends import EndModes, end_modes
 from torchliner.lee.field import DuctField
@@ -129,7 +129,7 @@ def _modes_of(profile: MeanFlow) -> tuple[DuctModes, DuctModes]:
     return down, up
 
 
-def node_places(mesh: DuctMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def node_places(mesh: DuctMesh) -> tuple[Array, Array]:
     """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
     nodes = Basis.of_degree(mesh.degree).nodes.numpy()
     x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes

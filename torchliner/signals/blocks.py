@@ -34,12 +34,6 @@ class Blocks:
         """Samples of each block, float64, (S,)."""
         return torch.tensor(self.borders, dtype=torch.float64).diff()
 
-    def number(self, begin: int, end: int) -> Tensor:
-        """Block of each of the samples begin .. end - 1, int64; S for those in none."""
-        inner = torch.tensor(self.borders)
-        found = torch.searchsorted(inner, torch.arange(begin, end), right=True) - 1
-        return torch.where(found < 0, self.count, found)
-
     def sums(self, values: Tensor) -> Tensor:
         """Sum of each block of a signal (n,): (S,)."""
         return torch.stack([values[begin:end].sum() for begin, end in pairwise(self.borders)])
