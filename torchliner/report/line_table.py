@@ -103,9 +103,8 @@ def plain_line(line: ImpedanceLine) -> dict[str, Any]:
                     "frequency": frequency,
                     "impedance": complex(found.impedance[f]),
                     "interval": None if found.interval is None else {
-                        "low": complex(found.interval.low[f]),
-                        "high": complex(found.interval.high[f]),
-                        "standard_error": complex(found.interval.standard_error[f]),
+                        name: complex(getattr(found.interval, name)[f])
+                        for name in ("low", "high", "standard_error")
                     },
                     "spread_along_the_line": complex(found.spatial_spread[f]),
                     "monte_carlo": complex(found.monte_carlo[f]),

@@ -233,9 +233,7 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
     }
     for name, (mine, theirs) in stated.items():
-        if mine is not None and abs(float(mine) - float(theirs)) > SAME * max(
-            abs(float(mine)), abs(float(theirs))
-        ):
+        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME):
             raise ValueError(
                 f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
                 "and the same in both"
