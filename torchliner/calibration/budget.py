@@ -131,13 +131,9 @@ def budget_of(
         require_choice("parameter of a tolerance", name, numbers)
     kept = [i for i, name in enumerate(numbers) if name in tolerances]
     stated = {name: number for name, number in numbers.items() if name in tolerances}
-    half_widths = torch.tensor(
-        [
-            parse_tolerance(tolerances[name], name, number.quantity, number.value)
-            for name, number in stated.items()
-        ],
-        dtype=torch.float64,
-    )
+    widths = [parse_tolerance(tolerances[name], name, number.quantity, number.value)
+              for name, number in stated.items()]  # fmt: skip
+    half_widths = torch.tensor(widths, dtype=torch.float64)
     standard = factor * half_widths
     matrix = _correlation_matrix(tuple(stated), correlation or {})
     changes = {

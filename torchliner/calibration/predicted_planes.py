@@ -39,10 +39,9 @@ def prediction_rows(
     found: Calibration, plane: Any, before: Any, *, label: str | None = None,
     reference: str = "true", noise: complex = 0j,
 ) -> list[PredictionRow]:  # fmt: skip
-    """Rows of one plane.
+    """Rows of one plane, by its velocity or its moments.
 
     Args:
-        found: calibration.  plane: velocity plane, or its moments.
         before: liner as it was, whose other numbers the prediction keeps.
         label: of the plane; default its case.
         reference: name of the impedance beside which it is put, if the plane has it.
@@ -51,15 +50,13 @@ def prediction_rows(
     prediction = found.predict(plane, before)
     plane = plane.plane if isinstance(plane, Moments) else plane
     true = plane.reference.get(reference)
-    rows = []
-    for i, frequency in enumerate(prediction.frequency.tolist()):
-        rows.append(
-            PredictionRow(
-                label or str(plane.provenance.get("case", plane.title)), frequency, plane.height,
-                complex(prediction.before[i]), complex(prediction.impedance[i]),
-                complex(prediction.standard[i]), correlation_of(prediction.covariance[i]), true,
-                None if true is None else prediction.misses(complex(true), noise, i),
-                prediction.notes,
-            )
-        )  # fmt: skip
-    return rows
+    case = label or str(plane.provenance.get("case", plane.title))
+    return [
+        PredictionRow(
+            case, frequency, plane.height, complex(prediction.before[i]),
+            complex(prediction.impedance[i]), complex(prediction.standard[i]),
+            correlation_of(prediction.covariance[i]), true,
+            None if true is None else prediction.misses(complex(true), noise, i), prediction.notes,
+        )
+        for i, frequency in enumerate(prediction.frequency.tolist())
+    ]  # fmt: skip

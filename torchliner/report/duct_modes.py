@@ -34,19 +34,15 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -
         for frequency, alpha in zip(setup.frequency.tolist(), growing, strict=True)
         if alpha == alpha
     ]  # fmt: skip
-    return Table(
-        rows,
-        (
-            Column("frequency (Hz)", lambda row: row[0], "f Hz", ".1f"),
-            Column("direction", lambda row: row[1], "direction"),
-            Column("mode", lambda row: row[2], "n", "d"),
-            *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
-            Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
-            Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
-            Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length,
-                   "dB liner", ".2f"),
-        ),
-    )  # fmt: skip
+    return Table(rows, (
+        Column("frequency (Hz)", lambda row: row[0], "f Hz", ".1f"),
+        Column("direction", lambda row: row[1], "direction"),
+        Column("mode", lambda row: row[2], "n", "d"),
+        *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
+        Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
+        Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
+        Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length, "dB liner", ".2f"),
+    ))  # fmt: skip
 
 
 def format_modes(setup: DuctSetup, table: Table) -> str:
