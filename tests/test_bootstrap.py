@@ -308,7 +308,7 @@ def test_the_variance_of_the_mean_is_met(rho):
     for k in range(1, 72):
         series[k] += rho * series[k - 1]
     series = series[40:]
-    power, _, _ = Resampling(equal(32), 0.95).moments(series - series.mean(0))
+    power = Resampling(equal(32), 0.95).scatter(series - series.mean(0)).power
     assert 0.99 < float(power.mean() / series.mean(0).abs().square().mean()) < 1.12
 
 

@@ -197,9 +197,9 @@ def test_a_device_out_of_memory_gets_smaller_slabs(liner, plane, in_memory, monk
 
     wanted = in_memory["spectral"]
     monkeypatch.setattr(readings, "first_pass", narrow)
-    with pytest.warns(tl.DataWarning, match="memory with slabs of 256 samples; slabs of 64"):
+    with pytest.warns(tl.DataWarning, match="memory with slabs of 600 samples; slabs of 37"):
         found = tl.educe(plane, liner)
-    assert rows == [256, 128, 64]
+    assert rows == [600, 300, 150, 75, 37]
     assert sum("ran out of memory" in note for note in found.notes) == 1
     assert float((found.reflection - wanted.reflection).abs().max()) < 1e-6
 

@@ -96,13 +96,13 @@ def _educed(
 
 def _incident(options: argparse.Namespace) -> Any:
     """The incident signal, or None."""
-    from torchliner.io.signal_file import read_signal
-    from torchliner.replay.waves import parse_signal
-
     if options.incident is None:
         if options.incident_rate is not None:
             raise ValueError("--incident-rate is the rate of an --incident file; name the file")
         return None
+    from torchliner.io.signal_file import read_signal
+    from torchliner.replay.waves import parse_signal
+
     generated = parse_signal(options.incident)
     if generated is None:
         return read_signal(options.incident, options.incident_rate)

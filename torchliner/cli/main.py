@@ -10,6 +10,7 @@ try:
     import traceback
     from collections.abc import Sequence
 
+    from torchliner.cli.fetch_ahead import fetch_ahead
     from torchliner.cli.gate import passed
     from torchliner.cli.messages import (
         error_text,
@@ -125,6 +126,7 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
             passed(parser, options) as named,
         ):
             inputs += named
+            fetch_ahead(named)
             code = int(command.run(options))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where a broken pipe is no error

@@ -112,10 +112,10 @@ def _line_interval(
     square, share = torch.zeros_like(admittance[0, 0]), torch.zeros_like(power)
     for station, count in zip(admittance, counts.tolist(), strict=True):
         how = Resampling(_equal_weights(count), choices.interval)
-        own, turned, lengths = how.moments(station[:count] - station[:count].mean(0))
-        power += own / len(counts) ** 2
-        square += turned / len(counts) ** 2
-        share += (own / len(counts) ** 2) ** 2 / (count / lengths - 1)
+        own = how.scatter(station[:count] - station[:count].mean(0))
+        power += own.power / len(counts) ** 2
+        square += own.square / len(counts) ** 2
+        share += (own.power / len(counts) ** 2) ** 2 / (own.runs - 1)
     runs = torch.where(share > 0, 1 + power**2 / share.clamp(min=1e-300), counts.sum() / 2)
     mean = mean_over_segments(admittance, counts)
     bias = mean - admittance_from_reflection(mean_over_segments(line.reflection[line.used], counts))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import (
@@ -172,6 +171,8 @@ class SDoFLiner(LinerModel):
         Raises:
             ValueError: there is none.
         """
+        from scipy.optimize import brentq  # takes a quarter of a second to import
+
         grid = torch.linspace(lowest, highest, 2000, dtype=torch.float64)
         reactance = self.impedance(grid).imag.detach()
         rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)

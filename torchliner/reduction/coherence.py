@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
 from torch import Tensor
 
 from torchliner.records.slabs import SLAB_ROWS
+from torchliner.reduction.eager import Lines
 from torchliner.reduction.plan import PassPlan
-from torchliner.reduction.sums import add_lines
 from torchliner.signals.tones import waves
 
 PERIODS_PER_SEGMENT = 2.0
@@ -35,10 +36,10 @@ class ToneCoherence:
         self.counts = tuple(plan.samples // length for length in self.lengths)
         self.width = width
 
-    def add(self, begin: int, slab: Tensor) -> None:
-        """Samples from ``begin`` on, (t, P), in order."""
-        for each in self.each:
-            each.add(begin, slab)
+    def asked(self, begin: int, slab: Tensor) -> list[SegmentLines]:
+        """What is to be summed of a slab, of samples from ``begin`` on, in order."""
+        found = (each.asked(begin, slab) for each in self.each)
+        return [each for each in found if each is not None]
 
     def so_far(self, plan: PassPlan) -> ToneCoherence:
         """Of a record that ended here; views."""
@@ -58,6 +59,23 @@ class ToneCoherence:
         """Of v without its mean, (F, P)."""
         found = [each.result(mean, mean_square) for each in self.each]
         return torch.stack(found) if found else mean.new_zeros(0, self.width)
+
+
+@dataclass(frozen=True)
+class SegmentLines:
+    """Of one tone and slab.
+
+    Args:
+        segments: whose.
+        lines: sums over each segment that the slab reaches, once they are made.
+        windows: lines of the segments' windows, as far as the slab goes, complex128, (S,).
+        is_open: whether the last segment goes on.
+    """
+
+    segments: _Segments
+    lines: Lines
+    windows: Tensor
+    is_open: bool
 
 
 class _Segments:
@@ -83,11 +101,11 @@ class _Segments:
         self.head: tuple[Tensor, complex] | None = None
         self.rounding = 1e-12
 
-    def add(self, begin: int, slab: Tensor) -> None:
-        """Samples from ``begin`` on; those beyond the last whole segment count for nothing."""
+    def asked(self, begin: int, slab: Tensor) -> SegmentLines | None:
+        """Sums over the segments of a slab; samples beyond the last whole one count for nothing."""
         end = min(begin + len(slab), self.count * self.length)
         if begin >= end:
-            return
+            return None
         self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
         if self.inside is None:
             self.inside = begin % self.length != 0
@@ -103,19 +121,24 @@ class _Segments:
         ]
         count = blocks[-1] + 1
         sums = torch.zeros(count, *self.open.shape, dtype=torch.float64, device=slab.device)
-        both = torch.stack([rows.real, rows.imag]).to(slab.device, slab.dtype)
-        add_lines(slab[: end - begin], pieces, both, sums, None, None, None)
-        sums[0] += self.open
+        sums[0] = self.open
         windows = torch.zeros(count, dtype=torch.complex128).index_add_(0, number, rows)
         windows[0] += self.open_window
-        whole = len(sums) - (end % self.length != 0)
+        both = torch.zeros(2, len(slab), dtype=torch.float64)
+        both[:, : end - begin] = torch.stack([rows.real, rows.imag])
+        lines = Lines(pieces, both.to(slab.device, slab.dtype), sums)
+        return SegmentLines(self, lines, windows, end % self.length != 0)
+
+    def add(self, found: SegmentLines) -> None:
+        """What ``asked`` stands for, summed."""
+        sums, windows = found.lines.sums, found.windows
+        whole = len(sums) - found.is_open
         headed = int(bool(self.inside) and self.head is None and whole > 0)
         if headed:
             self.head = sums[0], complex(windows[0])
-        self._close(sums[headed:whole], windows[headed:whole].to(slab.device))
-        done = whole == len(sums)
-        self.open = torch.zeros_like(self.open) if done else sums[-1]
-        self.open_window = 0j if done else complex(windows[-1])
+        self._close(sums[headed:whole], windows[headed:whole].to(sums.device))
+        self.open = sums[-1] if found.is_open else torch.zeros_like(self.open)
+        self.open_window = complex(windows[-1]) if found.is_open else 0j
 
     def _close(self, sums: Tensor, windows: Tensor) -> None:
         """Whole segments, (S, 2, P), and their windows' lines, (S,)."""

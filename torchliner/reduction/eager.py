@@ -3,41 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from torchliner.reduction.sources import Taken
 
 ROWS = 256  # of a piece, at most: float32 sums of more lose digits
 DIGIT = 2.0**32
 
 
-class Taken(Protocol):
-    """What is taken off the velocity, v* = scale v - rows @ coefficients; in the slab's precision.
-
-    Args:
-        rows: (t, J).  coefficients: (J, P), m/s.  scale: (P,), dimensionless, or None for 1.
-    """
-
-    rows: Tensor
-    coefficients: Tensor
-    scale: Tensor | None
-
-
 Pieces = Sequence[tuple[int, int, int]]
 
 
-def add_moments(
-    slab: Tensor,
-    pieces: Pieces,
-    count: int,
-    centre: float,
-    rows: Tensor | None,
-    taken: Taken | None,
-    totals: Tensor,
-    of_blocks: Tensor | None,
-) -> None:
-    r"""Add the moments of :math:`|v^*|` of some rows of a plane, piece by piece.
+@dataclass
+class Lines:
+    """Weighted sums of v over pieces of a slab's rows, added to those of their blocks.
+
+    Args:
+        pieces: (low, high, block): rows low to high - 1, at most 256, belong to a block of time;
+            rows in no piece are left out.
+        rows: weights in the slab's precision, (R, t).
+        sums: (B, R, P), float64, added to; m/s.
+        squares: sums of v^2, (B, P), float64, added to, (m/s)^2, or None.
+        smallest, largest: extremes of v so far, m/s, (P,), float64; None where ``squares`` is.
+    A nan or inf spoils the sums and extremes of its own column alone.
+    """
+
+    pieces: Pieces
+    rows: Tensor
+    sums: Tensor
+    squares: Tensor | None = None
+    smallest: Tensor | None = None
+    largest: Tensor | None = None
+
+
+@dataclass
+class Speeds:
+    r"""Moments of :math:`|v^*|` over pieces of a slab's rows, added to totals and blocks.
 
     The moment k of a piece is :math:`\sum_n w_n T_k(x_n)`, :math:`x = (|v^*| - c)/(|v^*| + c)`,
     with Chebyshev's :math:`T_k`. The sum of a piece, made in the slab's precision, is rounded to a
@@ -45,30 +49,76 @@ def add_moments(
     :math:`2^{21}`, so totals do not depend on the order, or the slabs, in which pieces are added.
 
     Args:
-        slab: (t, P), v in m/s, float32 or float64.
-        pieces: (low, high, block): rows low to high - 1, at most 256, belong to a block of time;
-            rows in no piece are left out.
+        pieces: as of ``Lines``.
         count: K >= 2, orders 0 to K - 1.  centre: c > 0, m/s.
+        totals: (R, K, P), float64, added to.
+        of_blocks: (S, R, K, P) in the slab's precision, added to, or None.
         rows: (R - 1, t), weights of the further rows, or None; row 0 has weight 1.
-        taken: what is taken off v first, or None.
-        totals: (R, K, P), float64, added to.  of_blocks: (S, R, K, P), added to, or None.
     A nan or inf makes the moments of its own column nan, but order 0, the sum of the weights.
     """
-    known = weight_sums(slab, pieces, rows)
+
+    pieces: Pieces
+    count: int
+    centre: float
+    totals: Tensor
+    of_blocks: Tensor | None = None
+    rows: Tensor | None = None
+
+
+def add(
+    slab: Tensor, lines: Sequence[Lines] = (), speeds: Speeds | None = None,
+    taken: Taken | None = None,
+) -> None:  # fmt: skip
+    """Add what is asked of a slab.
+
+    Args:
+        slab: (t, P), v in m/s, float32 or float64.
+        lines, speeds: what is summed.
+        taken: what is taken off v first, or None.
+    """
+    for each in lines:
+        _add_lines(slab, each, taken)
+    if speeds is not None:
+        _add_moments(slab, speeds, taken)
+
+
+def _velocity(slab: Tensor, taken: Taken | None, low: int, high: int, columns: slice) -> Tensor:
+    v = slab[low:high, columns]
+    if taken is None:
+        return v
+    return taken.part(slice(low, high), columns).off(v)
+
+
+def _add_lines(slab: Tensor, lines: Lines, taken: Taken | None) -> None:
+    weight_sums(slab, lines.pieces, None)
+    for left, right in _tiles(slab, 4096):
+        columns = slice(left, right)
+        for low, high, block in lines.pieces:
+            v = _velocity(slab, taken, low, high, columns)
+            lines.sums[block, :, columns] += lines.rows[:, low:high] @ v
+            if lines.squares is None or lines.smallest is None or lines.largest is None:
+                continue
+            lines.squares[block, columns] += v.square().sum(0)
+            for kept, meet, own in (
+                (lines.smallest[columns], torch.minimum, v.amin(0)),
+                (lines.largest[columns], torch.maximum, v.amax(0)),
+            ):
+                meet(kept, own, out=kept)
+
+
+def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
+    count, rows = speeds.count, speeds.rows
+    known = weight_sums(slab, speeds.pieces, rows)
     signs, turns = _signs(count)
     for left, right in _tiles(slab, 1024):
         columns = slice(left, right)
-        for (low, high, block), weight in zip(pieces, known, strict=True):
-            v = slab[low:high, columns]
-            if taken is not None:
-                v = v * taken.scale[columns] if taken.scale is not None else v.clone()
-                v.addmm_(taken.rows[low:high], taken.coefficients[:, columns], alpha=-1)
+        for (low, high, block), weight in zip(speeds.pieces, known, strict=True):
             w = slab.new_ones((len(weight), high - low))
             if rows is not None:
                 w[1:] = rows[:, low:high]
             sums = slab.new_empty((count, len(weight), right - left))
-            speed = v.abs()
-            twice = (speed - centre).mul_(2).div_(speed.add_(centre))
+            speed = _velocity(slab, taken, low, high, columns).abs()
+            twice = (speed - speeds.centre).mul_(2).div_(speed.add_(speeds.centre))
             before, now = speed.fill_(1), twice / 2
             for k in range(1, count):
                 if k > 1:
@@ -77,40 +127,9 @@ def add_moments(
                 torch.mm(w, now, out=sums[k])
             exact = rounded(sums.double() * signs.to(slab.device)[:, None, None])
             exact[0] = weight[:, None].to(slab.device)
-            totals[:, :, columns] += exact.transpose(0, 1)
-            if of_blocks is not None:
-                of_blocks[block, :, :, columns] += exact.transpose(0, 1).to(slab.dtype)
-
-
-def add_lines(
-    slab: Tensor,
-    pieces: Pieces,
-    rows: Tensor,
-    sums: Tensor,
-    squares: Tensor | None,
-    smallest: Tensor | None,
-    largest: Tensor | None,
-) -> None:
-    """Add weighted sums of v over the rows of each piece to those of its block.
-
-    Args:
-        slab, pieces: see ``add_moments``.  rows: (R, t), weights in the slab's precision.
-        sums: (B, R, P), float64, added to; m/s.
-        squares: (B, P), float64, sums of v^2 added to, (m/s)^2, or None.
-        smallest, largest: (P,), float64, extremes of v so far, m/s, or None.
-    A nan or inf spoils the sums and extremes of its own column alone.
-    """
-    for left, right in _tiles(slab, 4096):
-        columns = slice(left, right)
-        for low, high, block in pieces:
-            v = slab[low:high, columns]
-            sums[block, :, columns] += rows[:, low:high] @ v
-            if squares is not None:
-                squares[block, columns] += v.square().sum(0)
-            if smallest is not None:
-                torch.minimum(smallest[columns], v.amin(0), out=smallest[columns])
-            if largest is not None:
-                torch.maximum(largest[columns], v.amax(0), out=largest[columns])
+            speeds.totals[:, :, columns] += exact.transpose(0, 1)
+            if speeds.of_blocks is not None:
+                speeds.of_blocks[block, :, :, columns] += exact.transpose(0, 1).to(slab.dtype)
 
 
 def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:

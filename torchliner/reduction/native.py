@@ -19,17 +19,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.reduction.eager import Pieces, Taken, weight_sums
+from torchliner.reduction.eager import Lines, Pieces, Speeds, weight_sums
+from torchliner.reduction.sources import Taken
 from torchliner.reduction.threads import threads
 
 SOURCE = Path(__file__).with_name("sums.cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
 SECONDS = 120.0  # that a compiler may take
-GROUP = 5  # rows of weights that `add_lines` takes at once, as in the C++ file
 TILE = 64  # columns; the ranges of threads begin at multiples of it
 
 reason: str | None = None  # why it could not be had, after `available()`
@@ -53,66 +54,59 @@ def available() -> bool:
     return there
 
 
-def add_moments(
-    slab: Tensor,
-    pieces: Pieces,
-    count: int,
-    centre: float,
-    rows: Tensor | None,
-    taken: Taken | None,
-    totals: Tensor,
-    of_blocks: Tensor | None,
-) -> None:
-    """``eager.add_moments`` on a CPU, to the same bits for any threads and any order of columns.
+def add(
+    slab: Tensor, lines: Sequence[Lines] = (), speeds: Speeds | None = None,
+    taken: Taken | None = None,
+) -> None:  # fmt: skip
+    """``eager.add`` on a CPU, to the same bits for any threads and any order of columns.
 
     Raises:
         ValueError, IndexError: where a tensor or a block does not fit; nothing is added then.
     """
-    known = weight_sums(slab, pieces, rows)
+    kept: list[Any] = []  # till the end: what the addresses point to
+    slab_of = _slab(slab, taken, kept)
+    asked = (_Lines * len(lines))(*(_lines(slab, each, kept) for each in lines))
+    moments = None if speeds is None else ctypes.byref(_moments(slab, speeds, kept))
+    columns = slab.shape[1]
+    share = -(-columns // (TILE * threads())) * TILE
+    given = ctypes.byref(slab_of), asked, ctypes.c_int64(len(lines)), moments
+    _in_threads("add", slab, share, columns, given)
+    del kept
+
+
+def _moments(slab: Tensor, speeds: Speeds, kept: list[Any]) -> _Moments:
+    known = weight_sums(slab, speeds.pieces, speeds.rows)
+    rows = None if speeds.rows is None else speeds.rows.contiguous()
+    kept += [known, rows]
     further, dtype, (length, columns) = known.shape[1], slab.dtype, slab.shape
-    weights = None if rows is None else rows.contiguous()
-    slab_of, kept = _slab(slab, pieces, taken, of_blocks)
-    moments = _Moments(
-        _address(weights, (further - 1, length), dtype),
+    return _Moments(
+        _pieces(speeds.pieces, speeds.of_blocks, kept),
+        _address(rows, (further - 1, length), dtype),
         length,
         further,
-        count,
-        centre,
+        speeds.count,
+        speeds.centre,
         _address(known, known.shape),
-        _address(totals, (further, count, columns)),
-        _address(of_blocks, (-1, further, count, columns), dtype),
+        _address(speeds.totals, (further, speeds.count, columns)),
+        _address(speeds.of_blocks, (-1, further, speeds.count, columns), dtype),
     )
-    _over_columns("moments", slab, slab_of, moments)
-    del kept  # till here: what the addresses point to
 
 
-def add_lines(
-    slab: Tensor,
-    pieces: Pieces,
-    rows: Tensor,
-    sums: Tensor,
-    squares: Tensor | None,
-    smallest: Tensor | None,
-    largest: Tensor | None,
-) -> None:
-    """``eager.add_lines`` on a CPU; see ``add_moments``."""
-    weight_sums(slab, pieces, None)
-    count, columns = len(rows), slab.shape[1]
-    if rows.dtype != slab.dtype or rows.shape[1:] != slab.shape[:1]:
-        raise ValueError(f"weights {tuple(rows.shape)} {rows.dtype} of a slab {tuple(slab.shape)}")
-    weights = torch.nn.functional.pad(rows, (0, 0, 0, -count % GROUP))
-    slab_of, kept = _slab(slab, pieces, None, sums)
-    lines = _Lines(
-        weights.data_ptr(),
-        len(slab),
+def _lines(slab: Tensor, lines: Lines, kept: list[Any]) -> _Lines:
+    weight_sums(slab, lines.pieces, None)
+    (length, columns), count = slab.shape, len(lines.rows)
+    rows = lines.rows.contiguous()
+    kept.append(rows)
+    return _Lines(
+        _pieces(lines.pieces, lines.sums, kept),
+        _address(rows, (count, length), slab.dtype),
+        length,
         count,
-        _address(sums, (-1, count, columns)),
-        _address(squares, (len(sums), columns)),
-        _address(smallest, (columns,)),
-        _address(largest, (columns,)),
+        _address(lines.sums, (-1, count, columns)),
+        _address(lines.squares, (len(lines.sums), columns)),
+        _address(lines.smallest, (columns,)),
+        _address(lines.largest, (columns,)),
     )
-    _over_columns("lines", slab, slab_of, lines)
-    del kept
 
 
 def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
@@ -124,83 +118,76 @@ def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
         count: C.
     """
     found = torch.zeros(len(slab), count, dtype=torch.float64)
-    slab_of, kept = _slab(slab, [], None, None)
+    slab_of = _slab(slab, None, [])
     given = (
         ctypes.c_void_p(_address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
         ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
     )  # fmt: skip
     share = max(1, -(-len(slab) // threads()))
     _in_threads("cells", slab, share, len(slab), (ctypes.byref(slab_of), *given))
-    del kept
     return found
 
 
-class _Slab(ctypes.Structure):
-    _fields_ = [
-        ("v", ctypes.c_void_p),
-        ("row_stride", ctypes.c_int64),
-        ("column_stride", ctypes.c_int64),
-        ("columns", ctypes.c_int64),
-        ("pieces", ctypes.c_void_p),
-        ("piece_count", ctypes.c_int64),
-        ("taken_rows", ctypes.c_void_p),
-        ("taken_coefficients", ctypes.c_void_p),
-        ("scale", ctypes.c_void_p),
-        ("taken_count", ctypes.c_int64),
+def _members(text: str) -> list[tuple[str, Any]]:
+    """Of a structure of the C++ file: pointers with a star, else int64."""
+    return [
+        (name.lstrip("*"), ctypes.c_void_p if name[0] == "*" else ctypes.c_int64)
+        for name in text.split()
     ]
+
+
+class _Slab(ctypes.Structure):
+    _fields_ = _members(
+        "*v row_stride column_stride columns *taken_rows *taken_coefficients *scale taken_count"
+    )
+
+
+class _Pieces(ctypes.Structure):
+    _fields_ = _members("*at count")
 
 
 class _Moments(ctypes.Structure):
     _fields_ = [
-        ("weights", ctypes.c_void_p),
-        ("weight_stride", ctypes.c_int64),
-        ("rows", ctypes.c_int64),
-        ("count", ctypes.c_int64),
-        ("centre", ctypes.c_double),
-        ("known", ctypes.c_void_p),
-        ("totals", ctypes.c_void_p),
-        ("of_blocks", ctypes.c_void_p),
-    ]
+        ("pieces", _Pieces), *_members("*weights weight_stride rows count"),
+        ("centre", ctypes.c_double), *_members("*known *totals *of_blocks"),
+    ]  # fmt: skip
 
 
 class _Lines(ctypes.Structure):
     _fields_ = [
-        ("weights", ctypes.c_void_p),
-        ("weight_stride", ctypes.c_int64),
-        ("rows", ctypes.c_int64),
-        ("sums", ctypes.c_void_p),
-        ("squares", ctypes.c_void_p),
-        ("smallest", ctypes.c_void_p),
-        ("largest", ctypes.c_void_p),
+        ("pieces", _Pieces),
+        *_members("*weights weight_stride rows *sums *squares *smallest *largest"),
     ]
 
 
-def _slab(
-    slab: Tensor, pieces: Pieces, taken: Taken | None, of_blocks: Tensor | None
-) -> tuple[_Slab, list[Any]]:
-    """What the C++ file knows of a slab, and what must live as long."""
-    blocks = [block for *_, block in pieces]
-    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
-        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
-    table = (ctypes.c_int64 * (3 * len(blocks)))(*(each for piece in pieces for each in piece))
+def _slab(slab: Tensor, taken: Taken | None, kept: list[Any]) -> _Slab:
+    """What the C++ file knows of a slab; what must live as long is put into ``kept``."""
     length, columns = slab.shape
     rows = coefficients = scale = None
     if taken is not None:
         rows, coefficients = taken.rows.contiguous(), taken.coefficients.contiguous()
         scale = None if taken.scale is None else taken.scale.contiguous()
+        kept += [rows, coefficients, scale]
     of = 0 if rows is None else rows.shape[1]
     return _Slab(
         slab.data_ptr(),
         slab.stride(0),
         slab.stride(1),
         columns,
-        ctypes.addressof(table),
-        len(blocks),
         _address(rows, (length, of), slab.dtype),
         _address(coefficients, (of, columns), slab.dtype),
         _address(scale, (columns,), slab.dtype),
         of,
-    ), [table, rows, coefficients, scale]
+    )
+
+
+def _pieces(pieces: Pieces, of_blocks: Tensor | None, kept: list[Any]) -> _Pieces:
+    blocks = [block for *_, block in pieces]
+    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
+        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
+    table = np.array(pieces, dtype=np.int64)
+    kept.append(table)
+    return _Pieces(table.ctypes.data, len(pieces))
 
 
 def _address(
@@ -225,13 +212,6 @@ def _pool() -> ThreadPoolExecutor:
 
 if hasattr(os, "register_at_fork"):  # the child has none of its parent's threads
     os.register_at_fork(after_in_child=_pool.cache_clear)
-
-
-def _over_columns(name: str, slab: Tensor, *structures: ctypes.Structure) -> None:
-    """Call a function of the library over ranges of columns, one a thread of torch."""
-    columns = slab.shape[1]
-    share = -(-columns // (TILE * threads())) * TILE
-    _in_threads(name, slab, share, columns, [ctypes.byref(each) for each in structures])
 
 
 def _in_threads(name: str, slab: Tensor, share: int, count: int, given: Sequence[Any]) -> None:
@@ -259,7 +239,7 @@ def _library() -> ctypes.CDLL | None:
     global reason
     try:
         library = ctypes.CDLL(str(_built()))
-        for name in ("moments", "lines", "cells"):
+        for name in ("add", "cells"):
             for kind in ("float32", "float64"):
                 library[f"{name}_{kind}"].restype = None
     except (OSError, AttributeError, subprocess.TimeoutExpired, RuntimeError) as problem:

@@ -68,7 +68,9 @@ class ProbeVelocity:
         if self.dtype.itemsize > size or self.device.type == "cuda":
             size += self.dtype.itemsize
         columns = sum(self.widths) + self.derived
-        longest = max(SLAB_ROWS, tile, NARROW // columns)
+        # Nothing is copied of what is in memory: long slabs, fewer calls.
+        rows = SLAB_ROWS if stored is not None or self.used is not None else 4 * SLAB_ROWS
+        longest = max(rows, tile, NARROW // columns)
         packed = getattr(stored, "tile_bytes", 0)
         most = rows_per_slab(columns, size, self.memory, most=longest, tile=packed)
         # Whole tiles; and multiples of the samples that are summed in single precision, so that no

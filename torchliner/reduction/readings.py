@@ -18,7 +18,7 @@ from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity, with_smaller_slabs
 from torchliner.reduction.sources import Columns
 from torchliner.reduction.speed_sums import GroupMoments, SpeedSums, constant_moments
-from torchliner.reduction.sums import sums_alone
+from torchliner.reduction.sums import add, sums_alone
 from torchliner.reduction.survey import Survey, SurveySums
 
 Progress = Callable[[int], None]
@@ -173,10 +173,11 @@ def first_pass(
     bounds = velocity.bounds()
     with sums_alone(velocity.device):
         for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
-            for survey, slab in zip(surveys, slabs, strict=True):
-                survey.add(begin, slab)
-            for each, slab in zip(sums, slabs, strict=bool(sums)):
-                each.add(begin, Columns(slab))
+            for i, (survey, slab) in enumerate(zip(surveys, slabs, strict=True)):
+                asked = survey.asked(begin, slab)
+                speeds = sums[i].asked(begin, Columns(slab)) if sums else None
+                add(slab, [asked.lines, *(each.lines for each in asked.segments)], speeds)
+                survey.add(asked, slab)
             if progress is not None:
                 progress(end - begin)
 

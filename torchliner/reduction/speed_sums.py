@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from torchliner.reduction.basis import STENCIL, Basis, Chebyshev, Levels
-from torchliner.reduction.eager import rounded
-from torchliner.reduction.plan import PassPlan, Piece, wave_rows
-from torchliner.reduction.sources import Columns, Taken
-from torchliner.reduction.sums import NARROW, add_moments, by_length
+from torchliner.reduction.eager import Speeds, rounded
+from torchliner.reduction.plan import PassPlan, Piece
+from torchliner.reduction.sources import Columns
+from torchliner.reduction.sums import add
 
 LEVEL_ELEMENTS = 1 << 16  # velocities whose levels are looked up at once
 
@@ -62,69 +62,24 @@ class SpeedSums:
 
     def add(self, begin: int, columns: Columns) -> None:
         """Samples from ``begin`` on."""
-        first = self.numbers.start
+        add(columns.velocity, (), self.asked(begin, columns), columns.taken)
+
+    def asked(self, begin: int, columns: Columns) -> Speeds | None:
+        """What is to be summed of samples from ``begin`` on; levels of tables are summed here."""
+        end, first = begin + len(columns.velocity), self.numbers.start
         pieces = [
             (low, high, block - first)
-            for low, high, block in self.plan.pieces(
-                begin, begin + len(columns.velocity), weighed=True
-            )
+            for low, high, block in self.plan.pieces(begin, end, weighed=True)
         ]
-        if not pieces:
-            return
-        if self.width < NARROW and isinstance(self.basis, Chebyshev) and len(pieces) > 1:
-            self._add_folded(begin, columns.speed, pieces)
-            return
-        rows = self.plan.rows(begin, begin + len(columns.velocity))
+        rows = self.plan.rows(begin, end)
         rows = None if rows is None else rows.to(columns.velocity.device, self.dtype)
-        self._add(columns.velocity, pieces, rows, columns.taken, self.totals, self.of_blocks)
-
-    def _add(
-        self, slab: Tensor, pieces: list[Piece], rows: Tensor | None, taken: Taken | None,
-        totals: Tensor, of_blocks: Tensor | None,
-    ) -> None:  # fmt: skip
-        if isinstance(self.basis, Chebyshev):
-            add_moments(
-                slab, pieces, self.basis.count, self.basis.centre, rows, taken, totals, of_blocks
-            )
-        elif isinstance(self.basis, Levels):
-            speed = Columns(slab, taken)
-            add_levels(speed, pieces, self.basis, rows, totals, of_blocks)
-
-    def _add_folded(self, begin: int, speed: Tensor, pieces: list[Piece]) -> None:
-        """Pieces of equal length side by side, as if they were so many columns.
-
-        Waves start anew in each piece and are turned afterwards.
-        """
-        lines, rate = self.plan.lines, self.plan.sampling_rate
-        for length, same in by_length(pieces).items():
-            first = torch.tensor([low for low, _, _ in same])
-            wide = speed[torch.arange(length)[:, None] + first].flatten(1)
-            rows = wave_rows(lines, rate, 0, length).to(speed) if lines else None
-            shape = (len(self.totals), self.basis.count, wide.shape[1])
-            whole = torch.zeros(shape, dtype=torch.float64, device=speed.device)
-            parts = torch.zeros((1, *shape), dtype=self.dtype, device=speed.device)
-            self._add(wide, [(0, length, 0)], rows, None, whole, parts)
-            starts = torch.tensor([begin + low for low, _, _ in same], dtype=torch.float64)
-            whole, own = (
-                self._turned(values.unflatten(-1, (len(same), self.width)), starts)
-                for values in (whole, parts[0])
-            )
-            # Each piece by itself, or the last bits would tell how many a slab holds.
-            self.totals += rounded(whole).sum(2)
-            if self.of_blocks is not None:
-                blocks = torch.tensor([block for _, _, block in same], device=speed.device)
-                self.of_blocks.index_add_(0, blocks, own.movedim(2, 0))
-
-    def _turned(self, values: Tensor, starts: Tensor) -> Tensor:
-        """Sums (R, K, n, P) of waves that began at 0, for waves of pieces from ``starts`` on."""
-        if not self.plan.lines:
-            return values
-        count = len(self.plan.lines)
-        turn = torch.tensor(self.plan.lines, dtype=torch.float64)
-        angle = 2 * torch.pi / self.plan.sampling_rate * torch.outer(turn, starts)
-        cosine, sine = (part.to(values)[:, None, :, None] for part in (angle.cos(), angle.sin()))
-        c, s = values[1 : 1 + count], values[1 + count :]
-        return torch.cat([values[:1], cosine * c - sine * s, sine * c + cosine * s])
+        if not isinstance(self.basis, Chebyshev):
+            if pieces:
+                add_levels(columns, pieces, self.basis, rows, self.totals, self.of_blocks)
+            return None
+        return Speeds(
+            pieces, self.basis.count, self.basis.centre, self.totals, self.of_blocks, rows
+        )
 
     def follow(self, other: SpeedSums) -> None:
         """Add a part; totals are exact in any order, blocks that parts share to rounding."""
@@ -146,7 +101,7 @@ def add_levels(
     totals: Tensor,
     of_blocks: Tensor | None,
 ) -> None:
-    """As ``sums.add_moments``, for the levels of a table."""
+    """As ``eager.Speeds`` says, for the levels of a table."""
     width, count = columns.velocity.shape[1], basis.count
     wide = max(1, min(width, LEVEL_ELEMENTS // max(high - low for low, high, _ in pieces)))
     for low, high, block in pieces:

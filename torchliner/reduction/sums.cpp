@@ -19,12 +19,15 @@
 struct Slab {
   const void* v;
   int64_t row_stride, column_stride, columns;
-  const int64_t* pieces;  // low, high, block of each
-  int64_t piece_count;
   const void *taken_rows, *taken_coefficients, *scale;  // (t, J), (J, P), (P,), or null
   int64_t taken_count;
 };
+struct Pieces {
+  const int64_t* at;  // low, high, block of each
+  int64_t count;
+};
 struct Moments {
+  Pieces pieces;
   const void* weights;  // (R - 1, t)
   int64_t weight_stride, rows, count;
   double centre;
@@ -33,7 +36,8 @@ struct Moments {
   void* of_blocks;      // (S, R, K, P) or null
 };
 struct Lines {
-  const void* weights;  // (R rounded up to a multiple of GROUP, t), the rows added being zero
+  Pieces pieces;
+  const void* weights;  // (R, t)
   int64_t weight_stride, rows;
   double *sums, *squares, *smallest, *largest;  // (B, R, P); (B, P), (P,), (P,) or null
 };
@@ -173,118 +177,136 @@ void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* ac
 }
 
 template <class T, int R>
-void moments(const Slab& s, const Moments& m, long first, long last) {
-  const int K = m.count, all = m.rows;
-  // Running sums must stay in the first cache: narrower tiles where there are many.
-  const int W = (K * all > 64 ? 128 : 256) / sizeof(T), half = summed(K);
+void moments(const Slab& s, const Moments& m, long left, int n, int W, const T* taken, T* chunk) {
+  const int K = m.count, all = m.rows, half = summed(K);
   const size_t size = (size_t)(2 * half + 1) * all * W;
-  Scratch<T> acc(size), piece(size), chunk(CHUNK * W), taken((s.taken_count + 1) * W);
+  Scratch<T> acc(size), piece(size);
+  Scratch<double> total((size_t)K * all * W);
+  std::fill(total.at, total.at + (size_t)K * all * W, 0.0);
+  for (long g = 0; g < m.pieces.count; g++) {
+    const int64_t* p = m.pieces.at + 3 * g;
+    std::fill(piece.at, piece.at + size, T(0));
+    for (long t = p[0]; t < p[1]; t += CHUNK) {
+      const int rows = std::min<long>(CHUNK, p[1] - t), four = rows - rows % 4;
+      const T* w = (const T*)m.weights + t;
+      std::fill(acc.at, acc.at + size, T(0));
+      form_chunk(s, t, rows, left, n, W, taken, chunk);
+      long stride;
+      const T* next = ahead<T>(s, t, left, &stride);
+      add_orders<T, R, 4>(chunk, W, four, w, m, acc.at, next, stride);
+      add_orders<T, R, 1>(chunk + four * W, W, rows - four, w + four, m, acc.at,
+                          next + four * stride, stride);
+      for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
+    }
+    for (int r = 0; r < all; r++)
+      for (int k = 0; k < K; k++) {
+        const double known = m.known[g * all + r];
+        const T* first_order = piece.at + ((size_t)all + r) * W;
+        const T* from = piece.at + ((size_t)k * all + r) * W;
+        double* to = total.at + ((size_t)r * K + k) * W;
+        T* part = m.of_blocks ? (T*)m.of_blocks + ((p[2] * all + r) * K + k) * s.columns + left
+                              : nullptr;
+        for (int j = 0; j < n; j++) {
+          double x = from[j];
+          if (k > half) x = 2 * x - (k % 2 ? first_order[j] : known);
+          // 3 * 2**19 has 2**-32 as its last digit: the sum is rounded there, half to even.
+          x = k ? (x + 1572864.0) - 1572864.0 : known;
+          to[j] += x;
+          if (part) part[j] += T(x);
+        }
+      }
+  }
+  for (long i = 0; i < (long)all * K; i++)
+    for (int j = 0; j < n; j++) m.totals[i * s.columns + left + j] += total.at[i * W + j];
+}
+
+// piece[r][j] += sums of v over a chunk under R rows of weights and, with S, of v^2; extremes.
+template <class T, int R, bool S>
+void add_rows(const T* v, int W, int rows, const T* w, long along, double* piece, T* low, T* high,
+              const T* next, long stride) {
+  constexpr int N = Vector<T>::lanes, A = R + S;
+  for (int j = 0; j < W; j += 2 * N) {
+    V<T> a[2 * A] = {}, small[2], large[2];
+    UNROLL for (int h = 0; h < 2; h++)
+      small[h] = load(low + j + h * N), large[h] = load(high + j + h * N);
+    for (int i = 0; i < rows; i++)
+      UNROLL for (int h = 0; h < 2; h++) {
+        const V<T> x = load(v + i * W + j + h * N);
+        UNROLL for (int r = 0; r < R; r++) a[2 * r + h] += w[r * along + i] * x;
+        if (!S) continue;
+        __builtin_prefetch(next + i * stride + j + h * N);
+        a[2 * R + h] += x * x;
+        small[h] = x < small[h] ? x : small[h];
+        large[h] = x > large[h] ? x : large[h];
+      }
+    UNROLL for (int h = 0; h < 2; h++)
+      store(low + j + h * N, small[h]), store(high + j + h * N, large[h]);
+    typedef double D __attribute__((vector_size(8 * N)));
+    UNROLL for (int k = 0; k < 2 * A; k++) {
+      D* sum = (D*)(piece + k / 2 * W + j + k % 2 * N);
+      *sum += __builtin_convertvector(a[k], D);
+    }
+  }
+}
+template <class T, bool S>
+constexpr decltype(&add_rows<T, 0, S>) ROWS[GROUP + 1] = {
+    add_rows<T, 0, S>, add_rows<T, 1, S>, add_rows<T, 2, S>,
+    add_rows<T, 3, S>, add_rows<T, 4, S>, add_rows<T, 5, S>};
+
+template <class T>
+void lines(const Slab& s, const Lines& l, long left, int n, int W, const T* taken, T* chunk) {
+  Scratch<double> piece((l.rows + 1) * W);
+  Scratch<T> low(W), high(W);
+  std::fill(low.at, low.at + W, T(1) / T(0));
+  std::fill(high.at, high.at + W, -T(1) / T(0));
+  // The first rows, of which there are three for one tone, share their registers with the squares.
+  const long first = l.squares ? std::min<long>(l.rows, GROUP - 2) : 0;
+  for (long g = 0; g < l.pieces.count; g++) {
+    const int64_t* p = l.pieces.at + 3 * g;
+    std::fill(piece.at, piece.at + (l.rows + 1) * W, 0.0);
+    for (long t = p[0]; t < p[1]; t += CHUNK) {
+      const int rows = std::min<long>(CHUNK, p[1] - t);
+      form_chunk<T>(s, t, rows, left, n, W, taken, chunk);
+      long stride;
+      const T *next = ahead<T>(s, t, left, &stride), *w = (const T*)l.weights + t;
+      const long along = l.weight_stride;
+      // The squares lie behind the first rows, and the other rows behind them.
+      if (l.squares)
+        ROWS<T, true>[first](chunk, W, rows, w, along, piece.at, low.at, high.at, next, stride);
+      for (long r = first; r < l.rows; r += GROUP)
+        ROWS<T, false>[std::min<long>(GROUP, l.rows - r)](
+            chunk, W, rows, w + r * along, along, piece.at + (r + (l.squares != nullptr)) * W,
+            low.at, high.at, next, stride);
+    }
+    for (long r = 0; r < l.rows; r++) {
+      const double* from = piece.at + (r + (l.squares && r >= first)) * W;
+      for (int j = 0; j < n; j++) l.sums[(p[2] * l.rows + r) * s.columns + left + j] += from[j];
+    }
+    for (int j = 0; l.squares && j < n; j++)
+      l.squares[p[2] * s.columns + left + j] += piece.at[first * W + j];
+  }
+  for (int j = 0; l.smallest && j < n; j++)
+    l.smallest[left + j] = std::min(l.smallest[left + j], (double)low.at[j]);
+  for (int j = 0; l.largest && j < n; j++)
+    l.largest[left + j] = std::max(l.largest[left + j], (double)high.at[j]);
+}
+
+// All sums of columns first..last-1, tile by tile, while a tile is in the cache.
+template <class T>
+void add(const Slab& s, const Lines* of, long count, const Moments* m, long first, long last) {
+  // Running sums must stay in the first cache: narrower tiles where there are many.
+  const int most = (m && m->count * m->rows > 64 ? 128 : 256) / sizeof(T);
+  const int two = 2 * Vector<T>::lanes;
+  const int W = std::min<long>(most, (last - first + two - 1) / two * two);
+  Scratch<T> chunk(CHUNK * W), taken((s.taken_count + 1) * W);
   for (long left = first; left < last; left += W) {
     const int n = std::min<long>(W, last - left);
     std::fill(chunk.at, chunk.at + CHUNK * W, T(0));
     if (s.taken_rows) take_tile(s, left, n, W, taken.at);
-    for (long g = 0; g < s.piece_count; g++) {
-      const long low = s.pieces[3 * g], high = s.pieces[3 * g + 1], block = s.pieces[3 * g + 2];
-      std::fill(piece.at, piece.at + size, T(0));
-      for (long t = low; t < high; t += CHUNK) {
-        const int rows = std::min<long>(CHUNK, high - t), four = rows - rows % 4;
-        const T* w = (const T*)m.weights + t;
-        std::fill(acc.at, acc.at + size, T(0));
-        form_chunk(s, t, rows, left, n, W, taken.at, chunk.at);
-        long stride;
-        const T* next = ahead<T>(s, t, left, &stride);
-        add_orders<T, R, 4>(chunk.at, W, four, w, m, acc.at, next, stride);
-        add_orders<T, R, 1>(chunk.at + four * W, W, rows - four, w + four, m, acc.at,
-                            next + four * stride, stride);
-        for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
-      }
-      for (int r = 0; r < all; r++)
-        for (int k = 0; k < K; k++) {
-          const double known = m.known[g * all + r];
-          const T* first_order = piece.at + ((size_t)all + r) * W;
-          const T* from = piece.at + ((size_t)k * all + r) * W;
-          double* to = m.totals + ((long)r * K + k) * s.columns + left;
-          T* part = m.of_blocks
-                        ? (T*)m.of_blocks + ((block * all + r) * K + k) * s.columns + left
-                        : nullptr;
-          for (int j = 0; j < n; j++) {
-            double x = from[j];
-            if (k > half) x = 2 * x - (k % 2 ? first_order[j] : known);
-            // 3 * 2**19 has 2**-32 as its last digit: the sum is rounded there, half to even.
-            x = k ? (x + 1572864.0) - 1572864.0 : known;
-            to[j] += x;
-            if (part) part[j] += T(x);
-          }
-        }
-    }
-  }
-}
-
-template <class T>
-void lines(const Slab& s, const Lines& l, long first, long last) {
-  constexpr int W = 256 / sizeof(T), N = Vector<T>::lanes;
-  const int padded = (l.rows + GROUP - 1) / GROUP * GROUP;
-  Scratch<T> chunk(CHUNK * W);
-  Scratch<double> piece((padded + 1) * W);
-  T part[GROUP * W];
-  V<T> lows[W / N], highs[W / N];
-  for (long left = first; left < last; left += W) {
-    const int n = std::min<long>(W, last - left);
-    std::fill(chunk.at, chunk.at + CHUNK * W, T(0));
-    UNROLL for (int j = 0; j < W / N; j++) lows[j] = V<T>{} + T(1) / T(0), highs[j] = -lows[j];
-    for (long g = 0; g < s.piece_count; g++) {
-      const long low = s.pieces[3 * g], high = s.pieces[3 * g + 1], block = s.pieces[3 * g + 2];
-      std::fill(piece.at, piece.at + (padded + 1) * W, 0.0);
-      for (long t = low; t < high; t += CHUNK) {
-        const int rows = std::min<long>(CHUNK, high - t);
-        form_chunk<T>(s, t, rows, left, n, W, nullptr, chunk.at);
-        long stride;
-        const T* next = ahead<T>(s, t, left, &stride);
-        for (int r = 0; r < padded; r += GROUP) {
-          const T* w = (const T*)l.weights + r * l.weight_stride + t;
-          for (int j = 0; j < W; j += 2 * N) {
-            V<T> a[2 * GROUP] = {};
-            for (int i = 0; i < rows; i++) {
-              const V<T> x = load(chunk.at + i * W + j), y = load(chunk.at + i * W + j + N);
-              UNROLL for (int k = 0; k < GROUP; k++) {
-                a[2 * k] += w[k * l.weight_stride + i] * x;
-                a[2 * k + 1] += w[k * l.weight_stride + i] * y;
-              }
-            }
-            UNROLL for (int k = 0; k < 2 * GROUP; k++)
-              store(part + k / 2 * W + j + k % 2 * N, a[k]);
-          }
-          for (int j = 0; j < GROUP * W; j++) piece.at[r * W + j] += part[j];
-        }
-        for (int j = 0; j < W; j += 4 * N) {
-          V<T> square[4] = {}, small[4], large[4];
-          UNROLL for (int k = 0; k < 4; k++)
-            small[k] = lows[j / N + k], large[k] = highs[j / N + k];
-          for (int i = 0; i < rows; i++)
-            UNROLL for (int k = 0; k < 4; k++) {
-              const V<T> x = load(chunk.at + i * W + j + k * N);
-              __builtin_prefetch(next + i * stride + j + k * N);
-              square[k] += x * x;
-              small[k] = x < small[k] ? x : small[k];
-              large[k] = x > large[k] ? x : large[k];
-            }
-          UNROLL for (int k = 0; k < 4; k++) {
-            lows[j / N + k] = small[k], highs[j / N + k] = large[k];
-            store(part + j + k * N, square[k]);
-          }
-        }
-        for (int j = 0; j < W; j++) piece.at[padded * W + j] += part[j];
-      }
-      for (int r = 0; r < l.rows; r++)
-        for (int j = 0; j < n; j++)
-          l.sums[(block * l.rows + r) * s.columns + left + j] += piece.at[r * W + j];
-      for (int j = 0; l.squares && j < n; j++)
-        l.squares[block * s.columns + left + j] += piece.at[padded * W + j];
-    }
-    for (int j = 0; l.smallest && j < n; j++)
-      l.smallest[left + j] = std::min(l.smallest[left + j], (double)lows[j / N][j % N]);
-    for (int j = 0; l.largest && j < n; j++)
-      l.largest[left + j] = std::max(l.largest[left + j], (double)highs[j / N][j % N]);
+    for (long i = 0; i < count; i++) lines<T>(s, of[i], left, n, W, taken.at, chunk.at);
+    if (m)
+      (m->rows == 1 ? moments<T, 1> : m->rows == 3 ? moments<T, 3> : moments<T, 0>)(
+          s, *m, left, n, W, taken.at, chunk.at);
   }
 }
 
@@ -313,16 +335,13 @@ void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_c
 }  // namespace
 
 #define EXPORTED(T, name)                                                                      \
-  extern "C" void moments_##name(const Slab* s, const Moments* m, int64_t from, int64_t to) { \
-    (m->rows == 1 ? moments<T, 1> : m->rows == 3 ? moments<T, 3> : moments<T, 0>)(             \
-        *s, *m, from, to);                                                                     \
+  extern "C" void add_##name(const Slab* s, const Lines* l, int64_t count, const Moments* m,   \
+                             int64_t from, int64_t to) {                                       \
+    add<T>(*s, l, count, m, from, to);                                                         \
   }                                                                                            \
-  extern "C" void lines_##name(const Slab* s, const Lines* l, int64_t from, int64_t to) {      \
-    lines<T>(*s, *l, from, to);                                                                \
-  }                                                                                            \
-  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n, int64_t count,    \
-                               double* out, int64_t from, int64_t to) {                         \
-    cells<T>(*s, runs, n, count, out, from, to);                                                \
+  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n, int64_t count,   \
+                               double* out, int64_t from, int64_t to) {                        \
+    cells<T>(*s, runs, n, count, out, from, to);                                               \
   }
 EXPORTED(float, float32)
 EXPORTED(double, float64)

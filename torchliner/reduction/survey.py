@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +14,10 @@ from torch import Tensor
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 from torchliner.reduction.block_sums import BlockSums
-from torchliner.reduction.coherence import ToneCoherence
+from torchliner.reduction.coherence import SegmentLines, ToneCoherence
+from torchliner.reduction.eager import Lines
 from torchliner.reduction.periodic import PeriodicSums
 from torchliner.reduction.plan import PassPlan
-from torchliner.reduction.sums import add_lines
 from torchliner.signals.tones import line_sums, waves
 
 
@@ -119,6 +118,23 @@ class Survey:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class SurveyLines:
+    """Of one group and slab.
+
+    Args:
+        begin: its first sample.
+        numbers: of the blocks that it reaches.
+        lines: sums over these, once they are made.
+        segments: the same for the coherence.
+    """
+
+    begin: int
+    numbers: list[int]
+    lines: Lines
+    segments: list[SegmentLines]
+
+
 class SurveySums:
     """Running sums of one group of columns.
 
@@ -165,23 +181,32 @@ class SurveySums:
             parts.append(self.periodic.harmonics.rows(low, high)[1:])
         return torch.cat(parts)
 
-    def add(self, begin: int, slab: Tensor) -> None:
-        """Samples from ``begin`` on, (t, P), in order."""
+    def asked(self, begin: int, slab: Tensor) -> SurveyLines:
+        """What is to be summed of a slab (t, P), of samples from ``begin`` on, in order."""
         end = begin + len(slab)
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
-        every = self.plan.pieces(begin, end, weighed=False)
-        for number, run in itertools.groupby(every, key=lambda piece: piece[2]):
-            pieces = list(run)
-            low, high = begin + pieces[0][0], begin + pieces[-1][1]
+        pieces = self.plan.pieces(begin, end, weighed=False)
+        numbers = list(dict.fromkeys(block for *_, block in pieces))
+        pieces = [(low, high, numbers.index(block)) for low, high, block in pieces]
+        sums = self.current.new_zeros(len(numbers), *self.current.shape)
+        squares = self.square.new_zeros(len(numbers), *self.square.shape)
+        lines = Lines(pieces, rows, sums, squares, self.smallest, self.largest)
+        return SurveyLines(begin, numbers, lines, self.coherence.asked(begin, slab))
+
+    def add(self, found: SurveyLines, slab: Tensor) -> None:
+        """What ``asked`` stands for, summed."""
+        begin, squares = found.begin, found.lines.squares
+        assert squares is not None
+        for i, number in enumerate(found.numbers):
+            own = [(low, high) for low, high, block in found.lines.pieces if block == i]
+            low, high = begin + own[0][0], begin + own[-1][1]
             if self.open is not None and self.open[0] != number:
                 self._close()
-            first = low if self.open is None else self.open[1]
-            self.open = number, first, high
-            add_lines(
-                slab, [(a, b, 0) for a, b, _ in pieces], rows, self.current[None],
-                self.current_square[None], self.smallest, self.largest,
-            )  # fmt: skip
-        self.coherence.add(begin, slab)
+            self.open = number, low if self.open is None else self.open[1], high
+            self.current += found.lines.sums[i]
+            self.current_square += squares[i]
+        for each in found.segments:
+            each.segments.add(each)
         wrong = ~torch.isfinite(self.current[0] + self.total[0])
         if bool(wrong.any()):
             self._find_faults(begin, slab, wrong.nonzero()[:, 0])

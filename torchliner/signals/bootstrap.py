@@ -34,9 +34,12 @@ def neighbour_correlation(series: Tensor) -> Tensor:
     What taking the mean off hides of it, (1 + 4 rho)/S, is added (Marriott and Pope 1954,
     Biometrika 41, 390).
     """
-    away = series - series.mean(0)
-    power = (away * away.conj()).real.sum(0)
-    cross = (away[1:] * away[:-1].conj()).real.sum(0)
+    parts = torch.view_as_real(series).flatten(1) if series.is_complex() else series
+    away = parts - parts.mean(0)
+    power, cross = (
+        (one * other).sum(0).reshape(series.shape[1], -1).sum(1)
+        for one, other in ((away, away), (away[1:], away[:-1]))
+    )
     rho = torch.where(power > 0, cross / power.clamp(min=1e-300), 0.0)
     return (rho + (1 + 4 * rho) / len(series)).clamp(0, MOST_CORRELATED)
 

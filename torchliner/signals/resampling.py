@@ -39,17 +39,38 @@ class Conversion:
 
     Args:
         impedance: Z, an analytic function of it.  slope: dZ by it, of the same shape.
+        change: Z of it and a deviation together, less Z of it alone, to all digits.
         pole: where Z is infinite; nan for nowhere.
     """
 
     impedance: Callable[[Tensor], Tensor]
     slope: Callable[[Tensor], Tensor]
+    change: Callable[[Tensor, Tensor], Tensor]
     pole: complex
 
 
-FROM_REFLECTION = Conversion(impedance_from_reflection, lambda r: 2 / (1 - r) ** 2, 1)
-FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
-ITSELF = Conversion(lambda z: z, torch.ones_like, math.nan)
+FROM_REFLECTION = Conversion(
+    impedance_from_reflection, lambda r: 2 / (1 - r) ** 2,
+    lambda r, d: d * (2 / (1 - r)) / (1 - r - d), 1,
+)  # fmt: skip
+FROM_ADMITTANCE = Conversion(
+    impedance_from_admittance, lambda y: -1 / y**2, lambda y, d: d * (-1 / y) / (y + d), 0
+)
+ITSELF = Conversion(lambda z: z, torch.ones_like, lambda _, d: d, math.nan)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How the replicates of R scatter, (...) each.
+
+    Args:
+        power, square: E|d|^2 and E[d^2] of their deviation d, float64 and complex128.
+        runs: independent runs of blocks that they rest on.
+    """
+
+    power: Tensor
+    square: Tensor
+    runs: Tensor
 
 
 @dataclass(frozen=True)
@@ -69,12 +90,13 @@ class Resampling:
     conversion: Conversion = FROM_REFLECTION
     covariances: dict[int, Tensor] = field(default_factory=dict, repr=False)
 
-    def moments(self, series: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """E|d|^2 and E[d^2] of the mean's deviation and blocks of a run, each column its own.
+    def scatter(self, series: Tensor) -> Scatter:
+        """Of the mean over time, each column with runs of the length that suits it.
 
         Args:
-            series: deviation of R in each block, complex, (S, N).
+            series: deviation of R in each block, complex, (S, ...).
         """
+        shape, series = series.shape[1:], series.flatten(1)
         count = len(series)
         rho = neighbour_correlation(series)
         lengths = run_lengths(rho, count)
@@ -84,34 +106,34 @@ class Resampling:
             if length not in self.covariances:
                 covariance = replicate_covariance(self.weights, length)
                 self.covariances[length] = covariance * mean_factor(count, length)
-            own = series[:, mine]
-            pairs = torch.view_as_real(own)
-            spread = (self.covariances[length].to(pairs) @ pairs.flatten(1)).view_as(pairs)
-            power[mine] = (pairs * spread).sum((0, 2))
-            square[mine] = (own * torch.view_as_complex(spread)).sum(0)
+            # In real parts, whose sums over blocks are several times as fast.
+            real, imaginary = (part[:, mine].contiguous() for part in (series.real, series.imag))
+            kernel = self.covariances[length].to(real)
+            turned = kernel @ imaginary
+            powers = [(real * (kernel @ real)).sum(0), (imaginary * turned).sum(0)]
+            power[mine] = powers[0] + powers[1]
+            square[mine] = torch.complex(powers[0] - powers[1], 2 * (real * turned).sum(0))
         beyond = beyond_runs(rho, lengths)
-        return power * beyond, square * beyond, lengths
+        runs = count / lengths.to(torch.float64)
+        return Scatter(*(
+            each.reshape(shape) for each in (power * beyond, square * beyond, runs)
+        ))  # fmt: skip
 
     def second_moment(self, series: Tensor) -> Tensor:
-        """E of the square of the mean's deviation, not of its modulus: complex, (...).
+        """E of the square of the mean's deviation, not of its modulus; see ``scatter``."""
+        return self.scatter(series).square
 
-        Args:
-            series: deviation of R in each block, complex, (S, ...).
-        """
-        return self.moments(series.flatten(1))[1].reshape(series.shape[1:])
+    def interval(self, scatter: Scatter, reflection: Tensor) -> Interval:
+        """Of Z where R, (...), scatters so."""
+        found = impedance_interval(
+            reflection.flatten(), scatter.power.flatten(), scatter.square.flatten(),
+            scatter.runs.flatten(), self.level, self.conversion,
+        )  # fmt: skip
+        return found.map(lambda value: value.reshape(reflection.shape))
 
     def over_time(self, series: Tensor, reflection: Tensor) -> Interval:
-        """Runs of blocks of time, each column with the run length that suits it.
-
-        Args:
-            series: deviation of R in each block, complex128, (S, ...).  reflection: R, (...).
-        """
-        power, square, lengths = self.moments(series.flatten(1))
-        runs = len(series) / lengths.to(torch.float64)
-        found = impedance_interval(
-            reflection.flatten(), power, square, runs, self.level, self.conversion
-        )
-        return found.map(lambda value: value.reshape(reflection.shape))
+        """Of Z from deviations of R in each block, (S, ...), and R, complex128, (...)."""
+        return self.interval(self.scatter(series), reflection)
 
     def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Interval:
         """Tiles of time and of rows that are alike.
@@ -152,13 +174,17 @@ def impedance_interval(
     long, short = ((power + sign * size).clamp(min=0).div(2).sqrt() for sign in (1, -1))
     turn = torch.exp(0.5j * square.angle())
     angle = math.tau / ANGLES * torch.arange(ANGLES, device=runs.device)[:, None].to(runs)
-    ring = torch.complex(long * quantile * angle.cos(), short * quantile * angle.sin()) * turn
-    z = conversion.impedance(value + ring)
+    forth, back = ((long + sign * short) * (quantile / 2) * turn for sign in (1, -1))
+    circle = torch.polar(torch.ones_like(angle), angle)
+    change = conversion.change(value, circle * forth + circle.conj() * back)
     pole = (conversion.pole - value) * turn.conj()
     inside = (pole.real * short) ** 2 + (pole.imag * long) ** 2 < (long * short * quantile) ** 2
+    inside |= value == conversion.pole
+    z = conversion.impedance(value)
     low, high = (
         torch.complex(*(
-            sign * torch.where(inside, math.inf, _peak(sign * part)) for part in (z.real, z.imag)
+            torch.where(inside, sign * math.inf, middle + sign * _peak(sign * part))
+            for middle, part in ((z.real, change.real), (z.imag, change.imag))
         ))
         for sign in (-1, 1)
     )  # fmt: skip

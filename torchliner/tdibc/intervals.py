@@ -25,7 +25,7 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.names import ORDERS
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
-from torchliner.signals.resampling import COLUMNS, Resampling
+from torchliner.signals.resampling import COLUMNS, Resampling, Scatter
 from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 from torchliner.tdibc.prepared import Prepared
 
@@ -64,15 +64,17 @@ def uncertainty_of(
     parts = []
     for part in _parts(plane.probes, reflection):
         series = deviations(part)
-        parts.append(how.over_time(series, reflection[part]))
-        _add(groups.values(), part, reflection[part], series, how, excluded[part])
+        scatter = how.scatter(series)
+        parts.append(how.interval(scatter, reflection[part]))
+        _add(groups.values(), part, reflection[part], series, scatter, excluded[part])
     averaged = reflection[prepared.averaged]
     series = deviations(prepared.averaged)
     first = Groups(
         torch.zeros(cells.count, dtype=torch.int64), 1, admittance_from_reflection(averaged),
         prepared.blocks.count, cells.weight,
     )  # fmt: skip
-    _add([first], slice(0, cells.count), averaged, series, how)
+    scatter = how.scatter(series)
+    _add([first], slice(0, cells.count), averaged, series, scatter)
     wide = _tile_rows(groups, chosen.resample)
     behind = {ORDERS[0]: (groups["liner"], groups["cells"].series), ORDERS[1]: (first, series)}
     star = _coherent_first(prepared, reflection, deviations, how, excluded)
@@ -87,7 +89,7 @@ def uncertainty_of(
         probes=Interval.joined(parts),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
-        cells_velocity_first=how.over_time(series, averaged),
+        cells_velocity_first=how.interval(scatter, averaged),
         liner=_of_liner(groups, how, wide),
         liner_velocity_first=first.interval(how).map(_only),
         **further,
@@ -137,17 +139,17 @@ def _coherent_first(
     }
     for part in _parts(len(star), star):
         series = deviations(slice(begin + part.start, begin + part.stop))
-        _add(found.values(), part, star[part], series, how, outside[part])
+        _add(found.values(), part, star[part], series, how.scatter(series), outside[part])
     return found
 
 
 def _add(
-    groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, how: Resampling,
+    groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, scatter: Scatter,
     excluded: Tensor | None = None,
 ) -> None:  # fmt: skip
     """Some members to all groupings."""
     slope = admittance_slope(reflection) * series
-    bias = admittance_bias(reflection, how.second_moment(series))
+    bias = admittance_bias(reflection, scatter.square)
     if excluded is not None:
         slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
     for group in groups:
