@@ -89,7 +89,14 @@ def legend_below(figure: Figure, axis: Any, columns: int) -> None:
 def finish(
     figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
 ) -> Figure:
-    """Legend (columns at most, of the names in the first panel), heading and file, if asked for."""
+    """Legend, heading and file, where asked for.
+
+    Args:
+        figure: with everything drawn.
+        path: picture to write.
+        title: above all panels.
+        legend: columns, at most, of the names in the first panel, below all panels.
+    """
     if legend:
         legend_below(figure, figure.axes[0], legend)
     if title is not None:

@@ -33,9 +33,12 @@ def place_along(line: ImpedanceLine) -> tuple[np.ndarray, str]:
 
 @styled
 def draw_lines(
-    lines: ImpedanceLine | Sequence[ImpedanceLine], path: str | Path | None = None,
-    frequency_index: int = 0, labels: Sequence[str] | None = None, title: str | None = None,
-) -> Figure:  # fmt: skip
+    lines: ImpedanceLine | Sequence[ImpedanceLine],
+    path: str | Path | None = None,
+    frequency_index: int = 0,
+    labels: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Figure:
     """Resistance and reactance along the line (figures 10, 11).
 
     Area: three standard deviations over the segments, as in the paper. Dark band: the statistical
