@@ -39,8 +39,8 @@ from torchliner.report.numbers import (
     velocity_along_x,
 )
 
-FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
 BARS = 15  # statistical intervals along a spectrum, about
+FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
