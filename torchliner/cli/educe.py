@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
 from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
-from torchliner.names import SOURCE_SIDES
+from torchliner.names import RESULT_ENDINGS, SOURCE_SIDES
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -21,7 +21,8 @@ OPTIONS = {
         "planes PLANE ...": "plane files, or what torchliner reduce made of them; several: heights "
                             "of a case",
         **frequency_option("the tone of the file, or the lines of --incident"),
-        "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
+        "--output FILE": f"write the map as {RESULT_ENDINGS}; names of "
+                         "several planes are appended",
         "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
         "--wall-pressure FILE": "pressure record, or microphones along the wall, that closure is "

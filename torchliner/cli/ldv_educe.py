@@ -29,7 +29,7 @@ OWN = {
 OPTIONS = {
     "": ldv.READING | shared("--liner", "--json", "--quiet", "--strict") | {
         **frequency_option("the tone", "--educe-at"),
-        "--output FILE": "write the line as .h5/.nc or .csv",
+        "--output FILE": f"write the line as {names.RESULT_ENDINGS}",
         "--figure PICTURE": "draw Z along the line there",
     },
     ldv.UNSTATED: {spec: text for spec, text in ldv.STATIONS.items() if spec != "--liner NAME"},

@@ -17,7 +17,7 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.records.closure import Closure, words_of
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import Drawn, Result
 from torchliner.records.uncertainty import Interval
 
 
@@ -51,7 +51,7 @@ class LineAverage:
 
 
 @dataclass(frozen=True, eq=False)
-class ImpedanceLine(Drawn):
+class ImpedanceLine(Drawn, Result):
     """Impedance of every segment of every station, with averages and all choices.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S
@@ -124,6 +124,17 @@ class ImpedanceLine(Drawn):
     def closure_words(self) -> str:
         """What the average is compared with, or why it is not."""
         return words_of(self.closure, self.choices)
+
+    @property
+    def answer(self) -> Tensor:
+        """Z of the whole line, eq. (5.2), (F,): the value to quote.
+
+        Raises:
+            ValueError: the stations have not been joined.
+        """
+        if self.average is None:
+            raise ValueError("the stations have no average; join them, or write .h5 or .csv")
+        return self.average.impedance
 
     @property
     def stations(self) -> int:

@@ -20,7 +20,7 @@ from torchliner.conversions import (
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
 from torchliner.records.closure import Closure, words_of
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import Drawn, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.uncertainty import Uncertainty
 
@@ -28,7 +28,7 @@ ENDS = dict(zip(ORDERS, ("", "_velocity_first", "_coherent_first"), strict=True)
 
 
 @dataclass(frozen=True, eq=False)
-class ImpedanceMap(Drawn):
+class ImpedanceMap(Drawn, Result):
     """Educed impedance of every probe, with its averages and all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner.
