@@ -69,6 +69,7 @@ TEXTS = {
 }  # fmt: skip
 FREQUENCY = described((real("frequency", "Hz", LINE),), TEXTS)
 FIELDS = described((
+    *(real(axis, "m", STATION) for axis in "xyz"),
     real("segment_start", "s", ("station", "segment")),
     cartesian("reflection", "segment_reflection", FULL),
     impedance("segment_impedance", "segment_", FULL, derived=True),
@@ -77,7 +78,6 @@ FIELDS = described((
     impedance("segment_spread", "segment_spread_", EACH, derived=True,
               attributes={"long_name": "standard deviation over the segments"}),
     cartesian("admittance", "admittance", EACH, derived=True, attributes=MEAN),
-    *(real(axis, "m", STATION) for axis in "xyz"),
     real("mean_velocity", "m/s", STATION),
     real("velocity_rms", "m/s", STATION),
     real("rate", "1/s", STATION),

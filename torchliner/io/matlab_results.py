@@ -17,8 +17,11 @@ def write_matlab(file: ResultFile, record: Any, path: str | Path) -> None:
     """One struct ``result`` (MATLAB v5), groups as structs within it, ``choices`` as JSON."""
     with file.in_memory(record) as (_, whole):
         found = _plain(whole)
-    with written_whole(path, ".mat") as temporary, temporary.open("wb") as out:
-        savemat(out, {"result": found}, long_field_names=True, oned_as="column")
+    with written_whole(path, ".mat") as temporary:
+        savemat(
+            str(temporary), {"result": found}, appendmat=False, long_field_names=True,
+            oned_as="column",
+        )  # fmt: skip
 
 
 def _plain(group: h5py.Group) -> dict[str, Any]:

@@ -11,12 +11,9 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.axes import axis_names
 from torchliner.io.csv_rows import Rows, write_rows
 from torchliner.io.tables import FileKind
 from torchliner.names import RESULT_WRITERS, resolve
-
-COORDINATES = ("x", "y", "z", "cell_x", "cell_z", "point_x", "point_z", "station_name")
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,6 @@ class ResultFile:
         else:
             with self.kind.created(path, record) as file:
                 self.fill(file, record)
-                attach_coordinates(file)
 
     def default_rows(self, record: Any) -> Rows:
         """Those of the CSV."""
@@ -62,7 +58,6 @@ class ResultFile:
         with h5py.File(buffer, "w") as file:
             self.kind.write_head(file, record)
             self.fill(file, record)
-            attach_coordinates(file)
             file.flush()
             yield buffer, file
 
@@ -106,7 +101,7 @@ class ResultFile:
         return pandas.DataFrame(self.default_rows(record) if of is None else self.rows[of](record))
 
 
-def complex_names(names: Iterable[str]) -> list[tuple[str, str, str]]:
+def complex_names(names: Iterable[Any]) -> list[tuple[str, str, str]]:
     """What two real variables are together, and their names, for every such pair."""
     there, found = list(map(str, names)), []
     for real in there:
@@ -118,17 +113,3 @@ def complex_names(names: Iterable[str]) -> list[tuple[str, str, str]]:
         if imaginary != real and imaginary in there:
             found.append((whole, real, imaginary))
     return found
-
-
-def attach_coordinates(group: h5py.Group) -> None:
-    """Name in each variable the coordinates of its dimensions, as the CF conventions say."""
-    for each in group.values():
-        if isinstance(each, h5py.Group):
-            attach_coordinates(each)
-    dims = {name: {dim for dim in axis_names(each, name) if dim} for name, each in group.items()
-            if isinstance(each, h5py.Dataset) and not each.is_scale}  # fmt: skip
-    places = [name for name in COORDINATES if name in dims]
-    for name in set(dims) - set(places):
-        near = [place for place in places if dims[place] <= dims[name]]
-        if near:
-            group[name].attrs["coordinates"] = " ".join(near)

@@ -42,7 +42,7 @@ def over_frequency(record: Any, path: str | Path) -> np.ndarray:
 
 def about(record: Any) -> list[str]:
     """What the numbers are, a line each."""
-    title = printable(getattr(record, "title", None) or getattr(record, "name", ""))
+    title = printable(getattr(record, "title", "") or getattr(record, "name", ""))
     return [
         *([" ".join(title.split())] if title else []),
         "Z = R + jX of the whole liner, normalised by rho c, exp(+j omega t), v into the liner",

@@ -29,6 +29,10 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.whole_file import HDF5, written_whole
 
+COORDINATES = {  # by dimension, of what is written after them
+    "probe": ("x", "z"), "cell": ("cell_x", "cell_z"), "point": ("point_x", "point_z"),
+    "station": ("x", "y", "z", "station_name"),
+}  # fmt: skip
 SEVERAL = ("probes", "along", "draws")  # dimensions that may stand for several axes or none
 IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
 
@@ -112,6 +116,9 @@ def write_variables(
             label = next((w for w in (*IMPEDANCE, *CARTESIAN) if w in name), "")
             write_variable(group, name, part, row.unit, dims, **storage)
             texts = {k: v.format(part=label, words=words) for k, v in row.attributes.items()}
+            near = [each for dim in dims for each in COORDINATES.get(dim, ()) if each in group]
+            if near and name not in near:
+                texts["coordinates"] = " ".join(near)
             group[name].attrs.update(texts)
 
 
@@ -191,7 +198,7 @@ def _tensor(values: np.ndarray) -> Tensor:
     return torch.from_numpy(values if kept else values.astype(wide))
 
 
-def described(table: Table, texts: Mapping[str, str]) -> Table:
+def described(table: Table, texts: Mapping[str, str]) -> tuple[Variable, ...]:
     """The rows, each with what it is: ``long_name`` by field, "{part}" as in ``attributes``."""
     return tuple(
         dataclasses.replace(row, attributes={"long_name": texts[row.field], **row.attributes})

@@ -9,6 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
+from torchliner.checks import index_of_frequency
 from torchliner.names import resolve
 
 OUTLETS = {
@@ -29,7 +32,10 @@ OUTLETS = {
         "file": "torchliner.io.point_file:FILE",
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "VelocityPlane": {"write": "torchliner.io.plane_file:write_plane"},
+    "VelocityPlane": {
+        "write": "torchliner.io.plane_file:write_plane",
+        "plot": "torchliner.report.figures:draw_velocity",
+    },
 }
 
 
@@ -88,6 +94,48 @@ class Result(Written):
 class Drawn(Written):
     """A record with a figure of its own as well."""
 
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Draw the record along or over the liner; the matplotlib figure, saved if ``path``."""
-        return outlet(type(self), "plot")(self, path)
+    def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
+        """Draw the record along or over the liner.
+
+        Args:
+            path: picture to write.
+            ax: axes to draw into, one for each panel, or one for the first panel alone; default a
+                new figure.
+        Returns:
+            The matplotlib figure, which a notebook shows; the axes, where they were given.
+        Raises:
+            ImportError: matplotlib is not installed (extra ``report``).
+            ValueError: a path and axes.
+        """
+        return self._draw({"path": path, "axes": ax})
+
+    def _draw(self, settings: dict[str, Any]) -> Any:
+        path, axes = settings["path"], settings["axes"]
+        if axes is not None and path is not None:
+            raise ValueError(f"{path}: give a path or axes; a figure of axes is yours to save")
+        return outlet(type(self), "plot")(self, **settings)
+
+
+class DrawnAtFrequency(Drawn):
+    """A record with one picture a frequency: panels of resistance and reactance."""
+
+    frequency: Tensor
+
+    def plot(
+        self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None
+    ) -> Any:
+        """Draw resistance and reactance along or over the liner.
+
+        Args:
+            path, ax: as for ``Drawn.plot``.
+            frequency: Hz; default the first.
+        Returns:
+            As ``Drawn.plot``.
+        Raises:
+            ValueError: the frequency is not among those of the record; as ``Drawn.plot``.
+        """
+        index = 0 if frequency is None else index_of_frequency(self.frequency, frequency)
+        if index is None:
+            there = ", ".join(f"{f:g}" for f in self.frequency.tolist())
+            raise ValueError(f"frequency is {frequency:g} Hz; the record has {there} Hz")
+        return self._draw({"path": path, "axes": ax, "frequency_index": index})
