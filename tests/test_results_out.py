@@ -55,6 +55,7 @@ def points():
     )  # fmt: skip
 
 
+@cache
 def line():
     burst = torch.arange(4000, dtype=torch.float64) / 12e3
     stations = [
@@ -67,11 +68,14 @@ def line():
         return tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0, segment=0.1)
 
 
-RESULTS = {**{place: lambda place=place: made(place) for place in PLACES}, "line of stations": line,
-           "points": points, "alongside": lambda: made().with_alongside(points())}  # fmt: skip
+RESULTS = {
+    "scattered": lambda: made("scattered"), "one probe": lambda: made("one probe"),
+    "line of stations": line, "points": points,
+    "alongside": lambda: made().with_alongside(points()),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", RESULTS)
+@pytest.mark.parametrize("kind", ["scattered", "one probe", "line of stations", "alongside"])
 def test_xarray_shows_of_the_file_what_the_record_gives(kind, tmp_path):
     """Each variable, coordinate and attribute; beside them Z is complex, and described."""
     result = RESULTS[kind]()
