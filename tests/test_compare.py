@@ -100,7 +100,7 @@ def test_orders_must_be_held_by_both():
     with pytest.raises(ValueError, match=r"'probes first' and 'velocity first'; name one .*order="):
         tl.compare(made(0), other)
     assert tl.compare(made(0), other, "velocity first").order == "velocity first"
-    with pytest.raises(ValueError, match="order of averaging is 'coherent first'"):
+    with pytest.raises(ValueError, match="unknown order of averaging 'coherent first'"):
         tl.compare(made(0), made(1), "coherent first")
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
     with pytest.raises(ValueError, match=r"other cells \(2 each, elsewhere\)"):
