@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, main
 from torchliner.io.vtkhdf import _grid
 from torchliner.names import RESULT_ENDINGS, RESULT_WRITERS
 
@@ -192,7 +193,7 @@ def test_every_ending_is_written_and_others_are_refused(tmp_path):
 def test_lines_and_points_take_the_same_endings(kind, ending, tmp_path):
     result, path = RESULTS[kind](), tmp_path / f"r{ending}"
     if ending in (".bdf", ".dat") and len(result.frequency) == 1:
-        with pytest.raises(ValueError, match=r"TABLED1 needs two .* has 1; educe"):
+        with pytest.raises(ValueError, match=r"needs 2 frequencies at .* has 1; educe"):
             result.write(path)
         return
     result.write(path)
@@ -231,7 +232,7 @@ def test_one_frequency_needs_no_number_in_the_names(tmp_path):
         data = file["VTKHDF/PointData"]
         assert {"resistance", "reactance_low", "mean_velocity"} <= set(data)
         assert data["resistance"].shape == (2, 3)  # two axes for two
-    with pytest.raises(ValueError, match=r"no place has x or z.*state them in the data, or write"):
+    with pytest.raises(ValueError, match=r"has no x or z; state them in the data, or write"):
         made("bare").write(tmp_path / "bare.vtkhdf")
 
 
@@ -308,3 +309,28 @@ def test_matlab_has_complex_arrays(tmp_path):
 def test_a_line_without_an_average_has_no_answer():
     with pytest.raises(ValueError, match="the stations have no average; join them"):
         _ = dataclasses.replace(line(), average=None).answer
+
+
+def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, monkeypatch, capsys):
+    """One tone for a table over frequency, probes without places for a picture."""
+    shape, where = PLACES["line"]
+    for name, places in (("placed", where), ("bare", {})):
+        plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0,
+                                 **places)  # fmt: skip
+        plane.write(tmp_path / f"{name}.h5")
+    monkeypatch.setattr("torchliner.cli.educe._educed", None)
+    for plane, ending, message in (
+        ("placed", "bdf", "needs 2 frequencies at least and the result has 1"),
+        ("bare", "vtkhdf", "needs places and the result has no x or z"),
+        (
+            "placed",
+            "mat5",
+            "it must be one of .h5, .hdf5, .nc, .csv, .vtkhdf, .mat, .bdf",
+        ),
+    ):
+        words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o",
+                 str(tmp_path / f"m.{ending}")]  # fmt: skip
+        assert main(words) == BAD_INPUT
+        assert message in capsys.readouterr().err
+    main([*words[:-1], str(tmp_path / "m.bdf"), "--frequency", "1400", "2800"])
+    assert "NoneType" in capsys.readouterr().err  # the work, which is not there

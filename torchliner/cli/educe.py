@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
@@ -60,6 +62,9 @@ def run(options: argparse.Namespace) -> int:
     stated_by_user = stated(options, ("incident_level", "source_side"))
     records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
     planes = planes_of(records)
+    count = math.inf if options.incident else len(options.frequency or [0])
+    for path, plane in zip(outputs, planes, strict=False):
+        require_result(path, count, plane.x is not None or plane.z is not None)
     found = _educed(options, records, wall or pressure)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from torchliner.io.result_writers import ResultFile, complex_names
+from torchliner.io.result_writers import ResultFile, ResultWriter, complex_names
 from torchliner.io.whole_file import written_whole
 
 
@@ -39,3 +39,6 @@ def _plain(group: h5py.Group) -> dict[str, Any]:
     for name, real, imaginary in complex_names(found):
         found[name] = found.pop(real) + 1j * found.pop(imaginary)
     return found
+
+
+WRITER = ResultWriter(write_matlab)

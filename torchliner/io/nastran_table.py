@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.io.result_writers import ResultFile
+from torchliner.io.result_writers import ResultFile, ResultWriter
 from torchliner.io.solver_table import about, over_frequency
 from torchliner.io.whole_file import written_whole
 
@@ -25,11 +25,7 @@ def write_nastran(_: ResultFile, record: Any, path: str | Path) -> None:
             ``over_frequency``.
     """
     table = over_frequency(record, path)
-    if len(table) < 2:
-        raise ValueError(
-            f"{path}: a TABLED1 needs two frequencies at least and the result has {len(table)}; "
-            "educe with several, or write .txt"
-        )
+    WRITER.require(path, len(table))
     lines = [f"$ {part}" for line in about(record) for part in textwrap.wrap(line, LONGEST)]
     for column, (part, number) in enumerate(NUMBERS.items(), 1):
         lines += [f"$ {part} over frequency in Hz", *_table(number, table[:, (0, column)])]
@@ -44,3 +40,6 @@ def _table(number: int, pairs: np.ndarray) -> Iterator[str]:
     fields = [f"{value:16.9E}" for value in pairs.reshape(-1)] + [f"{'ENDT':>16}"]
     for begin in range(0, len(fields), 4):
         yield f"{'*':8}{''.join(fields[begin : begin + 4])}"
+
+
+WRITER = ResultWriter(write_nastran, frequencies=2)

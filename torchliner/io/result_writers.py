@@ -40,7 +40,7 @@ class ResultFile:
         """
         ending = Path(path).suffix.lower()
         if ending in RESULT_WRITERS:
-            resolve(RESULT_WRITERS[ending])(self, record, path)
+            resolve(RESULT_WRITERS[ending]).write(self, record, path)
         elif ending == ".csv":
             write_rows(self.default_rows(record), path, **self.csv)
         else:
@@ -99,6 +99,51 @@ class ResultFile:
         if of not in (None, *self.rows):
             raise ValueError(f"no rows of {of!r}; there are those of {', '.join(self.rows)}")
         return pandas.DataFrame(self.default_rows(record) if of is None else self.rows[of](record))
+
+
+@dataclass(frozen=True)
+class ResultWriter:
+    """One format beside netCDF-4 and CSV, and what a result needs to be written in it.
+
+    Args:
+        write: a record of a ``ResultFile`` to a path.
+        frequencies: at least so many.
+        places: x or z of its probes.
+    """
+
+    write: Callable[[ResultFile, Any, str | Path], None]
+    frequencies: int = 1
+    places: bool = False
+
+    def require(self, path: str | Path, frequencies: float, places: bool = True) -> None:
+        """Refuse what the format cannot hold.
+
+        Raises:
+            ValueError: fewer frequencies than it needs; no places.
+        """
+        ending = Path(path).suffix
+        if frequencies < self.frequencies:
+            raise ValueError(
+                f"{path}: a {ending} needs {self.frequencies} frequencies at least and the result "
+                f"has {frequencies:g}; educe with several, or write .txt"
+            )
+        if self.places and not places:
+            raise ValueError(
+                f"{path}: a {ending} needs places and the result has no x or z; state them in the "
+                "data, or write .csv"
+            )
+
+
+def require_result(path: str | Path, frequencies: float, places: bool = True) -> None:
+    """Before the work: refuse a name in whose format the result could not be written.
+
+    Args:
+        path: whose ending names the format.
+        frequencies, places: of the result, as for ``ResultWriter.require``.
+    """
+    home = RESULT_WRITERS.get(Path(path).suffix.lower())
+    if home is not None:
+        resolve(home).require(path, frequencies, places)
 
 
 def complex_names(names: Iterable[Any]) -> list[tuple[str, str, str]]:

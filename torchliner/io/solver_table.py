@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.io.result_writers import ResultFile
+from torchliner.io.result_writers import ResultFile, ResultWriter
 from torchliner.io.whole_file import printable, written_whole
 
 
@@ -47,3 +47,6 @@ def about(record: Any) -> list[str]:
         *([" ".join(title.split())] if title else []),
         "Z = R + jX of the whole liner, normalised by rho c, exp(+j omega t), v into the liner",
     ]
+
+
+WRITER = ResultWriter(write_solver_table)

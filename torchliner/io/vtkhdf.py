@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.io.result_writers import ResultFile
+from torchliner.io.result_writers import ResultFile, ResultWriter
 from torchliner.io.whole_file import written_whole
 
 UNIFORM = 1e-6  # of a spacing, that places of an image may be off
@@ -30,9 +30,7 @@ def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
     height = getattr(record, "height", None) or 0.0
     places = np.array([[row.get(f"{axis} (m)", height) for axis in "xyz"]
                        for row in rows[:: len(frequencies)]], dtype=np.float64)  # fmt: skip
-    if not np.isfinite(places[:, (0, 2)]).any():
-        raise ValueError(f"{path}: no place has x or z, which a picture needs; state them in the "
-                         "data, or write .csv")  # fmt: skip
+    WRITER.require(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
     places = np.nan_to_num(places)
     fields: Fields = {}
     for heading in rows[0]:
@@ -117,3 +115,6 @@ def _points(
     point = root.create_group("PointData")
     for label, values in fields.items():
         point[label] = values
+
+
+WRITER = ResultWriter(write_vtkhdf, places=True)
