@@ -188,7 +188,7 @@ def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendere
     assert "0.174-0.063j" in out
     assert "true: 0.168-0.066j" in out
     assert list(tmp_path.iterdir()) == []
-    assert main(["demo", "-o", "new/folder"]) == DONE
+    assert main(["demo", "--folder", "new/folder"]) == DONE
     there = {each.name for each in Path("new/folder").iterdir()}
     assert {"map_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
 

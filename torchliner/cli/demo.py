@@ -9,7 +9,7 @@ from importlib.util import find_spec
 PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
 OPTIONS = {
     "": {
-        "--output FOLDER": "write maps, and pictures where matplotlib is there, into this folder; "
+        "--folder FOLDER": "write maps, and pictures where matplotlib is there, into this folder; "
                            "default: print the table alone",
     },
 }  # fmt: skip
@@ -21,14 +21,14 @@ def run(options: argparse.Namespace) -> int:
 
     with resources.as_file(resources.files("torchliner").joinpath("demo_planes")) as folder:
         words = ["educe", *(str(folder / name) for name in PLANES)]
-        if options.output is not None:
-            options.output.mkdir(parents=True, exist_ok=True)
-            words += ["-o", str(options.output / "map.h5")]
+        if options.folder is not None:
+            options.folder.mkdir(parents=True, exist_ok=True)
+            words += ["-o", str(options.folder / "map.h5")]
             if find_spec("matplotlib") is not None:
-                words += ["--figures", str(options.output)]
+                words += ["--figures", str(options.folder)]
         print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that "
               f"resolves its holes.\n$ torchliner {' '.join(words)}\n", flush=True)  # fmt: skip
         code = main([*words, "--quiet"])
-    if options.output is not None and code == 0:
-        print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {options.output}")
+    if options.folder is not None and code == 0:
+        print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {options.folder}")
     return code
