@@ -337,3 +337,12 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
         assert message in capsys.readouterr().err
     main([*words[:-1], str(tmp_path / "m.bdf"), "--frequency", "1400", "2800"])
     assert "NoneType" in capsys.readouterr().err  # the work, which is not there
+
+
+def test_a_line_of_stations_shows_itself():
+    found = line()
+    text = repr(found)
+    assert text.startswith("ImpedanceLine: 2 stations, 8000 bursts, 1500 Hz\n  1500 Hz: Z = ")
+    assert f"Z = {complex(found.answer[0]):.3f}" in found._repr_html_()
+    alone = dataclasses.replace(found, average=None)
+    assert len(repr(alone).splitlines()) == 1
