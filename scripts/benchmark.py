@@ -28,6 +28,7 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
+from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
 from torchliner.names import ORDERS
 from torchliner.records.slabs import SLAB_ROWS, bounds_of
@@ -112,7 +113,7 @@ class Bench:
         return max(1, min(self.velocity.shape[1], int(self.seconds / seconds_per_probe)))
 
 
-def plain_means(liner: tl.SDoFLiner, speed: Tensor, frequency: list[float], end: int) -> Tensor:
+def plain_means(liner: LinerModel, speed: Tensor, frequency: list[float], end: int) -> Tensor:
     """Means of R(f, |v|) over samples 0 to ``end`` - 1, complex128; ``speed`` (P, n)."""
     known = [
         reflection_of(liner, torch.tensor(f, dtype=torch.float64), speed[:, :end].double()).mean(1)

@@ -56,9 +56,11 @@ def stream_rows(
             warnings.simplefilter("ignore")
             going.educe(model, interval=interval)
         latency = time.perf_counter() - begin
+        basis = going.moments(keep=False).sums.basis
+        assert basis is not None
         rows.append({
             "error bars": "yes" if interval else "no", "probes": probes,
-            "threads": torch.get_num_threads(), "K": going.moments(keep=False).sums.basis.count,
+            "threads": torch.get_num_threads(), "K": basis.count,
             "ns a sample": 1e9 * updated / probes, "ns CPU a sample": 1e9 * cpu / probes,
             "probes that keep up at 200 kHz": int(probes / (updated * RATE)),
             "map after the last sample, ms": 1e3 * (latency + updated * length),

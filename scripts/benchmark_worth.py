@@ -8,6 +8,7 @@ from typing import Any
 
 import torchliner as tl
 from common import case_files
+from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 
 # Choices whose rows an audit has, as runs of their own.
@@ -31,7 +32,7 @@ def timed(run: Callable[[], Any], clock: Clock) -> tuple[float, Any]:
     return clock() - start, found
 
 
-def error_bars(plane: tl.VelocityPlane, liner: tl.SDoFLiner, clock: Clock) -> None:
+def error_bars(plane: tl.VelocityPlane, liner: LinerModel, clock: Clock) -> None:
     """``educe`` with and without intervals."""
     print("error bars: ns per velocity sample, and per probe")
     for name, level in (("educe without intervals", None), ("educe, 95 % intervals", 0.95)):
@@ -40,7 +41,7 @@ def error_bars(plane: tl.VelocityPlane, liner: tl.SDoFLiner, clock: Clock) -> No
         print(f"  {name:44s} {each:8.1f} ns  {1e6 * seconds / plane.probes:8.1f} us", flush=True)
 
 
-def audit_rows(plane: tl.VelocityPlane, liner: tl.SDoFLiner, clock: Clock) -> None:
+def audit_rows(plane: tl.VelocityPlane, liner: LinerModel, clock: Clock) -> None:
     """The audit of one plane against an ``educe`` for each of some of its rows."""
     seconds, audited = timed(lambda: tl.audit(plane, liner), clock)
     start = clock()
@@ -73,7 +74,7 @@ def calibration(clock: Clock) -> None:
           f"{1e3 * one:.0f} ms, at 60 frequencies {1e3 * sweep:.0f} ms")  # fmt: skip
 
 
-def worth(plane: tl.VelocityPlane, liner: tl.SDoFLiner, clock: Clock) -> None:
+def worth(plane: tl.VelocityPlane, liner: LinerModel, clock: Clock) -> None:
     """All three."""
     error_bars(plane, liner, clock)
     audit_rows(plane, liner, clock)

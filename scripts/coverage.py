@@ -28,6 +28,7 @@ import torchliner as tl
 from common import options_of, parser_of
 from torchliner.conversions import admittance_from_reflection
 from torchliner.io.csv_rows import write_rows
+from torchliner.liners.model import LinerModel
 from torchliner.records import Interval
 from torchliner.signals.blocks import MOST_BLOCKS, plan_blocks
 from torchliner.signals.resampling import Resampling
@@ -77,7 +78,7 @@ def velocity(
     return torch.cat(parts)
 
 
-def true_impedance(liner: tl.SDoFLiner) -> complex:
+def true_impedance(liner: LinerModel) -> complex:
     """Z of E[R(|v|)] for Gaussian v: Gauss-Hermite quadrature would miss the corner at 0."""
     speed = torch.linspace(0, FASTEST, 400001, dtype=torch.float64)
     density = torch.exp(-((speed / RMS) ** 2) / 2) * math.sqrt(2 / math.pi) / RMS
@@ -99,7 +100,7 @@ def cells(spectrum: str, count: int, samples: int, seed: int) -> torch.Tensor:
 
 
 def block_means(
-    speed: torch.Tensor, liner: tl.SDoFLiner, window: str, most: int = MOST_BLOCKS
+    speed: torch.Tensor, liner: LinerModel, window: str, most: int = MOST_BLOCKS
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Mean R of each block under a window, (S, N), and the blocks' weights, of sum 1, (S,)."""
     blocks = plan_blocks(speed.shape[1], 0, RATE / FREQUENCY, most)
@@ -131,7 +132,7 @@ def interval_of_cells(series: torch.Tensor, how: Resampling) -> Interval:
 
 
 def coverage(
-    spectrum: str, periods: int, trials: int, liner: tl.SDoFLiner, *, of: str = "probe",
+    spectrum: str, periods: int, trials: int, liner: LinerModel, *, of: str = "probe",
     window: str = "boxcar", most: int = MOST_BLOCKS,
 ) -> dict[str, float]:  # fmt: skip
     """Share of probes or cells (%) whose interval holds the truth, and the median width.
@@ -180,7 +181,7 @@ def bursts(spectrum: str, seed: int) -> tl.BurstRecord:
                           name=f"station {seed}")  # fmt: skip
 
 
-def station_coverage(spectrum: str, trials: int, liner: tl.SDoFLiner) -> list[dict[str, object]]:
+def station_coverage(spectrum: str, trials: int, liner: LinerModel) -> list[dict[str, object]]:
     """As ``coverage``, of stations and of lines of ten."""
     true = true_impedance(liner)
     found: dict[str, tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]]

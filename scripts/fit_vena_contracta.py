@@ -17,16 +17,17 @@ import torch
 
 import torchliner as tl
 from common import DATA, options_of, parser_of
+from torchliner.liners.model import LinerModel
 
 TOLERANCE, MOST_STEPS = 1e-7, 30
 
 
-def resistance(plane: tl.VelocityPlane, liner: tl.SDoFLiner) -> torch.Tensor:
+def resistance(plane: tl.VelocityPlane, liner: LinerModel) -> torch.Tensor:
     """Resistance of the liner, velocity averaged over each cell before it is replayed."""
     return tl.educe(plane, liner, dtype="float64").liner_impedance_velocity_first[0].real
 
 
-def fit(plane: tl.VelocityPlane, liner: tl.SDoFLiner, wanted: torch.Tensor) -> float:
+def fit(plane: tl.VelocityPlane, liner: LinerModel, wanted: torch.Tensor) -> float:
     """The coefficient at which the educed resistance is ``wanted``, by Newton's method.
 
     Raises:

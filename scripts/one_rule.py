@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 from unittest import mock
 
 import torch
@@ -36,7 +37,7 @@ def liner_for(case: str) -> tl.SDoFLiner:
     return liner_of(case).replace(vena_contracta=FITTED[case[0]])
 
 
-def educed(plane: tl.VelocityPlane, case: str, **choices: object) -> tl.ImpedanceMap:
+def educed(plane: tl.VelocityPlane, case: str, **choices: Any) -> tl.ImpedanceMap:
     """In double precision, without intervals."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tl.DataWarning)
@@ -59,6 +60,7 @@ def without_mean(share: Tensor) -> Tensor:
 def parts_of(velocity: Tensor, plane: tl.VelocityPlane, case: str) -> tuple[Tensor, Tensor]:
     """Coherent velocity of the cell at each probe, and the incoherent one, (P, n)."""
     cells = sort_into_cells(plane, liner_for(case).cell_pitch)
+    assert plane.frequency is not None
     rows = periodic.Harmonics.of((plane.frequency,), plane.sampling_rate).rows(0, plane.samples)
     fit = torch.linalg.lstsq(rows.T, velocity.T).solution  # (K, P)
     held = cells.membership(cells.labels >= 0)
@@ -69,6 +71,7 @@ def parts_of(velocity: Tensor, plane: tl.VelocityPlane, case: str) -> tuple[Tens
 
 def oncoming(incoherent: Tensor, plane: tl.VelocityPlane) -> dict[str, Tensor]:
     """Guesses of the mean square of the oncoming turbulence: what never falls away."""
+    assert plane.frequency is not None
     turns = plane.frequency * torch.arange(plane.samples) / plane.sampling_rate
     number = (PHASES * (turns % 1)).to(torch.int64)
     square = torch.stack(

@@ -28,6 +28,7 @@ from torchliner.io.line_file import write_line
 from torchliner.io.map_file import write_map
 from torchliner.io.point_file import write_points
 from torchliner.io.whole_file import HDF5, PICTURES, written_whole
+from torchliner.names import RESULT_WRITERS
 
 TOML = 'model = "table"\nname = "mine"\nfile = "table.csv"\n'
 TABLE = "frequency, resistance, reactance\n300, 0.5, -1\n3000, 0.5, 1\n"
@@ -119,7 +120,7 @@ def test_devices_links_in_circles_and_protected_files_are_refused(folder):
     write_rows([{"a": 1.0}], "n" * 250 + ".csv")
 
 
-@pytest.mark.parametrize("ending", [".txt", ".json", ".vtk", ".mat", ""])
+@pytest.mark.parametrize("ending", [".json", ".vtk", ".xlsx", ""])
 def test_an_ending_that_cannot_be_written_is_refused(capsys, folder, ending):
     """By every command, before the work, and by ``write()``."""
     name = f"m{ending}"
@@ -132,7 +133,7 @@ def test_an_ending_that_cannot_be_written_is_refused(capsys, folder, ending):
     with pytest.raises(ValueError, match=r"it must be one of \.h5, \.hdf5, \.nc$"):
         plane.write(name)
     for write in (write_map, write_line, write_points):
-        with pytest.raises(ValueError, match=r"it must be one of .*\.csv$"):
+        with pytest.raises(ValueError, match=r"it must be one of .*\.csv, .*\.vtkhdf, .*\.txt$"):
             write(plane, name)
     assert not (folder / name).exists()
 
@@ -153,7 +154,7 @@ def test_every_file_has_a_part(name, parser):
         if gate.writes(a, parser.text_of(a))
         for e in gate.endings_of(parser.text_of(a))
     }
-    assert endings <= {*HDF5, ".csv", ".toml"}
+    assert endings <= {*HDF5, ".csv", ".toml", *RESULT_WRITERS}
 
 
 BEFORE = [

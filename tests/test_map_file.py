@@ -158,7 +158,7 @@ def test_what_is_no_map_is_refused(tmp_path):
     ):
         tl.read_map(tmp_path / "plane.h5")
     with pytest.raises(
-        ValueError, match=r"map.nc is no velocity plane but a file of schema .torchliner map 1"
+        ValueError, match=r"map.nc is no velocity plane but a file of schema .torchliner map 2"
     ):
         tl.read_plane(tmp_path / "map.nc")
     with h5py.File(tmp_path / "map.nc", "a") as file:

@@ -20,7 +20,17 @@ PAGES = [
     ROOT / "README.md",
     *(
         ROOT / "docs" / f"{n}.md"
-        for n in ("formats", "calibration", "ldv", "ldv_line", "duct", "wall_pressure", "moments")
+        for n in (
+            "formats",
+            "calibration",
+            "ldv",
+            "ldv_line",
+            "duct",
+            "wall_pressure",
+            "moments",
+            "results",
+            "package",
+        )
     ),
 ]
 

@@ -138,12 +138,14 @@ def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
 
 
 def two_lengths(file):
+    group = file["amplitudes"]
     for part in ("real", "imaginary"):
-        replaced(file, f"reflection_{part}", np.concatenate(2 * [file[f"reflection_{part}"][()]]))
+        values = group[f"reflection_{part}"][()]
+        replaced(group, f"reflection_{part}", np.concatenate(2 * [values]))
 
 
 MAPS = {
-    "two lengths": (two_lengths, r"probes is \(2, 2\) elsewhere in the f"),
+    "two lengths": (two_lengths, r"probes is \(1, 2\) elsewhere in the f"),
     "coherence": (
         lambda f: replaced(f, "coherence", f["coherence"][..., :0]), r"frequency is \(\d,\) else"),
     "an axis too many": (

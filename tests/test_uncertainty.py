@@ -277,11 +277,12 @@ def test_map_file_keeps_intervals_and_spread_apart(tmp_path, liner):
         for bound, values in vars(interval).items():
             assert torch.equal(getattr(getattr(again.uncertainty, name), bound), values)
     xarray = pytest.importorskip("xarray")
-    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as file:
+    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf", group="intervals") as file:
         assert file.resistance_low.dims == ("z", "x", "frequency")
         assert file.along_x_reactance_high.dims == ("x", "frequency")
         assert "statistical" in file.liner_resistance_low.attrs["long_name"]
         assert "not the spread" in file.liner_resistance_low.attrs["long_name"]
+    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as file:
         assert "spread over positions" in file.liner_spread_resistance.attrs["long_name"]
         wanted = found.resistance.reshape(-1, 2).std(0)
         assert np.allclose(file.liner_spread_resistance, wanted)

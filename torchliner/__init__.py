@@ -53,6 +53,7 @@ _HOMES = {
     "impedance_from_wavenumber": "torchliner.duct.dispersion",
     "wavenumber_from_impedance": "torchliner.duct.dispersion",
     "audit": "torchliner.audits.audit",
+    "compare": "torchliner.audits.compare",
     "onto_grid": "torchliner.signals.arrivals",
     "tone_attenuation": "torchliner.signals.attenuation",
     "load_duct": "torchliner.duct.presets",

@@ -94,6 +94,14 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".hdf5": "torchliner.io.arrays:read_hdf5",
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
+RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
+    ".vtkhdf": "torchliner.io.vtkhdf:WRITER",
+    ".mat": "torchliner.io.matlab_results:WRITER",
+    ".bdf": "torchliner.io.nastran_table:WRITER",
+    ".dat": "torchliner.io.nastran_table:WRITER",
+    ".txt": "torchliner.io.solver_table:WRITER",
+}
+RESULT_ENDINGS = f".h5/.nc, .csv, {', '.join(RESULT_WRITERS)}"  # in words
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",
     "DXEX": "torchliner.io.dantec:FORMAT",

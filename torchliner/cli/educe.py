@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
 from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
-from torchliner.names import SOURCE_SIDES
+from torchliner.names import RESULT_ENDINGS, SOURCE_SIDES
 
 if TYPE_CHECKING:
     from torchliner.records import ImpedanceMap, VelocityPlane
@@ -21,7 +22,8 @@ OPTIONS = {
         "planes PLANE ...": "plane files, or what torchliner reduce made of them; several: heights "
                             "of a case",
         **frequency_option("the tone of the file, or the lines of --incident"),
-        "--output FILE": "write the map as .h5/.nc or .csv; names of several planes are appended",
+        "--output FILE": f"write the map as {RESULT_ENDINGS}; names of "
+                         "several planes are appended",
         "--in-situ FILE": "pressure record of the same case: its in situ impedance stands in "
                           "map, table and figures; default: none",
         "--wall-pressure FILE": "pressure record, or microphones along the wall, that closure is "
@@ -43,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
@@ -59,6 +62,9 @@ def run(options: argparse.Namespace) -> int:
     stated_by_user = stated(options, ("incident_level", "source_side"))
     records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
     planes = planes_of(records)
+    count = math.inf if options.incident else len(options.frequency or [0])
+    for path, plane in zip(outputs, planes, strict=False):
+        require_result(path, count, plane.x is not None or plane.z is not None)
     found = _educed(options, records, wall or pressure)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)

@@ -29,7 +29,7 @@ OWN = {
 OPTIONS = {
     "": ldv.READING | shared("--liner", "--json", "--quiet", "--strict") | {
         **frequency_option("the tone", "--educe-at"),
-        "--output FILE": "write the line as .h5/.nc or .csv",
+        "--output FILE": f"write the line as {names.RESULT_ENDINGS}",
         "--figure PICTURE": "draw Z along the line there",
     },
     ldv.UNSTATED: {spec: text for spec, text in ldv.STATIONS.items() if spec != "--liner NAME"},
@@ -60,6 +60,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
     from torchliner.io.line_parts import LineParts
+    from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable_folder
     from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.report.line_table import format_line, plain_line
@@ -69,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
     liner = _liner(options, sources)
     parts = None
     if options.output is not None:
+        require_result(options.output, len(options.educe_at or [0]))
         parts = LineParts(f"{options.output}.parts")
         writable_folder(parts.folder)
     if parts is not None and parts.there and not options.quiet:

@@ -31,6 +31,7 @@ GROUPS = {
         "ldv": "bursts of laser Doppler stations: check, convert, educe",
         "audit": "how far each open choice moves the impedance",
         "height": "impedance over height, and which height to take",
+        "compare": "difference of two maps, by cell and for the liner",
         "truth": "every rule beside the true impedance of resolved cases",
     },
     "measure an impedance from pressure": {
@@ -45,6 +46,7 @@ GROUPS = {
         "verify": "checks of the duct solvers; exit code 1 if one fails",
     },
     "files": {
+        "demo": "educe two planes that come with the program",
         "info": "describe and check a velocity plane",
         "convert": "write a plane file from simulation files or plain arrays",
         "reduce": "moments of a plane: any liner later, without the data",

@@ -118,7 +118,7 @@ def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
         there = any(part is not None for part in parts)
         setattr(joined, row.field, np.concatenate(filled) if there else None)
     storage: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-    write_variables(file, joined, ARRAYS, attributes_last=True, **storage)
+    write_variables(file, joined, ARRAYS, **storage)
 
 
 def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:

@@ -210,7 +210,8 @@ def attach_scales(dataset: h5py.Dataset, group: h5py.Group, dims: Sequence[str])
 
 def write_index(group: h5py.Group, name: str, count: int) -> None:
     """A dimension without coordinates: 0, 1, ..."""
-    write_variable(group, name, np.arange(count), "1", (name,))
+    row = write_variable(group, name, np.arange(count), "1", (name,))
+    row.attrs["long_name"] = f"number of the {name.replace('_', ' ')}"
 
 
 def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
@@ -266,7 +267,8 @@ def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
             stem = f"{stem}_{number}"
         parts = {"resistance": complex(value).real, "reactance": complex(value).imag}
         for part, amount in parts.items():
-            write_variable(file, f"{stem}_{part}", amount, "1").attrs["label"] = label
+            row = write_variable(file, f"{stem}_{part}", amount, "1")
+            row.attrs.update(label=label, long_name=f"{part} from elsewhere, {label}")
 
 
 def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:

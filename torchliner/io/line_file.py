@@ -7,7 +7,7 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.csv_rows import Rows, rows_of, write_rows
+from torchliner.io.csv_rows import Rows, rows_of
 from torchliner.io.hdf5 import (
     is_there,
     open_file,
@@ -26,8 +26,10 @@ from torchliner.io.result_file import (
     result_kind,
     write_closure,
 )
+from torchliner.io.result_writers import ResultFile
 from torchliner.io.tables import (
     cartesian,
+    described,
     impedance,
     numbers,
     read_variables,
@@ -41,8 +43,33 @@ STATIONS = ("flags", "dropped", "station_notes")  # attributes with one entry a 
 FULL, EACH, STATION = ("station", "segment", "frequency"), ("station", "frequency"), ("station",)
 LINE = ("frequency",)
 MEAN = {"long_name": "mean over the segments"}
-FREQUENCY = (real("frequency", "Hz", LINE),)
-FIELDS = (
+TEXTS = {
+    "frequency": "frequency of the tone",
+    "segment_start": "time at which a segment begins",
+    "reflection": "{part} part of the reflection coefficient of each segment",
+    "segment_impedance": "normalised {part} of each segment",
+    "x": "streamwise coordinate", "y": "distance from the liner", "z": "spanwise coordinate",
+    "mean_velocity": "time mean of the velocity away from the liner",
+    "velocity_rms": "rms of the velocity about its mean",
+    "rate": "bursts in a second", "grid_rate": "sampling rate of the uniform grid",
+    "longest_gap": "longest time without a burst",
+    "received": "bursts received", "bursts": "bursts kept",
+    "used": "1 where a station counts in averages",
+    "coherence": "squared coherence of the velocity with the tone",
+    "corrected": "1 where the attenuation of the tone was made good",
+    "phase_held": "share of the segments in which the phase rule was used",
+    "velocity_amplitude": "{part} part of the peak amplitude of the velocity into the liner",
+    "attenuation": "{part} part of the factor by which the grid attenuates the tone",
+    "inferred_incident_level": "level of the incident wave that gives the coherent velocity, "
+                               "re 20 uPa rms",
+    "wall": "1 where a station counts as wall",
+    "goodrich": "normalised {part} of the liner without sound under the flow, by Goodrich",
+    "mach": "bulk Mach number",
+    "incident_level": "stated level of the incident wave, re 20 uPa rms",
+}  # fmt: skip
+FREQUENCY = described((real("frequency", "Hz", LINE),), TEXTS)
+FIELDS = described((
+    *(real(axis, "m", STATION) for axis in "xyz"),
     real("segment_start", "s", ("station", "segment")),
     cartesian("reflection", "segment_reflection", FULL),
     impedance("segment_impedance", "segment_", FULL, derived=True),
@@ -51,7 +78,6 @@ FIELDS = (
     impedance("segment_spread", "segment_spread_", EACH, derived=True,
               attributes={"long_name": "standard deviation over the segments"}),
     cartesian("admittance", "admittance", EACH, derived=True, attributes=MEAN),
-    *(real(axis, "m", STATION) for axis in "xyz"),
     real("mean_velocity", "m/s", STATION),
     real("velocity_rms", "m/s", STATION),
     real("rate", "1/s", STATION),
@@ -68,9 +94,9 @@ FIELDS = (
     real("inferred_incident_level", "dB", EACH, derived=True),
     real("wall", "1", EACH, flag=True, optional=True),
     impedance("goodrich", "goodrich_", LINE, optional=True),
-)  # fmt: skip
+), TEXTS)  # fmt: skip
 INTERVAL = interval_table("", EACH)
-NUMBERS = numbers({"mach": "1", "incident_level": "dB"})
+NUMBERS = described(numbers({"mach": "1", "incident_level": "dB"}), TEXTS)
 AVERAGE = tuple(
     impedance(field, stem, LINE, attributes={"long_name": words})
     for field, stem, words in (
@@ -86,29 +112,27 @@ AVERAGE_INTERVAL = interval_table("line_", LINE)
 
 
 def write_line(line: ImpedanceLine, path: str | Path) -> None:
-    """Write a line: netCDF-4, or CSV (one row a station and frequency) for .csv.
+    """Write a line by the ending of ``path``, as ``ImpedanceLine.write``."""
+    FILE.write(line, path)
 
-    The old file, if any, is replaced only when the new one is whole.
-    """
-    if Path(path).suffix.lower() == ".csv":
-        write_rows(line_rows(line), path, end="\n")
-        return
-    with KIND.created(path, line) as file:
-        write_variables(file, line, FREQUENCY)
-        write_index(file, "station", line.stations)
-        write_index(file, "segment", line.segment_start.shape[1])
-        write_texts(file, "station_name", line.names, "station")
-        write_variables(file, line, FIELDS)
-        if line.interval is not None:
-            level = 100 * float(line.choices["interval"])
-            words = f"{level:g} % statistical, moving blocks over segments"
-            write_variables(file, line.interval, INTERVAL, words=words)
-        write_variables(file, line, NUMBERS)
-        write_references(file, line.reference)
-        if line.closure is not None:
-            write_closure(file, line.closure, "station")
-        if line.average is not None:
-            _write_average(file, line.average)
+
+def _fill(file: h5py.File, line: ImpedanceLine) -> None:
+    write_variables(file, line, FREQUENCY)
+    write_index(file, "station", line.stations)
+    write_index(file, "segment", line.segment_start.shape[1])
+    write_texts(file, "station_name", line.names, "station")
+    file["station_name"].attrs["long_name"] = "title of the station"
+    write_variables(file, line, FIELDS)
+    if line.interval is not None:
+        level = 100 * float(line.choices["interval"])
+        words = f"{level:g} % statistical, moving blocks over segments"
+        write_variables(file, line.interval, INTERVAL, words=words)
+    write_variables(file, line, NUMBERS)
+    write_references(file, line.reference)
+    if line.closure is not None:
+        write_closure(file, line.closure, "station")
+    if line.average is not None:
+        _write_average(file, line.average)
 
 
 def _write_average(file: h5py.File, found: LineAverage) -> None:
@@ -191,3 +215,6 @@ def line_rows(line: ImpedanceLine) -> Rows:
     names = [name for name in line.names for _ in range(shape[1])]
     return [{"station": name, **row}
             for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip
+
+
+FILE = ResultFile(KIND, _fill, {"stations": line_rows}, {"end": "\n"})

@@ -2,25 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import torch
 
-from torchliner.io.csv_rows import Rows, parts_of, rows_of, write_rows
+from torchliner.io.csv_rows import Rows, parts_of, rows_of
 from torchliner.io.hdf5 import get_group, is_there, open_file, write_index
-from torchliner.io.result_file import Sizes, interval_table, read_uncertainty, write_uncertainty
-from torchliner.io.tables import FileKind, impedance, read_variables, real, write_variables
+from torchliner.io.result_file import (
+    OTHERS,
+    Sizes,
+    interval_table,
+    read_uncertainty,
+    write_uncertainty,
+)
+from torchliner.io.result_writers import ResultFile
+from torchliner.io.tables import (
+    FileKind,
+    described,
+    impedance,
+    read_variables,
+    real,
+    write_variables,
+)
 from torchliner.records import PointImpedances, PointUncertainty
 
 KIND = FileKind(
     "torchliner points 1", "set of point impedances",
-    {"name": "points", "choices": {}, "notes": ()}, others=(".csv",),
+    {"name": "points", "choices": {}, "notes": ()}, others=OTHERS,
 )  # fmt: skip
 GROUP = "alongside_"  # of a map file
-FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
+TEXTS = {
+    "frequency": "frequency of the tone",
+    **{f"{place}_{axis}": f"{words} coordinate of each {place}" for place in ("cell", "point")
+       for axis, words in (("x", "streamwise"), ("z", "spanwise"))},
+    **{f"{place}_impedance{end}": f"normalised {{part}} of {words}, {text}"
+       for place, words in (("cell", "each cell"), ("liner", "the whole surface"))
+       for end, text in (("", "from the admittance averaged over points"),
+                         ("_pressure_first", "pressure averaged first"))},
+    "point_impedance": "normalised {part} at each point",
+    "coherence": "squared coherence of the two pressures, mean over the points of a cell",
+}  # fmt: skip
+FREQUENCY = described((real("frequency", "Hz", ("frequency",)),), TEXTS)
 CELL, POINT = ("cell", "frequency"), ("point", "frequency")
-TABLE = (
+TABLE = described((
     *(real(f"{place}_{axis}", "m", (place,)) for place in ("cell", "point") for axis in "xz"),
     impedance("cell_impedance", "cell_", CELL),
     impedance("cell_impedance_pressure_first", "cell_{}_pressure_first", CELL),
@@ -28,7 +54,7 @@ TABLE = (
     impedance("liner_impedance_pressure_first", "liner_{}_pressure_first", ("frequency",)),
     impedance("point_impedance", "point_", POINT),
     real("coherence", "1", CELL),
-)
+), TEXTS)  # fmt: skip
 UNCERTAINTY = {
     name: interval_table(name.replace("cells", "cell") + "_", dims)
     for name, dims in (
@@ -39,15 +65,8 @@ UNCERTAINTY = {
 
 
 def write_points(result: PointImpedances, path: str | Path) -> None:
-    """Write netCDF-4, or CSV (one row a point, cell or liner, and frequency) for .csv.
-
-    The old file, if any, is replaced only when the new one is whole.
-    """
-    if Path(path).suffix.lower() == ".csv":
-        write_rows(_rows(result), path, ".9g")
-        return
-    with KIND.created(path, result) as file:
-        _write_variables(file, result)
+    """Write points by the ending of ``path``, as ``PointImpedances.write``."""
+    FILE.write(result, path)
 
 
 def _write_variables(group: h5py.Group, result: PointImpedances) -> None:
@@ -124,3 +143,11 @@ def _rows(result: PointImpedances) -> Rows:
                 columns |= parts_of(bound, f"resistance{words}", f"reactance{words}")
         rows += rows_of(columns, (len(x), len(result.frequency)))
     return rows
+
+
+def _rows_of(place: str) -> Callable[[PointImpedances], Rows]:
+    return lambda result: [row for row in _rows(result) if row["place"] == place]
+
+
+PLACES = {f"{place}s": _rows_of(place) for place in ("point", "cell", "liner")}
+FILE = ResultFile(KIND, _write_variables, {"all": _rows, **PLACES}, {"number": ".9g"})

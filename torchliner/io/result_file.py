@@ -11,9 +11,11 @@ import h5py
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import is_there, read_json, to_json, write_index
 from torchliner.io.tables import FileKind, Table, impedance, read_variables, real, write_variables
+from torchliner.names import RESULT_WRITERS
 from torchliner.records import Closure, Gap, Interval, Uncertainty
 from torchliner.records.closure import CLOSURE_FACTS
 
+OTHERS = (".csv", *RESULT_WRITERS)
 Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 HEADING: dict[str, Any] = {
     "title": "", "source_side": "unknown", "choices": {}, "notes": (), "fluid": Fluid(),
@@ -28,7 +30,8 @@ BOUNDS = {
 
 def result_kind(schema: str, noun: str, **attributes: Any) -> FileKind:
     """A kind of file with title, side of the source, choices, notes and gas among attributes."""
-    return FileKind(schema, noun, {**HEADING, **attributes}, others=(".csv",))
+    older = attributes.pop("older", ())
+    return FileKind(schema, noun, {**HEADING, **attributes}, others=OTHERS, older=older)
 
 
 def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
@@ -37,7 +40,8 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
         *(impedance(bound, f"{stem}{{}}_{bound}", dims,
                     attributes={"long_name": f"{text} of {{part}}; {{words}}"})
           for bound, text in BOUNDS.items()),
-        real(f"{stem}interval_runs", "1", dims, field="runs"),
+        real(f"{stem}interval_runs", "1", dims, field="runs",
+             attributes={"long_name": "number of independent runs of the record; {words}"}),
     )  # fmt: skip
 
 
@@ -94,18 +98,19 @@ def read_uncertainty(
 
 def gap_table(stem: str, dims: tuple[str, ...]) -> Table:
     """Variables ``<stem>closure_level`` and so on, of one ``Gap`` over ``dims``."""
-    words = "implied over known pressure; {words}"
     return tuple(
         real(f"{stem}closure_{name}", "degree" if name.startswith("phase") else "dB", dims,
-             field=name, attributes={"long_name": words})
+             field=name, attributes={
+                 "long_name": f"{name.replace('_', ', ')}: implied over known pressure; {{words}}"})
         for name in ("level", "level_low", "level_high", "phase", "phase_low", "phase_high")
     )  # fmt: skip
 
 
-CLOSURE_LEVEL = (real("closure_pressure_level", "dB", ("frequency",), field="pressure_level"),)
+CLOSURE_LEVEL = (real("closure_pressure_level", "dB", ("frequency",), field="pressure_level",
+                      attributes={"long_name": "level of the known pressure"}),)  # fmt: skip
 
 
-def write_closure(file: h5py.File, found: Closure, of_cells: str = "cell") -> None:
+def write_closure(file: h5py.Group, found: Closure, of_cells: str = "cell") -> None:
     """Into an open file with the dimensions ``frequency`` and ``of_cells``."""
     texts = {name: getattr(found, name) for name in CLOSURE_FACTS}
     file.attrs["closure"] = to_json({"orders": found.orders, **texts})
@@ -117,9 +122,12 @@ def write_closure(file: h5py.File, found: Closure, of_cells: str = "cell") -> No
 
 
 def read_closure(
-    file: h5py.File, path: str | Path, sizes: Sizes, of_cells: str = "cell"
+    file: h5py.Group, path: str | Path, sizes: Sizes, of_cells: str = "cell"
 ) -> Closure | None:
     """What ``write_closure`` wrote; None if there is none.
+
+    Args:
+        file: or the group of one that holds it.
 
     Raises:
         ValueError: a variable has another shape or unit, or the attribute lacks a value.

@@ -29,6 +29,10 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.whole_file import HDF5, written_whole
 
+COORDINATES = {  # by dimension, of what is written after them
+    "probe": ("x", "z"), "cell": ("cell_x", "cell_z"), "point": ("point_x", "point_z"),
+    "station": ("x", "y", "z", "station_name"),
+}  # fmt: skip
 SEVERAL = ("probes", "along", "draws")  # dimensions that may stand for several axes or none
 IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
 
@@ -87,7 +91,7 @@ def cartesian(field: str, stem: str, dims: Sequence[str], **about: Any) -> Varia
 
 def write_variables(
     group: h5py.Group, record: Any, table: Table, axes: Mapping[str, Sequence[str]] | None = None,
-    words: str = "", attributes_last: bool = False, **storage: Any,
+    words: str = "", **storage: Any,
 ) -> None:  # fmt: skip
     """Fields of a record that are not None, in the order of the table.
 
@@ -97,11 +101,8 @@ def write_variables(
         table: of the variables.
         axes: dimensions that stand behind one name of ``Variable.dims``.
         words: see ``Variable.attributes``.
-        attributes_last: after all variables, not each beside its own; the order shows in the bytes
-            of a file, which stay as they are.
         storage: of ``h5py.Group.create_dataset``, as ``compression``.
     """
-    later = []
     for row in table:
         value = getattr(record, row.field)
         if value is None and row.optional:
@@ -111,15 +112,14 @@ def write_variables(
         if dims[:1] == ["time"]:
             values = np.moveaxis(values, -1, 0)
         parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
-        for name, part, label in zip(row.names, parts, IMPEDANCE, strict=False):
+        for name, part in zip(row.names, parts, strict=True):
+            label = next((w for w in (*IMPEDANCE, *CARTESIAN) if w in name), "")
             write_variable(group, name, part, row.unit, dims, **storage)
             texts = {k: v.format(part=label, words=words) for k, v in row.attributes.items()}
-            if attributes_last:
-                later.append((name, texts))
-            else:
-                group[name].attrs.update(texts)
-    for name, texts in later:
-        group[name].attrs.update(texts)
+            near = [each for dim in dims for each in COORDINATES.get(dim, ()) if each in group]
+            if near and name not in near:
+                texts["coordinates"] = " ".join(near)
+            group[name].attrs.update(texts)
 
 
 def plain(value: Any) -> Any:
@@ -198,6 +198,15 @@ def _tensor(values: np.ndarray) -> Tensor:
     return torch.from_numpy(values if kept else values.astype(wide))
 
 
+def described(table: Table, texts: Mapping[str, str]) -> tuple[Variable, ...]:
+    """The rows, each with what it is: ``long_name`` by field, "{part}" as in ``attributes``."""
+    return tuple(
+        dataclasses.replace(row, attributes={"long_name": texts[row.field], **row.attributes})
+        if row.field in texts else row
+        for row in table
+    )  # fmt: skip
+
+
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")
 
 
@@ -212,6 +221,7 @@ class FileKind:
             values where the file has none: texts as they are, all else as JSON.
         constants: attributes that every such file has.
         others: endings that another writer of the record takes, for messages.
+        older: schemas of files that are still read.
     """
 
     schema: str
@@ -219,6 +229,7 @@ class FileKind:
     attributes: Mapping[str, Any]
     constants: tuple[tuple[str, str], ...] = (("Conventions", "CF-1.8"),)
     others: tuple[str, ...] = ()
+    older: tuple[str, ...] = ()
 
     @contextmanager
     def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
@@ -262,7 +273,7 @@ class FileKind:
             ValueError: it does.
         """
         found = text_attribute(group, "schema")
-        if found != self.schema:
+        if found not in (self.schema, *self.older):
             where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
             raise ValueError(
                 f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}"

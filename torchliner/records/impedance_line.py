@@ -17,7 +17,15 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.records.closure import Closure, words_of
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import DrawnAtFrequency, Result
+from torchliner.records.summaries import (
+    Facts,
+    Summarised,
+    frequency_words,
+    heading_of,
+    impedance_facts,
+    shape_words,
+)
 from torchliner.records.uncertainty import Interval
 
 
@@ -50,8 +58,8 @@ class LineAverage:
     stations: int
 
 
-@dataclass(frozen=True, eq=False)
-class ImpedanceLine(Drawn):
+@dataclass(frozen=True, eq=False, repr=False)
+class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
     """Impedance of every segment of every station, with averages and all choices.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S
@@ -126,6 +134,17 @@ class ImpedanceLine(Drawn):
         return words_of(self.closure, self.choices)
 
     @property
+    def answer(self) -> Tensor:
+        """Z of the whole line, eq. (5.2), (F,): the value to quote.
+
+        Raises:
+            ValueError: the stations have not been joined.
+        """
+        if self.average is None:
+            raise ValueError("the stations have no average; join them, or write .h5 or .csv")
+        return self.average.impedance
+
+    @property
     def stations(self) -> int:
         """N."""
         return len(self.names)
@@ -179,3 +198,14 @@ class ImpedanceLine(Drawn):
         reflected = reflection_from_admittance(self.admittance)
         wave = self.fluid.characteristic_impedance * self.velocity_amplitude / (1 - reflected)
         return spl_from_pressure_amplitude(wave)
+
+    def _heading(self) -> str:
+        bursts = f"{int(self.bursts.sum())} bursts"
+        words = (shape_words((self.stations,), "station"), bursts, frequency_words(self.frequency))
+        return heading_of(self, *words)
+
+    def _facts(self) -> Facts:
+        if self.average is None:
+            return []
+        level = self.choices.get("interval")
+        return impedance_facts(self.frequency, self.answer, self.average.interval, level)

@@ -20,15 +20,23 @@ from torchliner.conversions import (
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
 from torchliner.records.closure import Closure, words_of
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
+from torchliner.records.summaries import (
+    Facts,
+    Summarised,
+    frequency_words,
+    heading_of,
+    impedance_facts,
+    shape_words,
+)
 from torchliner.records.uncertainty import Uncertainty
 
 ENDS = dict(zip(ORDERS, ("", "_velocity_first", "_coherent_first"), strict=True))  # of names
 
 
-@dataclass(frozen=True, eq=False)
-class ImpedanceMap(Drawn):
+@dataclass(frozen=True, eq=False, repr=False)
+class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
     """Educed impedance of every probe, with its averages and all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner.
@@ -227,6 +235,19 @@ class ImpedanceMap(Drawn):
     def impedance_coherent_first(self) -> Tensor | None:
         """Of each probe under the coherent velocity of its cell, (..., F)."""
         return _impedance_if_known(self.reflection_coherent_first)
+
+    def _heading(self) -> str:
+        probes = shape_words(tuple(self.mean_velocity.shape), "probe")
+        cells = shape_words((len(self.cell_x),), "cell")
+        words = (probes, cells, frequency_words(self.frequency), f"liner {self.order}")
+        return heading_of(self, *words)
+
+    def _facts(self) -> Facts:
+        found = self.uncertainty
+        if found is None or self.order not in self.orders:
+            return impedance_facts(self.frequency, self.answer)
+        interval = getattr(found, f"liner{ENDS[self.order]}")
+        return impedance_facts(self.frequency, self.answer, interval, found.settings["level"])
 
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""

@@ -9,22 +9,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
+from torchliner.checks import index_of_frequency
 from torchliner.names import resolve
 
 OUTLETS = {
     "BurstRecord": {"write": "torchliner.io.burst_file:write_bursts"},
     "ImpedanceLine": {
         "write": "torchliner.io.line_file:write_line",
+        "file": "torchliner.io.line_file:FILE",
         "plot": "torchliner.report.line_figures:draw_lines",
     },
     "ImpedanceMap": {
         "write": "torchliner.io.map_file:write_map",
+        "file": "torchliner.io.map_file:FILE",
         "plot": "torchliner.report.figures:draw_map",
     },
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
-    "PointImpedances": {"write": "torchliner.io.point_file:write_points"},
+    "PointImpedances": {
+        "write": "torchliner.io.point_file:write_points",
+        "file": "torchliner.io.point_file:FILE",
+    },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "VelocityPlane": {"write": "torchliner.io.plane_file:write_plane"},
+    "VelocityPlane": {
+        "write": "torchliner.io.plane_file:write_plane",
+        "plot": "torchliner.report.figures:draw_velocity",
+    },
 }
 
 
@@ -38,16 +49,93 @@ class Written:
     """A record with a file of its own."""
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file, or CSV if the kind has one and the name ends in .csv.
+        """Write one netCDF-4 file (.h5, .hdf5, .nc), or CSV if the kind has one (.csv).
 
-        docs/formats.md says what stands in which.
+        A result also as .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in
+        which.
+
+        Raises:
+            ValueError: another ending; what the format cannot hold.
         """
         outlet(type(self), "write")(self, path)
+
+
+class Result(Written):
+    """A result, which leaves as labelled arrays and as rows too."""
+
+    def to_xarray(self, group: str | None = None) -> Any:
+        """``xarray.Dataset`` with coordinates, units and long names; Z complex and in two parts.
+
+        Without the complex variables it is what ``xarray.open_dataset`` shows of the file that
+        ``write`` makes.
+
+        Args:
+            group: of that file: a map has ``amplitudes``, ``intervals``, ``closure``; None: the
+                main part.
+        Raises:
+            ImportError: xarray or h5netcdf is not installed (extra ``xarray``).
+            ValueError: there is no such group.
+        """
+        return outlet(type(self), "file").to_xarray(self, group)
+
+    def to_dataframe(self, of: str | None = None) -> Any:
+        """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
+
+        Args:
+            of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``,
+                ``cells`` or ``liners`` of ``PointImpedances`` (default: all).
+        Raises:
+            ImportError: pandas is not installed (extra ``xarray``).
+            ValueError: there are no such rows.
+        """
+        return outlet(type(self), "file").to_dataframe(self, of)
 
 
 class Drawn(Written):
     """A record with a figure of its own as well."""
 
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Draw the record along or over the liner; the matplotlib figure, saved if ``path``."""
-        return outlet(type(self), "plot")(self, path)
+    def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
+        """Draw the record along or over the liner.
+
+        Args:
+            path: picture to write.
+            ax: axes to draw into, one for each panel, or one for the first panel alone; default a
+                new figure.
+        Returns:
+            The matplotlib figure, which a notebook shows; the axes, where they were given.
+        Raises:
+            ImportError: matplotlib is not installed (extra ``report``).
+            ValueError: a path and axes.
+        """
+        return self._draw({"path": path, "axes": ax})
+
+    def _draw(self, settings: dict[str, Any]) -> Any:
+        path, axes = settings["path"], settings["axes"]
+        if axes is not None and path is not None:
+            raise ValueError(f"{path}: give a path or axes; a figure of axes is yours to save")
+        return outlet(type(self), "plot")(self, **settings)
+
+
+class DrawnAtFrequency(Drawn):
+    """A record with one picture a frequency: panels of resistance and reactance."""
+
+    frequency: Tensor
+
+    def plot(
+        self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None
+    ) -> Any:
+        """Draw resistance and reactance along or over the liner.
+
+        Args:
+            path, ax: as for ``Drawn.plot``.
+            frequency: Hz; default the first.
+        Returns:
+            As ``Drawn.plot``.
+        Raises:
+            ValueError: the frequency is not among those of the record; as ``Drawn.plot``.
+        """
+        index = 0 if frequency is None else index_of_frequency(self.frequency, frequency)
+        if index is None:
+            there = ", ".join(f"{f:g}" for f in self.frequency.tolist())
+            raise ValueError(f"frequency is {frequency:g} Hz; the record has {there} Hz")
+        return self._draw({"path": path, "axes": ax, "frequency_index": index})

@@ -9,12 +9,12 @@ from typing import Any
 from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_complex
-from torchliner.records.outlets import Written
+from torchliner.records.outlets import Result
 from torchliner.records.uncertainty import PointUncertainty
 
 
 @dataclass(frozen=True, eq=False)
-class PointImpedances(Written):
+class PointImpedances(Result):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner.
@@ -74,6 +74,11 @@ class PointImpedances(Written):
                     f"{self.name}: {label} has shape {tuple(value.shape)}; {cells} cells, {points} "
                     f"points and {count} frequencies need {shape}"
                 )
+
+    @property
+    def answer(self) -> Tensor:
+        """Z of the whole surface from the admittance averaged over points, (F,)."""
+        return self.liner_impedance
 
     def bounds_of_liner(self, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
         """Of the whole surface's statistical interval at one frequency; None without any.

@@ -12,9 +12,10 @@ from torch import Tensor
 from torchliner.checks import make_plain, require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.outlets import Written
+from torchliner.records.outlets import Drawn
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
+from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
 from torchliner.records.unit_checks import require_flow_and_level
 
 
@@ -27,8 +28,8 @@ class StoredVelocity(Reader, Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class VelocityPlane(Written, AtProbes):
+@dataclass(frozen=True, eq=False, repr=False)
+class VelocityPlane(Drawn, AtProbes, Summarised):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
@@ -121,6 +122,12 @@ class VelocityPlane(Written, AtProbes):
     def stored(self) -> StoredVelocity | None:
         """The velocity if it is still in its file."""
         return None if isinstance(self.velocity, Tensor) else self.velocity
+
+    def _heading(self) -> str:
+        return heading_of(self, *record_words(self))
+
+    def _facts(self) -> Facts:
+        return case_facts(self)
 
     def read(self, begin: int, end: int) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P); a view where the layout allows."""

@@ -16,6 +16,7 @@ from torchliner.liners.model import as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
 from torchliner.reduction.basis import Basis, interpolation_error, response_of
 from torchliner.reduction.drive import readings_needed
 from torchliner.reduction.periodic import PeriodicPart
@@ -84,8 +85,8 @@ class ReducedVelocity:
         return self.read(0, self.shape[-1])
 
 
-@dataclass(frozen=True, eq=False)
-class Moments:
+@dataclass(frozen=True, eq=False, repr=False)
+class Moments(Summarised):
     """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
 
     Args:
@@ -133,6 +134,19 @@ class Moments:
         top = min(peak, model.speed_max or peak)
         assert self.sums.basis is not None
         return interpolation_error(self.sums.basis, response_of(model), asked, top)[0]
+
+    def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
+        """Mean and rms of v along x, as ``VelocityPlane.plot``."""
+        return resolve("torchliner.report.figures:draw_velocity")(self, path, axes=ax)
+
+    def _heading(self) -> str:
+        return heading_of(self, *record_words(self.plane), f"{self.size / 1e6:.3g} MB")
+
+    def _facts(self) -> Facts:
+        basis = self.sums.basis
+        known = {} if basis is None else basis.describe()
+        return [("order", str(self.settings["order"])), *case_facts(self.plane),
+                *((name, str(value)) for name, value in known.items())]  # fmt: skip
 
     @property
     def readings(self) -> int:

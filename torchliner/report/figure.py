@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,11 +38,38 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     return inner
 
 
-def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
-    """A figure of the page's width and its axes, lettered."""
+@functools.cache
+def _shown() -> Any:
+    """A figure that notebooks show, without pyplot and its list of open figures."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, height))
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = io.BytesIO()
+            self.savefig(picture, format="png")
+            return picture.getvalue()
+
+    return Shown
+
+
+def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, list[Any]]:
+    """A row of new axes in a new figure, or those ``given``: one of the first panel, or each.
+
+    Raises:
+        ValueError: more or fewer axes than panels.
+    """
+    if given is None:
+        figure, axes = subplots(1, columns, height)
+        return figure, list(axes[0])
+    found = [given] if hasattr(given, "plot") else list(given)
+    if len(found) not in (1, columns):
+        raise ValueError(f"{len(found)} axes are given; {columns} panels need {columns}, or one")
+    return found[0].figure, found
+
+
+def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+    """A figure of the page's width and its axes, lettered."""
+    figure = _shown()(figsize=(WIDTH, height))
     axes = figure.subplots(rows, columns, squeeze=False)
     if columns > 1:
         for letter, axis in zip("abcdef", axes.flat, strict=False):
@@ -49,12 +77,14 @@ def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def impedance_panels(height: float, across: str) -> tuple[Figure, list[tuple[Any, str]]]:
+def impedance_panels(
+    height: float, across: str, given: Any = None
+) -> tuple[Figure, list[tuple[Any, str]]]:
     """Resistance and reactance beside each other over ``across``: each axis with its part."""
-    figure, axes = subplots(1, 2, height)
-    for axis, (_, label) in zip(axes[0], PARTS, strict=True):
+    figure, axes = panels_of(2, height, given)
+    for axis, (_, label) in zip(axes, PARTS, strict=False):
         label_axes(axis, across, label)
-    return figure, [(axis, part) for axis, (part, _) in zip(axes[0], PARTS, strict=True)]
+    return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
 
 
 def label_axes(axis: Any, across: str, up: str) -> None:
@@ -87,16 +117,21 @@ def legend_below(figure: Figure, axis: Any, columns: int) -> None:
 
 
 def finish(
-    figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0
-) -> Figure:
-    """Legend, heading and file, where asked for.
+    figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0,
+    given: Any = None,
+) -> Any:  # fmt: skip
+    """Legend, heading and file, where asked for; the figure, or the axes that were ``given``,
+    whose figure is another's to finish.
 
     Args:
         figure: with everything drawn.
         path: picture to write.
         title: above all panels.
         legend: columns, at most, of the names in the first panel, below all panels.
+        given: axes of the caller.
     """
+    if given is not None:
+        return given
     if legend:
         legend_below(figure, figure.axes[0], legend)
     if title is not None:

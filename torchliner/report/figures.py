@@ -11,6 +11,7 @@ import numpy as np
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
+from torchliner.reduction.moments import Moments
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.figure import (
     COLOURS,
@@ -24,6 +25,7 @@ from torchliner.report.figure import (
     finish,
     impedance_panels,
     label_axes,
+    panels_of,
     styled,
     subplots,
 )
@@ -41,47 +43,84 @@ from torchliner.report.numbers import (
 
 BARS = 15  # statistical intervals along a spectrum, about
 FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
+FLAT = 1e-6  # mm, within which places lie on a line
+LONG_SIDE = 4  # medians, above which a triangle bridges a gap
 REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
 def draw_map(
-    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int = 0
+    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int = 0, axes: Any = None
 ) -> Figure:
-    """Resistance and reactance over (x, z), or along x for a line; returns the figure."""
-    if result.mean_velocity.ndim == 2 and min(result.mean_velocity.shape) > 1:
-        return _draw_plane(result, path, frequency_index)
-    return draw_along_x([result], path, frequency_index)
+    """Resistance and reactance over (x, z), of planes and of scattered probes, or along x for a
+    line; returns the figure, or the axes that were given."""
+    if over_surface(result, frequency_index):
+        return _draw_plane(result, path, frequency_index, axes)
+    return draw_along_x([result], path, frequency_index, axes)
+
+
+def over_surface(result: ImpedanceMap, frequency_index: int = 0) -> bool:
+    """Whether there is a picture over (x, z): of rows and columns, or of scattered probes."""
+    grid = result.mean_velocity.ndim == 2 and min(result.mean_velocity.shape) > 1
+    return grid or _mesh(result, frequency_index) is not None
 
 
 @styled
-def _draw_plane(result: ImpedanceMap, path: str | Path | None, frequency_index: int) -> Any:
-    x = _millimetres(result.x, result.mean_velocity.shape[1])
-    z = _millimetres(result.z, result.mean_velocity.shape[0])
+def _draw_plane(
+    result: ImpedanceMap, path: str | Path | None, frequency_index: int, given: Any
+) -> Any:
+    shape = result.mean_velocity.shape
+    x, z = _millimetres(result.x, shape[-1]), _millimetres(result.z, shape[0])
+    mesh = _mesh(result, frequency_index)
     unit = "mm" if result.x is not None else "index"
     span = (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)
-    figure, axes = subplots(1, 2, min(5.0, 1.5 + 0.45 * WIDTH * span))
-    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+    figure, axes = panels_of(2, min(5.0, 1.5 + 0.45 * WIDTH * span), given)
+    for axis, (part, label) in zip(axes, PARTS, strict=False):
         values = getattr(result, part)[..., frequency_index].detach().cpu().numpy()
         # Single points over a hard spot reach extremes that would hide the rest.
         low, high = np.nanpercentile(values, [1, 99])
-        drawn = axis.pcolormesh(
-            x, z, values, cmap="cividis", shading="nearest", rasterized=True, vmin=low, vmax=high
-        )
-        figure.colorbar(
-            drawn, ax=axis, extend="both", label=label, location="bottom", aspect=30, pad=0.03
-        )
+        style: Any = {"cmap": "cividis", "rasterized": True, "vmin": low, "vmax": high}
+        if mesh is None:
+            drawn = axis.pcolormesh(x, z, values, shading="nearest", **style)
+        else:
+            drawn = axis.tripcolor(mesh, values[np.isfinite(values)], shading="gouraud", **style)
+            axis.plot(x, z, ".", color="k", markersize=1)
+        # Without the layout of our own figures a bar below would lie on the labels.
+        bar: Any = {"location": "bottom", "aspect": 30, "pad": 0.03} if given is None else {}
+        axis.figure.colorbar(drawn, ax=axis, extend="both", label=label, **bar)
         axis.set_aspect("equal")
         label_axes(axis, f"$x$ ({unit})", f"$z$ ({unit})")
-    return finish(figure, path, _caption(result, frequency_index))
+    return finish(figure, path, _caption(result, frequency_index), given=given)
+
+
+def _mesh(result: ImpedanceMap, frequency_index: int) -> Any:
+    """Triangles between scattered probes that have a value, in mm, without those across gaps; None
+    where they lie on a line or on a grid."""
+    x, z = result.x, result.z
+    if result.mean_velocity.ndim != 1 or x is None or z is None:
+        return None
+    from matplotlib.tri import Triangulation
+
+    there = np.isfinite(result.resistance[:, frequency_index].detach().cpu().numpy())
+    places = 1e3 * np.stack([x.numpy(), z.numpy()], 1)[there]
+    if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(0), tol=FLAT) < 2:
+        return None
+    mesh = Triangulation(*places.T)
+    corners = places[mesh.triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    mesh.set_mask(sides.max(1) > LONG_SIDE * np.median(sides))
+    return mesh
 
 
 @styled
 def draw_along_x(
-    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
-) -> Any:
+    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0,
+    axes: Any = None,
+) -> Any:  # fmt: skip
     """R and X along x at several heights, with cell averages and references (figures 10, 17)."""
     ordered = sorted(results, key=lambda r: r.height or 0.0)
-    figure, panels = impedance_panels(3.0, "$x$ (mm)" if ordered[0].x is not None else "probe")
+    figure, panels = impedance_panels(
+        3.0, "$x$ (mm)" if ordered[0].x is not None else "probe", axes
+    )
     for axis, part in panels:
         for i, result in enumerate(ordered):
             profile = impedance_along_x(result, frequency_index)
@@ -98,7 +137,7 @@ def draw_along_x(
     words = interval_words(ordered[0])
     bands = f"\nbands, bars: {words}" if words else ""
     title = f"{_family(ordered, frequency_index)}; {cells}{bands}"
-    return finish(figure, path, title, legend=4)
+    return finish(figure, path, title, 4, axes)
 
 
 def _draw_cells(
@@ -191,21 +230,31 @@ def _label_heights(
 
 
 @styled
-def draw_velocity(planes: Sequence[VelocityPlane], path: str | Path | None = None) -> Any:
+def draw_velocity(
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane], path: str | Path | None = None,
+    axes: Any = None,
+) -> Any:  # fmt: skip
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
-    profiles = [velocity_along_x(plane) for plane in sorted(planes, key=lambda p: p.height or 0.0)]
+    several = list(planes) if isinstance(planes, Sequence) else [planes]
+    profiles = [
+        velocity_along_x(one) for one in sorted(several, key=lambda p: _case(p).height or 0)
+    ]
     labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": "$v'_{rms}$ (m s$^{-1}$)",
               "u' rms (m/s)": "$u'_{rms}$ (m s$^{-1}$)"}  # fmt: skip
     kept = [name for name in labels if any(name in profile.values for profile in profiles)]
-    figure, axes = subplots(1, len(kept), 2.7)
-    for axis, name in zip(axes[0], kept, strict=True):
+    figure, panels = panels_of(len(kept), 2.7, axes)
+    for axis, name in zip(panels, kept, strict=False):
         for profile, colour in zip(profiles, COLOURS, strict=False):
             if name in profile.values:
                 draw_curve(axis, profile, name, colour, 1e3)
         label_axes(axis, "$x$ (mm)", labels[name])
         if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
-    return finish(figure, path, case_title(planes[0]), legend=ONE_ROW)
+    return finish(figure, path, case_title(_case(several[0])), ONE_ROW, axes)
+
+
+def _case(record: VelocityPlane | Moments) -> VelocityPlane:
+    return record.plane if isinstance(record, Moments) else record
 
 
 @styled

@@ -38,6 +38,7 @@ def draw_lines(
     frequency_index: int = 0,
     labels: Sequence[str] | None = None,
     title: str | None = None,
+    axes: Any = None,
 ) -> Figure:
     """Resistance and reactance along the line (figures 10, 11).
 
@@ -46,13 +47,13 @@ def draw_lines(
     """
     if isinstance(lines, ImpedanceLine):
         lines = [lines]
-    figure, panels = impedance_panels(3.5, place_along(lines[0])[1])
+    figure, panels = impedance_panels(3.5, place_along(lines[0])[1], axes)
     names = labels_of(lines, labels)
     for axis, part in panels:
         for i, line in enumerate(lines):
             _draw_line(axis, line, part, frequency_index, i, names[i])
     title = title or f"{_head(lines, frequency_index)}\n{_band_words(lines)}"
-    return finish(figure, path, title, legend=3 if len(lines) > 1 else 0)
+    return finish(figure, path, title, 3 if len(lines) > 1 else 0, axes)
 
 
 def _draw_line(axis: Any, line: ImpedanceLine, part: str, f: int, i: int, label: str) -> None:

@@ -17,6 +17,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.impedance_map import ENDS
+from torchliner.reduction.moments import Moments
 from torchliner.reduction.survey import moments
 from torchliner.replay.kernels import BAND
 from torchliner.report.table import Column, Table
@@ -131,16 +132,21 @@ def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:
     return {f"{part}{end}": part_of(impedance, part).astype(np.float64) for part in COMPLEX_PART}
 
 
-def velocity_along_x(plane: VelocityPlane) -> Curves:
+def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
     values: dict[str, Array] = {}
     x: Array | None = None
+    plane = record.plane if isinstance(record, Moments) else record
     for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
         if part is None:
             continue
-        mean, square = moments(
-            VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
-        )
+        if isinstance(record, Moments):  # of v alone
+            seen = record.sums.survey.part(plane.probes)
+            mean, square = seen.mean, seen.mean_square
+        else:
+            mean, square = moments(
+                VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
+            )
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
         x, mean_x = over_z(plane.x, mean)
         _, variance = over_z(plane.x, square - mean**2)

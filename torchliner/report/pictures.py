@@ -38,7 +38,7 @@ def _draw_group(
     for i, frequency in enumerate(frequencies):
         end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
         for result, stem in zip(results, stems, strict=True):
-            if result.mean_velocity.ndim == 2:
+            if result.mean_velocity.ndim == 2 or figures.over_surface(result, i):
                 figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
             impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
         figures.draw_along_x(results, folder / f"along_x{end}.png", i)

@@ -1,0 +1,146 @@
+"""Differences of two maps, and what their intervals are."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from functools import cache
+
+import pytest
+import torch
+from conftest import RATE, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, DONE, main
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+X = [0.0, 0.004, 0.008, 0.02, 0.024, 0.028]
+
+
+@cache
+def made(seed=0, rms=3.0, tones=(1400.0,), count=6, **choices):
+    plane = plane_of(turbulence((count, 1200), seed, rms), x=X[:count], title=f"seed {seed}")
+    liner = tl.load_liner("polito")
+    return tl.educe(plane, liner, list(tones), order="probes first", **choices)
+
+
+def test_the_difference_and_its_interval_of_independent_records():
+    """Second less first; the middle is that of the intervals, squares of half-widths add."""
+    a, b = made(0), made(1)
+    found = tl.compare(a, b)
+    assert not found.same_run
+    assert [row.place for row in found.rows] == [
+        "liner",
+        *(f"cell {i}" for i in range(a.cell_x.numel())),
+    ]
+    row = found.rows[0]
+    assert row.difference == complex(b.answer[0] - a.answer[0])
+    (a_low, a_high), (b_low, b_high) = (each.bounds_of_liner("probes first") for each in (a, b))
+    half = ((a_high - a_low).real ** 2 + (b_high - b_low).real ** 2) ** 0.5 / 2
+    assert (row.high - row.low).real / 2 == pytest.approx(half, rel=1e-12)
+    middle = (b_low + b_high - a_low - a_high) / 2
+    assert (row.low + row.high) / 2 == pytest.approx(middle, rel=1e-12)
+    back = tl.compare(b, a).rows[0]
+    assert back.difference == -row.difference
+    assert (back.low, back.high) == pytest.approx((-row.high, -row.low), rel=1e-12)
+
+
+def test_one_run_is_seen_and_bounded_from_above():
+    """The same samples under other choices: half-widths add, at most root 2 too wide."""
+    again = made(0, rms=3.0, drive="rms")
+    found = tl.compare(made(0), again)
+    assert found.same_run
+    assert "upper bound" in found.words
+    alone = tl.compare(made(0), replace(again, velocity_rms=2 * again.velocity_rms)).rows[0]
+    for wide, one in ((found.rows[0].high - found.rows[0].low, alone.high - alone.low),):
+        assert one.real <= wide.real <= 2**0.5 * one.real * (1 + 1e-12)
+    case = {"data": {"case": "n130"}}
+    one, other = (replace(each, choices={**each.choices, **case}) for each in (made(0), made(1)))
+    assert tl.compare(one, other).same_run  # two heights of a run
+    longer = replace(other, choices={**other.choices, "samples": 7})
+    assert not tl.compare(one, longer).same_run
+
+
+def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
+    assert "R" in tl.compare(made(0), made(1, rms=6.0)).rows[0].clear
+    assert tl.compare(made(0), made(1)).rows[0].clear == ""
+
+
+@pytest.mark.slow
+def test_the_interval_of_two_records_covers():
+    """40 pairs of one flow: 0 lies within the interval of R in 93 to 97 %, within what 40 tell."""
+    inside = sum(
+        "R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].clear for n in range(40)
+    )
+    assert inside >= 33
+
+
+def test_frequencies_are_matched_by_value():
+    two, turned = made(tones=(1400.0, 1000.0)), made(1, tones=(1000.0, 1400.0))
+    rows = {row.frequency: row for row in tl.compare(two, turned).rows if row.place == "liner"}
+    assert rows[1400.0].second == complex(turned.answer[1])
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"tones": (1000.0,)}, r"other frequencies: 1400 Hz and 1000 Hz; educe both at the same"),
+        ({"count": 3}, r"the maps have other cells \(2 and 1\); educe planes of the same extent"),
+        ({"interval": 0.9}, r"intervals of 95 % and 90 %; educe both with the same --interval"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_with_the_remedy(other, message):
+    with pytest.raises(ValueError, match=message):
+        tl.compare(made(0), made(0, **other))
+
+
+def test_orders_must_be_held_by_both():
+    other = replace(made(1), choices={**made(1).choices, "order": "velocity first"})
+    with pytest.raises(ValueError, match=r"'probes first' and 'velocity first'; name one .*order="):
+        tl.compare(made(0), other)
+    assert tl.compare(made(0), other, "velocity first").order == "velocity first"
+    with pytest.raises(ValueError, match="unknown order of averaging 'coherent first'"):
+        tl.compare(made(0), made(1), "coherent first")
+    moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
+    with pytest.raises(ValueError, match=r"other cells \(2 each, elsewhere\)"):
+        tl.compare(made(0), moved)
+
+
+def test_without_intervals_the_difference_stands_alone():
+    found = tl.compare(made(0), made(1, interval=None))
+    assert (found.level, found.rows[0].low, found.rows[0].clear) == (None, None, "")
+    assert "no intervals" in found.words
+
+
+def test_the_command_takes_maps_and_moments(tmp_path, capsys):
+    """Table, JSON and CSV of a map beside the moments of another plane."""
+    made(0).write(tmp_path / "a.h5")
+    plane = plane_of(turbulence((6, 1200), 1), x=X)
+    assert plane.sampling_rate == RATE
+    liner = tl.load_liner("polito")
+    tl.moments(plane, cell_pitch=liner.cell_pitch, order="probes first").write(tmp_path / "b.h5")
+    words = ["compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), "--liner", "polito",
+             "--order", "probes first", "--quiet"]  # fmt: skip
+    assert main(words) == DONE
+    text = capsys.readouterr().out
+    assert "independent records: variances added" in text
+    assert text.splitlines()[1].startswith("liner")
+    assert main([*words, "--json", "-o", str(tmp_path / "d.csv")]) == DONE
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    wanted = complex(made(1).answer[0] - made(0).answer[0])
+    assert rows[0]["difference_resistance"] == pytest.approx(wanted.real, abs=1e-5)
+    with (tmp_path / "d.csv").open() as file:
+        first = next(csv.DictReader(file))
+    assert float(first["low_reactance"]) == pytest.approx(rows[0]["low_reactance"], rel=1e-9)
+    made(1, tones=(1000.0,)).write(tmp_path / "c.h5")
+    assert main([*words[:2], str(tmp_path / "c.h5")]) == BAD_INPUT
+    assert "other frequencies: 1400 Hz and 1000 Hz" in capsys.readouterr().err
+
+
+def test_excluded_cells_stay_unknown():
+    hole = made(0).cell_reflection.clone()
+    hole[1] = complex(torch.nan, torch.nan)
+    rows = tl.compare(made(1), replace(made(0), cell_reflection=hole)).rows
+    assert rows[2].difference != rows[2].difference
+    assert rows[1].difference == rows[1].difference

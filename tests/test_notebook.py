@@ -1,0 +1,223 @@
+"""What a notebook, an editor and a new installation show."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import hashlib
+import re
+import subprocess
+import sys
+import zipfile
+from importlib import resources
+from pathlib import Path
+
+import pytest
+import torch
+from conftest import DATA, load_script, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.cli import demo
+from torchliner.cli.main import DONE, main
+from torchliner.report.figures import _mesh, over_surface
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+PLACES = {
+    "grid": ((3, 4), {"x": [0.0, 0.01, 0.02, 0.03], "z": [0.0, 0.01, 0.02]}),
+    "line": ((4,), {"x": [0.0, 0.01, 0.02, 0.03]}),
+    "slanted": ((4,), {"x": [0.0, 0.01, 0.02, 0.03], "z": [0.0, 0.005, 0.01, 0.015]}),
+    "scattered": ((5,), {"x": [0.0, 0.01, 0.0, 0.011, 0.005], "z": [0.0, 0.0, 0.01, 0.01, 0.004]}),
+}
+
+
+def plane_at(place, **about):
+    shape, where = PLACES[place]
+    title = about.pop("title", "a <b>plane</b>")
+    return plane_of(turbulence((*shape, 450)), height=1e-3, title=title, **where, **about)
+
+
+@pytest.fixture(scope="module")
+def maps():
+    liner = tl.load_liner("polito")
+    with pytest.warns(tl.DataWarning):
+        return {place: tl.educe(plane_at(place), liner, [1400.0, 1000.0]) for place in PLACES}
+
+
+def records(maps):
+    plane = plane_at("grid")
+    return [plane, maps["grid"], tl.moments(plane, cell_pitch=0.01)]
+
+
+def test_records_are_shown_in_two_lines(maps):
+    """Shape, frequencies, Z with its interval; no tensors."""
+    for record in records(maps):
+        text = repr(record)
+        assert len(text.splitlines()) <= 2
+        assert "3 x 4 probes" in text
+        assert "tensor" not in text
+    found = maps["grid"]
+    text = repr(found)
+    low, high = found.bounds_of_liner(found.order)
+    assert f"1400 Hz: Z = {complex(found.answer[0]):.3f}, 95 %: R {low.real:.3f} to" in text
+    assert f"{high.imag:.3f} (1 more)" in text
+    assert "2 frequencies, 1000 to 1400 Hz" in text
+    none = dataclasses.replace(found, uncertainty=None)
+    assert "%" not in repr(none)
+
+
+def test_notebooks_get_a_table_whose_titles_are_text(maps):
+    for record in records(maps):
+        html = record._repr_html_()
+        assert "&lt;b&gt;plane" in html
+        assert "<b>plane" not in html
+    assert maps["grid"]._repr_html_().count("<tr>") == 2
+    many = dataclasses.replace(maps["grid"], uncertainty=None)
+    frequency = torch.arange(1.0, 31.0, dtype=torch.float64)
+    names = [each.name for each in dataclasses.fields(many) if "reflection" in each.name]
+    wide = {name: getattr(many, name)[..., :1].repeat_interleave(30, -1) for name in names}
+    html = dataclasses.replace(many, frequency=frequency, **wide)._repr_html_()
+    assert (html.count("<tr>"), "18 more" in html) == (13, True)
+
+
+def test_scattered_probes_make_a_map(maps):
+    """Triangles between probes; a line, also a slanted one, stays a line."""
+    assert [over_surface(maps[place]) for place in PLACES] == [True, False, False, True]
+    figure = maps["scattered"].plot()
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    drawn = figure.axes[0].collections[0]
+    low, high = drawn.get_clim()
+    assert low < float(maps["scattered"].resistance[4, 0]) < high
+    assert drawn.get_array().shape[0] == 5
+
+
+def test_a_gap_between_probes_is_not_painted_over():
+    """Two patches of probes far apart: no triangle joins them; excluded probes are left out."""
+    here = torch.cartesian_prod(torch.arange(4.0), torch.arange(4.0)).double() * 1e-3
+    places = torch.cat([here, here + torch.tensor([0.05, 0.0])])
+    plane = plane_of(turbulence((32, 450)), x=places[:, 0], z=places[:, 1])
+    found = tl.educe(plane, tl.load_liner("polito"), interval=None)
+    mesh = _mesh(found, 0)
+    joined = [(mesh.x[corner] > 25).any() and (mesh.x[corner] < 25).any()
+              for corner in mesh.triangles[~mesh.mask]]  # fmt: skip
+    assert not any(joined)
+    assert len(joined) >= 2 * 18
+    reflection = found.reflection.clone()
+    reflection[0] = complex(torch.nan, torch.nan)
+    assert len(_mesh(dataclasses.replace(found, reflection=reflection), 0).x) == 31
+
+
+def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):
+    from matplotlib.figure import Figure
+
+    for place in PLACES:
+        axes = Figure().subplots(1, 2)
+        assert maps[place].plot(frequency=1000.0, ax=axes) is axes
+        assert axes[0].has_data()
+        assert axes[1].has_data()
+    one = Figure().subplots()
+    assert maps["line"].plot(ax=one, frequency=1000.0) is one
+    (curve, *_) = one.get_lines()
+    assert curve.get_ydata() == pytest.approx(maps["line"].resistance[:, 1].numpy())
+    with pytest.raises(ValueError, match=r"frequency is 1200 Hz; the record has 1400, 1000 Hz"):
+        maps["line"].plot(frequency=1200.0)
+    with pytest.raises(ValueError, match=r"3 axes are given; 2 panels need 2, or one"):
+        maps["line"].plot(ax=Figure().subplots(1, 3))
+    with pytest.raises(ValueError, match=r"m.png: give a path or axes"):
+        maps["line"].plot(tmp_path / "m.png", ax=one)
+
+
+def test_moments_draw_the_velocity_of_their_plane():
+    plane = plane_at("line")
+    drawn = [each.plot().axes[1].get_lines()[0].get_ydata()
+             for each in (plane, tl.moments(plane))]  # fmt: skip
+    assert drawn[1] == pytest.approx(drawn[0], rel=1e-6)
+
+
+# Types.
+
+
+def test_the_stub_is_what_the_code_says():
+    """Written anew by its script; it names exactly the public names."""
+    stub = load_script("make_stub")
+    assert stub.STUB.read_text(encoding="utf-8") == stub.text()
+    named = set()
+    for node in ast.parse(stub.text()).body:
+        if isinstance(node, ast.ImportFrom):
+            named |= {each.asname for each in node.names if each.asname == each.name}
+        elif isinstance(node, ast.FunctionDef):
+            named.add(node.name)
+    assert named == set(tl.__all__)
+
+
+@pytest.mark.slow
+def test_mypy_knows_the_options(tmp_path):
+    """A slip is an error, the right word is none, and a map is a map."""
+    mypy = pytest.importorskip("mypy.api")
+    text = """import torchliner as tl
+p, l = tl.read_plane("p.h5"), tl.load_liner("onera")
+good: tl.ImpedanceMap = tl.educe(p, l, frequency=3.0, order="coherent first")
+several: list[tl.ImpedanceMap] = tl.educe([p], l)
+tl.educe(p, l, frequncy=3)
+"""
+    (tmp_path / "slip.py").write_text(text)
+    out, _, _ = mypy.run(
+        ["--strict", "--cache-dir", str(tmp_path / "c"), str(tmp_path / "slip.py")]
+    )
+    assert 'slip.py:5: error: Unexpected keyword argument "frequncy"' in out
+    assert {line.split(":")[1] for line in out.splitlines() if "slip.py" in line} == {"5"}
+
+
+# What comes with the program.
+
+
+def test_the_demo_planes_are_the_shipped_ones_and_small():
+    folder = resources.files("torchliner") / "demo_planes"
+    names = sorted(each.name for each in folder.iterdir())
+    assert names == sorted(demo.PLANES)
+    content = [(folder / name).read_bytes() for name in names]
+    assert sum(map(len, content)) < 2e6
+    for name, each in zip(names, content, strict=True):
+        wanted = hashlib.sha256((DATA / name).read_bytes()).hexdigest()
+        assert hashlib.sha256(each).hexdigest() == wanted
+
+
+def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendered):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo"]) == DONE
+    out = capsys.readouterr().out
+    assert "0.174-0.063j" in out
+    assert "true: 0.168-0.066j" in out
+    assert list(tmp_path.iterdir()) == []
+    assert main(["demo", "--folder", "new/folder"]) == DONE
+    there = {each.name for each in Path("new/folder").iterdir()}
+    assert {"map_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
+
+
+@pytest.mark.slow
+def test_the_wheel_carries_the_demo(tmp_path):
+    """Built as pip builds them, where the build backend can be had: the demo runs from it alone."""
+    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path), "."]
+    made = subprocess.run(build, cwd=DATA.parent, capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(f"no wheel can be built here: {made.stderr[-200:]}")
+    (wheel,) = tmp_path.glob("*.whl")
+    assert wheel.stat().st_size < 3e6
+    with zipfile.ZipFile(wheel) as whole:
+        names = whole.namelist()
+        whole.extractall(tmp_path / "site")
+    assert {f"torchliner/demo_planes/{name}" for name in demo.PLANES} <= set(names)
+    assert "torchliner/__init__.pyi" in names
+    assert not any(name.startswith(("data/", "tests/")) for name in names)
+    code = (f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import torchliner; "
+            "assert 'site' in torchliner.__file__; from torchliner.cli.main import main; "
+            "sys.exit(main(['demo']))")  # fmt: skip
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True,
+                           text=True, check=False, env={"PATH": ""})  # fmt: skip
+    assert "0.174-0.063j" in found.stdout, found.stderr
+
+
+def test_the_page_of_the_package_leads_nowhere_that_is_not_there():
+    """An index shows it without the files beside it; its example is that of the demo."""
+    text = (DATA.parent / "docs" / "package.md").read_text(encoding="utf-8")
+    assert "docs/package.md" in (DATA.parent / "pyproject.toml").read_text(encoding="utf-8")
+    assert all(link.startswith("https://") for link in re.findall(r"\]\(([^)]*)\)", text))

@@ -1,0 +1,348 @@
+"""Results leave the program: labelled arrays, rows, and a file for each ending."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from functools import cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import torch
+from conftest import turbulence
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, main
+from torchliner.io.vtkhdf import _grid
+from torchliner.names import RESULT_ENDINGS, RESULT_WRITERS
+
+xarray = pytest.importorskip("xarray")
+OLD = Path(__file__).parent / "stored" / "map_1.h5"  # as written before there were groups
+RATE, TONES = 42e3, [1400.0, 1000.0]
+PLACES = {
+    "plane": ((2, 3), {"x": [0.0, 0.01, 0.02], "z": [0.0, 0.01]}),
+    "uneven": ((2, 3), {"x": [0.0, 0.01, 0.03], "z": [0.0, 0.01]}),
+    "line": ((3,), {"x": [0.0, 0.01, 0.02]}),
+    "scattered": ((4,), {"x": [0.0, 0.01, 0.002, 0.011], "z": [0.0, 0.001, 0.01, 0.012]}),
+    "one probe": ((1,), {"x": [0.5]}),
+    "bare": ((2, 3), {}),
+}
+
+
+@cache
+def made(place="plane", tones=tuple(TONES), **choices):
+    shape, where = PLACES[place]
+    plane = tl.VelocityPlane(
+        turbulence((*shape, 420)), sampling_rate=RATE, height=1e-3, title="noise", **where,
+        incident_level=130.0, source_side="normal", reference={"in situ": 1 - 0.5j},
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return tl.educe(plane, tl.load_liner("polito"), list(tones), **choices)
+
+
+def points():
+    found = made()
+    known = (found.cell_x, found.cell_z)
+    return tl.PointImpedances(
+        "in situ", found.frequency, *known, found.cell_impedance, found.cell_impedance,
+        found.liner_impedance, found.liner_impedance, torch.ones(found.cell_impedance.shape),
+        *known, found.cell_impedance,
+    )  # fmt: skip
+
+
+@cache
+def line():
+    burst = torch.arange(4000, dtype=torch.float64) / 12e3
+    stations = [
+        tl.BurstRecord(burst, wall_normal=torch.cos(2 * torch.pi * 1500 * burst) + 0.1 * n,
+                       x=0.01 * n, y=1e-3, z=0.0)
+        for n in range(2)
+    ]  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0, segment=0.1)
+
+
+RESULTS = {
+    "scattered": lambda: made("scattered"), "one probe": lambda: made("one probe"),
+    "line of stations": line, "points": points,
+    "alongside": lambda: made().with_alongside(points()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["scattered", "one probe", "line of stations", "alongside"])
+def test_xarray_shows_of_the_file_what_the_record_gives(kind, tmp_path):
+    """Each variable, coordinate and attribute; beside them Z is complex, and described."""
+    result = RESULTS[kind]()
+    result.write(tmp_path / "r.nc")
+    with h5py.File(tmp_path / "r.nc") as file:
+        groups = [name for name, each in file.items() if isinstance(each, h5py.Group)]
+    for group in (None, *groups):
+        mine = result.to_xarray(group)
+        with xarray.open_dataset(tmp_path / "r.nc", engine="h5netcdf", group=group) as data:
+            assert data.attrs.pop("Conventions", "CF-1.8") == "CF-1.8"
+            xarray.testing.assert_identical(mine[list(data.data_vars)], data.load())
+        both = [name for name, each in mine.items() if np.iscomplexobj(each)]
+        assert both or group == "closure"
+        for name in both:
+            two = f"{name}_real" in mine
+            real = f"{name}_real" if two else name.replace("impedance", "resistance")
+            np.testing.assert_array_equal(mine[name].real, mine[real])
+        for name, each in mine.variables.items():
+            assert {"units", "long_name"} <= set(each.attrs) or name == "station_name", name
+
+
+def test_places_are_attached_to_what_has_them():
+    """A value is picked by the place of its probe, cell or station, not by a number."""
+    scattered = made("scattered")
+    mine = scattered.to_xarray()
+    assert {"x", "z"} <= set(mine.impedance.coords)
+    assert {"x", "z"}.isdisjoint(mine.cell_impedance.coords)
+    assert {"cell_x", "cell_z"} <= set(mine.cell_impedance.coords)
+    there = mine.impedance.where(mine.x == 0.002, drop=True).sel(frequency=1000)
+    assert complex(there[0]) == complex(scattered.impedance[2, 1])
+    near = made().to_xarray().impedance.sel(x=0.011, z=0.009, method="nearest").sel(frequency=1400)
+    assert complex(near) == complex(made().impedance[1, 1, 0])
+    assert {"x", "station_name"} <= set(line().to_xarray().impedance.coords)
+    with pytest.raises(ValueError, match=r"no group 'cells'; there are: amplitudes, .*intervals"):
+        scattered.to_xarray("cells")
+
+
+def test_rows_of_probes_and_cells():
+    result = made()
+    rows = result.to_dataframe()
+    assert len(rows) == 6 * 2
+    one = rows[(rows["x (m)"] == 0.01) & (rows["z (m)"] == 0.01) & (rows["frequency (Hz)"] == 1000)]
+    assert one["resistance (rho c)"].item() == float(result.resistance[1, 1, 1])
+    cells = result.to_dataframe("cells")
+    wanted = result.of_cells("velocity first")
+    assert cells["reactance, velocity first"].tolist() == wanted.imag.reshape(-1).tolist()
+    assert (cells["resistance, velocity first, low"] <= cells["resistance, velocity first"]).all()
+    assert set(points().to_dataframe("liners")["place"]) == {"liner"}
+    assert len(line().to_dataframe()) == 2
+    with pytest.raises(ValueError, match=r"no rows of 'probe'; there are those of probes, cells"):
+        result.to_dataframe("probe")
+
+
+@pytest.mark.parametrize("method", ["to_xarray", "to_dataframe"])
+def test_without_the_extra_it_is_named(method, monkeypatch):
+    for name in ("xarray", "h5netcdf", "pandas"):
+        monkeypatch.setitem(__import__("sys").modules, name, None)
+    with pytest.raises(ImportError, match=r"pip install \"torchliner\[xarray\]\""):
+        getattr(made(), method)()
+
+
+def test_files_of_the_first_layout_are_read(tmp_path):
+    """A stored one, all of whose variables stand in the file itself, to the bit."""
+    old = tl.read_map(OLD)
+    with h5py.File(OLD) as file:
+        assert file.attrs["schema"] == "torchliner map 1"
+        stored = file["answer_resistance"][()]
+        low = file["cell_coherent_first_resistance_low"][()]
+        reflection = file["reflection_real"][()]
+    np.testing.assert_allclose(old.answer.real, stored, rtol=1e-15)
+    np.testing.assert_array_equal(old.uncertainty.cells_coherent_first.low.real, low)
+    np.testing.assert_array_equal(old.reflection.real, reflection)
+    assert len(old.alongside) == 1
+    old.write(tmp_path / "new.h5")
+    new = tl.read_map(tmp_path / "new.h5")
+    assert new.reflection.tolist() == old.reflection.tolist()
+    assert new.uncertainty.settings == old.uncertainty.settings
+    assert new.choices == old.choices
+    assert (new.uncertainty.liner.low == old.uncertainty.liner.low).all()
+
+
+def test_closure_comes_back_from_its_group(tmp_path):
+    """Of a level that is known, with all it rests on."""
+    period = torch.arange(900, dtype=torch.float64) / RATE
+    plane = tl.VelocityPlane(
+        torch.cos(2 * torch.pi * 1400 * period).expand(3, -1).contiguous(), sampling_rate=RATE,
+        frequency=1400.0, incident_level=150.0, source_side="normal", x=[0.0, 0.01, 0.02],
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = tl.educe(plane, tl.load_liner("polito"))
+    assert found.closure is not None
+    found.write(tmp_path / "c.h5")
+    again = tl.read_map(tmp_path / "c.h5").closure
+    assert again.liner.level.tolist() == found.closure.liner.level.tolist()
+    assert again.known == found.closure.known
+    assert "order" in found.to_xarray("closure").closure_level.dims
+
+
+# Files by ending.
+
+
+def test_every_ending_is_written_and_others_are_refused(tmp_path):
+    for ending in (".h5", ".hdf5", ".nc", ".csv", *RESULT_WRITERS):
+        assert ending in RESULT_ENDINGS.replace(".h5", ".h5.hdf5")
+        made().write(tmp_path / f"m{ending.upper()}")
+        assert (tmp_path / f"m{ending.upper()}").stat().st_size > 0
+    with pytest.raises(ValueError, match=r"m.vtk ends in '.vtk'; .*\.csv, \.vtkhdf, .*\.txt$"):
+        made().write(tmp_path / "m.vtk")
+
+
+@pytest.mark.parametrize("ending", RESULT_WRITERS)
+@pytest.mark.parametrize("kind", ["line of stations", "points"])
+def test_lines_and_points_take_the_same_endings(kind, ending, tmp_path):
+    result, path = RESULTS[kind](), tmp_path / f"r{ending}"
+    if ending in (".bdf", ".dat") and len(result.frequency) == 1:
+        with pytest.raises(ValueError, match=r"needs 2 frequencies at .* has 1; educe"):
+            result.write(path)
+        return
+    result.write(path)
+    assert path.stat().st_size > 0
+
+
+KINDS = {"plane": "ImageData", "uneven": "PolyData", "line": "ImageData",
+         "scattered": "PolyData", "one probe": "ImageData"}  # fmt: skip
+
+
+@pytest.mark.parametrize("place", KINDS)
+def test_paraview_sees_each_probe_at_its_place(place, tmp_path):
+    """By the reader of VTK itself: kind, coordinates, and Z at each of them."""
+    pyvista = pytest.importorskip("pyvista")
+    result = made(place)
+    result.write(tmp_path / "m.vtkhdf")
+    seen = pyvista.read(tmp_path / "m.vtkhdf")
+    assert type(seen).__name__ == KINDS[place]
+    x, z = (np.array(PLACES[place][1].get(key, [0.0])) for key in "xz")
+    if len(PLACES[place][0]) == 2:
+        x, z = np.tile(x, len(z)), np.repeat(z, len(x))
+    wanted = np.stack([x, np.full_like(x, 1e-3), np.broadcast_to(z, x.shape)], 1)
+    np.testing.assert_allclose(seen.points, wanted, atol=1e-9)
+    for i, frequency in enumerate(TONES):
+        for part in ("resistance", "reactance"):
+            values = getattr(result, part)[..., i].reshape(-1)
+            np.testing.assert_allclose(seen[f"{part}_{frequency:g}Hz"], values, rtol=1e-6)
+    cells = {"plane": 2, "uneven": 2, "line": 2, "scattered": 4, "one probe": 1}
+    assert seen.n_cells == cells[place]
+    if place == "uneven":  # corners follow each other around a quadrilateral
+        around = seen.points[seen.regular_faces]
+        sides = np.abs(around - np.roll(around, 1, axis=1))
+        assert (np.minimum(sides[..., 0], sides[..., 2]) == 0).all()
+
+
+def test_one_frequency_needs_no_number_in_the_names(tmp_path):
+    made(tones=(1400.0,)).write(tmp_path / "m.vtkhdf")
+    with h5py.File(tmp_path / "m.vtkhdf") as file:
+        data = file["VTKHDF/PointData"]
+        assert {"resistance", "reactance_low", "mean_velocity"} <= set(data)
+        assert data["resistance"].shape == (2, 3)  # two axes for two
+    with pytest.raises(ValueError, match=r"has no x or z; state them in the data, or write"):
+        made("bare").write(tmp_path / "bare.vtkhdf")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    some.lists(some.integers(-50, 50), min_size=1, max_size=5, unique=True).map(sorted),
+    some.lists(some.integers(-50, 50), min_size=1, max_size=5, unique=True).map(sorted),
+    some.booleans(),
+)
+def test_a_grid_is_found_where_there_is_one_alone(x, z, moved):
+    """z outside x is a grid; one point moved off it is none."""
+    places = np.array([[a, 0.0, b] for b in z for a in x], dtype=float)
+    if moved and len(x) > 1 and len(z) > 1:
+        places[-1, 0] += 0.5
+        assert _grid(places) is None
+    else:
+        found = _grid(places)
+        assert (found[0].tolist(), found[1].tolist()) == (x, z)
+
+
+def test_nastran_reads_its_table_in_the_order_of_frequency(tmp_path):
+    """Fields of 16 columns, two pairs a line, ENDT at the end: by a reader of columns."""
+    made().write(tmp_path / "z.bdf")
+    lines = (tmp_path / "z.bdf").read_text().splitlines()
+    assert max(map(len, lines)) <= 72
+    tables = {}
+    for text in lines:
+        if text.startswith("TABLED1*"):
+            assert text[24:56].split() == ["LINEAR", "LINEAR"]
+            tables[int(text[8:24])] = fields = []
+        elif text.startswith("*"):
+            fields += [text[at : at + 16].strip() for at in range(8, len(text), 16)]
+    assert {number: each[-1] for number, each in tables.items()} == {1: "ENDT", 2: "ENDT"}
+    answer = made().answer
+    for number, part in ((1, answer.real), (2, answer.imag)):
+        numbers = [float(cell) for cell in tables[number][:-1]]
+        assert numbers[0::2] == sorted(TONES)
+        assert numbers[1::2] == pytest.approx([float(part[1]), float(part[0])], rel=1e-9)
+
+
+def test_a_table_with_a_gap_is_refused(tmp_path):
+    """A solver would draw its line over what is not known."""
+    reflection = made().reflection.clone()
+    reflection[..., 0] = torch.nan
+    broken = dataclasses.replace(made(order="probes first"), reflection=reflection)
+    for ending in (".txt", ".dat"):
+        with pytest.raises(
+            ValueError, match=r"Z of the whole liner is not finite at \[1400.0, 1000.0\]"
+        ):
+            broken.write(tmp_path / f"z{ending}")
+
+
+def test_solvers_read_columns_below_comments(tmp_path):
+    made().write(tmp_path / "z.txt")
+    found = np.loadtxt(tmp_path / "z.txt", comments="%")
+    answer = made().answer.numpy()
+    wanted = [[1000, answer[1].real, answer[1].imag], [1400, answer[0].real, answer[0].imag]]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+    assert "exp(+j omega t)" in (tmp_path / "z.txt").read_text()
+
+
+def test_matlab_has_complex_arrays(tmp_path):
+    result = made()
+    result.write(tmp_path / "m.mat")
+    found = scipy.io.loadmat(tmp_path / "m.mat", simplify_cells=True)["result"]
+    np.testing.assert_array_equal(found["impedance"], result.impedance)
+    np.testing.assert_array_equal(found["amplitudes"]["reflection"], result.reflection)
+    low = result.uncertainty.liner_coherent_first.low
+    np.testing.assert_array_equal(found["intervals"]["liner_coherent_first_impedance_low"], low)
+    assert found["x"].tolist() == PLACES["plane"][1]["x"]
+    assert '"engine": "spectral"' in found["choices"]
+
+
+def test_a_line_without_an_average_has_no_answer():
+    with pytest.raises(ValueError, match="the stations have no average; join them"):
+        _ = dataclasses.replace(line(), average=None).answer
+
+
+def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, monkeypatch, capsys):
+    """One tone for a table over frequency, probes without places for a picture."""
+    shape, where = PLACES["line"]
+    for name, places in (("placed", where), ("bare", {})):
+        plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0,
+                                 **places)  # fmt: skip
+        plane.write(tmp_path / f"{name}.h5")
+    monkeypatch.setattr("torchliner.cli.educe._educed", None)
+    for plane, ending, message in (
+        ("placed", "bdf", "needs 2 frequencies at least and the result has 1"),
+        ("bare", "vtkhdf", "needs places and the result has no x or z"),
+        (
+            "placed",
+            "mat5",
+            "it must be one of .h5, .hdf5, .nc, .csv, .vtkhdf, .mat, .bdf",
+        ),
+    ):
+        words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o",
+                 str(tmp_path / f"m.{ending}")]  # fmt: skip
+        assert main(words) == BAD_INPUT
+        assert message in capsys.readouterr().err
+    main([*words[:-1], str(tmp_path / "m.bdf"), "--frequency", "1400", "2800"])
+    assert "NoneType" in capsys.readouterr().err  # the work, which is not there
+
+
+def test_a_line_of_stations_shows_itself():
+    found = line()
+    text = repr(found)
+    assert text.startswith("ImpedanceLine: 2 stations, 8000 bursts, 1500 Hz\n  1500 Hz: Z = ")
+    assert f"Z = {complex(found.answer[0]):.3f}" in found._repr_html_()
+    alone = dataclasses.replace(found, average=None)
+    assert len(repr(alone).splitlines()) == 1

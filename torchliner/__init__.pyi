@@ -1,0 +1,122 @@
+# ruff: noqa
+# fmt: off
+"""Public names of torchliner; written by scripts/make_stub.py."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypedDict, Unpack, overload
+
+import torch
+
+from torchliner.calibration.sensitivities import Sensitivities
+from torchliner.liners.model import Liner
+from torchliner.tdibc.prepared import Progress
+
+from torchliner.audits.audit import audit as audit
+from torchliner.audits.compare import compare as compare
+from torchliner.calibration.calibrate import calibrate as calibrate
+from torchliner.checks import DataWarning as DataWarning
+from torchliner.conversions import absorption_from_reflection as absorption_from_reflection
+from torchliner.conversions import impedance_from_reflection as impedance_from_reflection
+from torchliner.conversions import reflection_from_impedance as reflection_from_impedance
+from torchliner.duct.dispersion import impedance_from_wavenumber as impedance_from_wavenumber
+from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_from_impedance
+from torchliner.duct.growing_wave import growing_wave as growing_wave
+from torchliner.duct.modes import duct_modes as duct_modes
+from torchliner.duct.presets import load_duct as load_duct
+from torchliner.flow_profiles import TanhProfile as TanhProfile
+from torchliner.flow_profiles import displacement_thickness as displacement_thickness
+from torchliner.fluid import Fluid as Fluid
+from torchliner.in_situ_method.dean import in_situ as in_situ
+from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
+from torchliner.io.burst_sources import list_stations as list_stations
+from torchliner.io.burst_sources import read_bursts as read_bursts
+from torchliner.io.line_file import read_line as read_line
+from torchliner.io.map_file import read_map as read_map
+from torchliner.io.microphone_file import read_microphones as read_microphones
+from torchliner.io.moments_file import read_moments as read_moments
+from torchliner.io.plane_file import read_plane as read_plane
+from torchliner.io.point_file import read_points as read_points
+from torchliner.io.pressure_file import read_pressure as read_pressure
+from torchliner.io.signal_file import read_signal as read_signal
+from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
+from torchliner.lee.settled import solve_settled as solve_settled
+from torchliner.lee.solver import DuctSolver as DuctSolver
+from torchliner.liners.catalogue import load_liner as load_liner
+from torchliner.liners.catalogue import preset_names as preset_names
+from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
+from torchliner.liners.sdof import SDoFLiner as SDoFLiner
+from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
+from torchliner.records import BurstRecord as BurstRecord
+from torchliner.records import ImpedanceLine as ImpedanceLine
+from torchliner.records import ImpedanceMap as ImpedanceMap
+from torchliner.records import MicrophoneLine as MicrophoneLine
+from torchliner.records import PointImpedances as PointImpedances
+from torchliner.records import PressureRecord as PressureRecord
+from torchliner.records import ReferenceChannel as ReferenceChannel
+from torchliner.records import VelocityPlane as VelocityPlane
+from torchliner.records import WallEduction as WallEduction
+from torchliner.reduction.moments import Moments as Moments
+from torchliner.reduction.parts import MomentsPart as MomentsPart
+from torchliner.replay.kernels import build_kernels as build_kernels
+from torchliner.replay.levels import VelocityGrid as VelocityGrid
+from torchliner.replay.waves import BandNoise as BandNoise
+from torchliner.replay.waves import Recorded as Recorded
+from torchliner.replay.waves import Sweep as Sweep
+from torchliner.replay.waves import Tones as Tones
+from torchliner.signals.arrivals import onto_grid as onto_grid
+from torchliner.signals.attenuation import tone_attenuation as tone_attenuation
+from torchliner.signals.burst_moments import burst_moments as burst_moments
+from torchliner.signals.burst_validation import BurstFilters as BurstFilters
+from torchliner.signals.burst_validation import validate_bursts as validate_bursts
+from torchliner.tdibc.growing import GrowingMoments as GrowingMoments
+from torchliner.wall_field.fit_field import fit_field as fit_field
+from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
+from torchliner.wall_waves.sort_waves import sort_waves as sort_waves
+from torchliner.wall_waves.two_waves import two_wave_fit as two_wave_fit
+from torchliner.version import __version__ as __version__
+
+__all__: list[str]
+
+class _Choices(TypedDict, total=False):
+    engine: str
+    phase: str
+    edge: str
+    window: Any
+    drive: str
+    mean: str
+    kernel: str
+    response: str | None
+    band: tuple[float, float] | None
+    levels: int
+    spacing: str
+    interpolation: str
+    velocity_max: float | None
+    pre_roll: float
+    running_window: float | None
+    minimum_coherence: float
+    missing: str
+    allow_short: bool
+    device: str | torch.device | None
+    dtype: str | torch.dtype | None
+    memory: int | str | None
+    tolerance: float | None
+    rank_tolerance: float | None
+    incident: Any
+    segment: float | None
+    interval: float | None
+    resample: str
+    wall_filter: float | None
+    order: str
+    oncoming_rms: float | None
+    closure_limit: float
+    level_doubt: float
+
+@overload
+def educe(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, reflected: str | Path | None=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
+
+@overload
+def educe(plane: Sequence[VelocityPlane | Moments], liner: Liner, frequency: Any=None, *, reference_phase: Any=None, reflected: str | Path | None=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> list[ImpedanceMap]: ...
+def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Moments: ...
+def moments_part(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, first_sample: int, of_samples: int | None=None, given: Moments | None=None, cell_pitch: float | None=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> MomentsPart: ...
+def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, reference_phase: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...

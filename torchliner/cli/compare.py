@@ -1,0 +1,54 @@
+"""torchliner compare."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from torchliner.cli.files import liner_names, show_results
+from torchliner.cli.options import frequency_option, shared
+from torchliner.names import ORDERS
+
+OPTIONS = {
+    "": {
+        "first PATH": "map of torchliner educe, or moments of torchliner reduce",
+        "second PATH": "another one of the same cells",
+        "--order": (ORDERS, "of averaging; default: that of both"),
+        **frequency_option("the tone; of moments alone, a map has its frequencies"),
+        "--liner LINER": "of moments: preset, .toml or .csv file; default: the one the file names",
+    }
+    | shared("--output", "--json", "--quiet"),
+}
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print how far the second is off the first, for the liner and each cell."""
+    from torchliner.audits.compare import compare
+    from torchliner.report.comparison_table import (
+        comparison_table,
+        format_comparison,
+        plain_comparison,
+    )
+
+    first, second = (_map_of(path, options) for path in (options.first, options.second))
+    found = compare(first, second, options.order)
+    show_results(
+        options, lambda: format_comparison(found), lambda: plain_comparison(found),
+        output=comparison_table(found).write_csv,
+    )  # fmt: skip
+    return 0
+
+
+def _map_of(path: Path, options: argparse.Namespace) -> Any:
+    """A map, or that of moments."""
+    from torchliner.io.map_file import read_map
+    from torchliner.io.moments_file import holds_moments, read_moments
+    from torchliner.liners.catalogue import load_liner
+
+    if not holds_moments(path):
+        return read_map(path)
+    known = read_moments(path)
+    (name,) = liner_names(options.liner, [known], [path])
+    order = {} if options.order is None else {"order": options.order}
+    return known.educe(load_liner(name), options.frequency, **order)

@@ -1,0 +1,42 @@
+"""Differences of two maps as a table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torchliner.audits.compare import Comparison, DifferenceRow
+from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+
+
+def _bounds(row: DifferenceRow) -> Any:
+    return None if row.low is None else (row.low, row.high)
+
+
+TEXT = (
+    Column("", "place", "place"), Column("", "x", "x mm", ".2f", 1e3),
+    Column("", "z", "z mm", ".2f", 1e3), Column("", "frequency", "f Hz", ".1f"),
+    Column("", "first", "Z, first", format_complex),
+    Column("", "second", "Z, second", format_complex),
+    Column("", "difference", "difference", format_complex),
+    Column("", _bounds, "interval", format_bounds), Column("", "clear", "differs in"),
+)  # fmt: skip
+PLAIN = plain_columns("place x z frequency first* second* difference* low* high* clear")
+
+
+def comparison_table(found: Comparison) -> Table:
+    """Columns of text, CSV and JSON."""
+    return Table(found.rows, (*TEXT, *PLAIN))
+
+
+def format_comparison(found: Comparison) -> str:
+    """One row a place and frequency; what the interval is."""
+    note = f"second less first, {found.order}; {found.words}"
+    return f"{comparison_table(found).as_text()}\n{note}"
+
+
+def plain_comparison(found: Comparison) -> dict[str, Any]:
+    """For JSON."""
+    return {
+        "order": found.order, "level": found.level, "same_run": found.same_run,
+        "words": found.words, "rows": comparison_table(found).as_rows(),
+    }  # fmt: skip
