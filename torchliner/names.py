@@ -94,6 +94,9 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".hdf5": "torchliner.io.arrays:read_hdf5",
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
+PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
+    "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
+}
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",
     "DXEX": "torchliner.io.dantec:FORMAT",

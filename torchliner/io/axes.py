@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 from torch import Tensor
 
+from torchliner.checks import tell
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import (
     factor_to,
@@ -28,6 +29,7 @@ from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
+COARSEST = 0.4  # of stamps with few digits; a missing frame makes 0.5 at least
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
 FLUID = numbers(FLUID_UNITS)
@@ -145,22 +147,46 @@ def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
         raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
-    time = read_si(group, key, "s", path)
+    return uniform_rate(read_si(group, key, "s", path), name), shape[0]
+
+
+def uniform_rate(time: np.ndarray, name: str, rounding: float = 0.0) -> float:
+    """Sampling rate (Hz) of time stamps.
+
+    Args:
+        time: s, (T,), T >= 2.
+        name: FILE:/dataset, for messages.
+        rounding: s, by which stamps are off since they are printed with so few digits.
+    Raises:
+        ValueError: they are not finite, do not increase or are not uniform; where, and by how much.
+    Warns:
+        DataWarning: the rounding is above the limit of uniformity.
+    """
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
     step = (time[-1] - time[0]) / (len(time) - 1)
     if step <= 0:
         raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s")
     error = np.abs(time - (time[0] + step * np.arange(len(time)))) / step
-    if error.max() > UNIFORMITY:
+    limit = max(UNIFORMITY, min(2 * rounding / step, COARSEST))
+    if error.max() > limit:
         steps = np.diff(time)
         worst = int(np.abs(steps - step).argmax())
         raise ValueError(
             f"{name} is not uniform: stamps are off by up to {error.max():.3g} sampling intervals "
-            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
+            f"(limit {limit:.3g}); the step after sample {worst} is {steps[worst]:.6g} s, "
             f"{step:.6g} s on average. Resample the data to uniform times first"
+            + f"; or write times with more digits: these tell {2 * rounding:.1g} s apart"
+            * bool(2 * rounding > COARSEST * step)
         )
-    return float(1 / step), len(time)
+    if error.max() > UNIFORMITY:
+        tell(
+            f"{name}: stamps are printed to {2 * rounding:.1g} s, {2 * rounding / step:.2g} of a "
+            f"sampling interval, and count as uniform; the rate, {1 / step:.8g} Hz, is that of "
+            f"the whole record, known to {2 * rounding / (time[-1] - time[0]):.1g} of itself",
+            depth=2,
+        )
+    return float(1 / step)
 
 
 def axis_names(dataset: h5py.Dataset, label: str) -> list[str]:
