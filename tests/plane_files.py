@@ -60,11 +60,12 @@ def answer_or_error(form, path, request, inside, clean):
     Returns:
         Whether it was the answer to the clean file.
     """
+    said = ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = form.open(path, request).load().velocity.numpy()
     except (ValueError, OSError) as error:
-        assert inside in str(error), error
-        return False
-    return found.shape == clean.shape and np.array_equal(found, clean)
+        said = str(error)
+    assert inside in said or not said
+    return not said and found.shape == clean.shape and np.array_equal(found, clean)

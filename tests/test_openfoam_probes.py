@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import pickle
 
-
 import numpy as np
 import pytest
 from conftest import SHARED
@@ -92,7 +91,7 @@ def test_restarts_are_one_record(tmp_path):
     with pytest.raises(ValueError, match=r"3e-05/U begins 2 samples before .* at 4e-05 s .*0\.25"):
         opened(FORMAT, tmp_path)
     probes(tmp_path / "3e-05/U", VALUES[7:], first=7)
-    with pytest.raises(ValueError, match="not uniform.*step after sample 4 is 3e-05 s"):
+    with pytest.raises(ValueError, match=r"not uniform.*step after sample 4 is 3e-05 s"):
         opened(FORMAT, tmp_path)
     probes(tmp_path / "3e-05/U", VALUES[5:, :8], POINTS[:8], first=5)
     with pytest.raises(ValueError, match=r"other probes \(8\)"):

@@ -1,10 +1,11 @@
-"""OpenFOAM's probes: `# Probe i (x y z)` and rows `time (u v w) (u v w) ...`, one file a restart."""
+"""OpenFOAM's probes: `# Probe i (x y z)`, rows `time (u v w) (u v w) ...`, one file a restart."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,9 +71,9 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
     parts = [index_rows(file) for file in files]
     points, outside = _probes(parts[0], files[0])
     for part, file in zip(parts[1:], files[1:], strict=True):
-        there, lost = _probes(part, file)
-        if there.shape != points.shape or lost != outside or not np.allclose(there, points):
-            raise ValueError(f"{file} has other probes ({len(there)}) than {files[0]} "
+        others, lost = _probes(part, file)
+        if others.shape != points.shape or lost != outside or not np.allclose(others, points):
+            raise ValueError(f"{file} has other probes ({len(others)}) than {files[0]} "
                              f"({len(points)}); give the restarts that have the same")  # fmt: skip
     probe = np.array([i for i in range(len(points)) if i not in set(outside)], np.int64)
     width = parts[0].width
@@ -116,12 +117,12 @@ def _joined(parts: list[TextRows], width: int, columns: tuple[int, ...]) -> Text
         again = int(np.searchsorted(part.first, whole.first[-1] + step / 2))
         _require_same(whole, part.part(slice(0, again)), width, columns, step)
         rest = part.part(slice(again, None))
-        number = len(whole.paths)
-        whole = TextRows(
-            (*whole.paths, *part.paths), np.append(whole.file, rest.file + number),
-            *(np.append(getattr(whole, name), getattr(rest, name))
-              for name in ("begin", "end", "line", "first")),
-            max(whole.rounding, part.rounding), whole.heading, whole.marks,
+        joined: dict[str, Any] = {name: np.append(getattr(whole, name), getattr(rest, name))
+                  for name in ("begin", "end", "line", "first")}  # fmt: skip
+        whole = replace(
+            whole, paths=(*whole.paths, *part.paths),
+            file=np.append(whole.file, rest.file + len(whole.paths)),
+            rounding=max(whole.rounding, part.rounding), **joined,
         )  # fmt: skip
     return whole
 

@@ -1,7 +1,7 @@
 """Points of a solver's file as a plane: wall-normal direction, grid or scattered, order of probes.
 
 Points have coordinates x, y, z of the solver. The plane's x and z are the two axes along the wall
-in this order: x and z of a wall normal to y, x and y of one normal to z, y and z of one normal to x.
+in this order: x and z where the normal is y, x and y where it is z, y and z where it is x.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +71,10 @@ class TextRows:
             OSError: a file is shorter than it was.
         """
         parts = []
-        cuts = np.flatnonzero((np.diff(self.file[begin:end]) != 0)
-                              | (self.begin[begin + 1 : end] != self.end[begin : end - 1]))  # fmt: skip
+        apart = self.begin[begin + 1 : end] != self.end[begin : end - 1]
+        cuts = np.flatnonzero(apart | (np.diff(self.file[begin:end]) != 0))
         edges = [begin, *(cuts + begin + 1), end]
-        for low, high in zip(edges, edges[1:], strict=False):
+        for low, high in pairwise(edges):
             path, place = self.paths[self.file[low]], int(self.begin[low])
             with path.open("rb", buffering=0) as file:
                 file.seek(place)
@@ -169,15 +170,17 @@ def index_rows(path: Path) -> TextRows:
             f"goes on; it is left out, {len(rows)} rows remain",
             depth=2,
         )
-    begin_end_line = np.array(rows, np.int64)
     sample = bytes_at(path, *(int(n) for n in (rows[0][0], min(rows[0][1] - rows[0][0], BLOCK))))
     marks = COMMAS if b";" in sample and b"," in sample else SPACES
     time = np.array(first)
     if marks == COMMAS:
         time = np.array([number_of(bytes_at(path, b, TOKEN).translate(COMMAS).split(None, 1)[0])[0]
                          for b, *_ in rows], float)  # fmt: skip
-    return TextRows((path,), np.zeros(len(rows), np.int64), *begin_end_line.T, time,
-                    half_digit(time, digits), tuple(heading), marks)  # fmt: skip
+    begins, ends, lines = np.array(rows, np.int64).T
+    return TextRows(
+        (path,), np.zeros(len(rows), np.int64), begins, ends, lines, time,
+        half_digit(time, digits), tuple(heading), marks,
+    )  # fmt: skip
 
 
 def half_digit(values: np.ndarray, digits: int) -> float:
