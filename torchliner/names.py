@@ -97,6 +97,7 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
     "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
     "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
+    "vtk": "torchliner.io.vtk_series:FORMAT",
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",

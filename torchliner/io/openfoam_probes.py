@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,16 +39,22 @@ class ProbeColumns:
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """A file of probes, or the folder of one quantity's restarts."""
-    return head.lstrip().startswith(b"# Probe 0") or (path.is_dir() and bool(_restarts(path, "*")))
+    """A file of probes, or the folder of their restarts."""
+    if not path.is_dir():
+        return head.lstrip().startswith(b"# Probe 0")
+    with suppress(OSError):
+        return any(_is_probes(file) for folder in _times(path)[:1] for file in folder.iterdir())
+    return False
 
 
-def _restarts(folder: Path, name: str) -> list[Path]:
-    """Files of a name in folders called by a time, in the order of time."""
-    found = [file for file in folder.glob(f"*/{name}")
-             if number_of(file.parent.name)[0] is not None and file.is_file()
-             and bytes_at(file, 0).startswith(b"# Probe 0")]  # fmt: skip
-    return sorted(found, key=lambda file: float(file.parent.name))
+def _is_probes(file: Path) -> bool:
+    return file.is_file() and bytes_at(file, 0).startswith(b"# Probe 0")
+
+
+def _times(path: Path) -> list[Path]:
+    """Folders called by a time, in its order."""
+    found = [each for each in path.iterdir() if number_of(each.name)[0] is not None]
+    return sorted((each for each in found if each.is_dir()), key=lambda each: float(each.name))
 
 
 def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
@@ -63,9 +70,9 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
     name = request.variable or ("U" if path.is_dir() else path.name)
     files = [path]
     if path.is_dir():
-        files = _restarts(path, name)
+        files = [each / name for each in _times(path) if (each / name).is_file()]
         if not files:
-            there = sorted({file.name for file in _restarts(path, "*")})
+            there = sorted({file.name for each in _times(path) for file in each.iterdir()})
             raise ValueError(f"{path} has no {name!r} in the folders of its times; there are: "
                              f"{', '.join(there)}; name one (--variable)")  # fmt: skip
     parts = [index_rows(file) for file in files]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from torchliner.io.surface_frames import (
     read_whole,
     unpack_faces,
 )
-from torchliner.io.text_rows import SPACES, bytes_at, half_digit, number_of, parse_vectors
+from torchliner.io.text_rows import SPACES, bytes_at, last_digit, number_of, parse_vectors
 from torchliner.io.vtk_files import parse_vtk
 from torchliner.records import VelocityPlane
 
@@ -36,14 +37,14 @@ FIELDS = {"vectorField": 3, "scalarField": 1}
 
 def time_folders(path: Path) -> tuple[Path, list[Path]]:
     """The folder of a series of time folders in which a path lies, and these in order of time."""
-    root = next((each.parent for each in [path, *path.parents][:5]
-                 if number_of(each.name)[0] is not None and each.is_dir()), path)  # fmt: skip
-    if not root.is_dir():
-        return root, []
-    found = [
-        each for each in root.iterdir() if number_of(each.name)[0] is not None and each.is_dir()
-    ]
-    return root, sorted(found, key=lambda each: float(each.name))
+    roots = [path] + [each.parent for each in [path, *path.parents][:3]
+                      if number_of(each.name)[0] is not None]  # fmt: skip
+    for root in filter(Path.is_dir, roots):
+        found = [each for each in root.iterdir() if number_of(each.name)[0] is not None]
+        found = [each for each in found if each.is_dir()]
+        if found:
+            return root, sorted(found, key=lambda each: float(each.name))
+    return path, []
 
 
 def surfaces_of(folder: Path) -> dict[str, list[Path]]:
@@ -59,13 +60,14 @@ def surfaces_of(folder: Path) -> dict[str, list[Path]]:
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """A folder of time folders that hold surfaces, or a file in one."""
-    root, folders = time_folders(path)
-    return (
-        bool(folders)
-        and (path.is_dir() or root != path.parent)
-        and any(surfaces_of(each) for each in folders[:2])
-    )
+    """A folder of time folders that hold surfaces, or one of them, or a file in one."""
+    with suppress(OSError):
+        root, folders = time_folders(path)
+        inside = path.relative_to(root).parts
+        there = [each for files in surfaces_of(root / inside[0] if inside else folders[0]).values()
+                 for each in files] if folders else []  # fmt: skip
+        return bool(there) and (len(inside) < 2 or root / inside[0] / inside[1] in there)
+    return False
 
 
 def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
@@ -109,7 +111,7 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
     digits = max(number_of(folder.name)[1] for folder in folders)
     if len(time) < 2:
         raise ValueError(f"{root} has one time, {folders[0].name}; two at least are needed")
-    rate = uniform_rate(time, f"{root}, times", half_digit(time, digits))
+    rate = uniform_rate(time, f"{root}, times", last_digit(time, digits))
     return plane_of_frames(
         paths, parse, request, rate, root, format=f"OpenFOAM surface {group}",
         start=float(time[0]),

@@ -176,6 +176,7 @@ def plane_at(
     area: np.ndarray | None = None,
     dtype: torch.dtype = torch.float32,
     tile_rows: int = 1,
+    start: float = 0.0,
     **about: Any,
 ) -> VelocityPlane:
     """The plane of a solver's points, its velocity left in the files.
@@ -190,6 +191,7 @@ def plane_at(
         factor: to m/s.
         area: m2, that each point stands for, (N,).
         dtype, tile_rows: as for ``FrameVelocity``.
+        start: time of the first sample, s.
         about: what else provenance says.
     Raises:
         ValueError: as ``wall_normal``; no points, coordinates that are not finite or too large; one
@@ -212,12 +214,13 @@ def plane_at(
         shape = (len(z), len(x))  # type: ignore[assignment]
     if order is not None:
         source = Arranged(source, order)
+        area = None if area is None else area[order]
     where = {"normal": ("-" if sign < 0 else "") + AXES[axis],
              "normal_coordinate": float(np.median(points[:, axis]))}  # fmt: skip
     velocity = FrameVelocity(
         source, (*shape, samples), label, factor * sign, dtype, tile_rows=tile_rows
     )
     return VelocityPlane(
-        velocity, sampling_rate=rate, x=x, z=z, name=label, title=path.stem,
+        velocity, sampling_rate=rate, start=start, x=x, z=z, area=area, name=label, title=path.stem,
         provenance={**where, **about},
     )  # fmt: skip

@@ -30,7 +30,7 @@ class TextRows:
         paths: files.
         file, begin, end, line: of each row: which file, its bytes, its number there; (T,).
         first: its first number, float64, (T,).
-        rounding: half of the last digit of the first numbers, at worst.
+        rounding: one in the last digit of the first numbers, at worst.
         heading: lines before the rows.
         marks: what becomes a blank, or a point, before numbers are read.
     """
@@ -179,16 +179,16 @@ def index_rows(path: Path) -> TextRows:
     begins, ends, lines = np.array(rows, np.int64).T
     return TextRows(
         (path,), np.zeros(len(rows), np.int64), begins, ends, lines, time,
-        half_digit(time, digits), tuple(heading), marks,
+        last_digit(time, digits), tuple(heading), marks,
     )  # fmt: skip
 
 
-def half_digit(values: np.ndarray, digits: int) -> float:
-    """Half of the last digit of the largest of numbers that are printed with so many; solvers print
-    six at least, and leave zeros at the end away."""
+def last_digit(values: np.ndarray, digits: int) -> float:
+    """One in the last digit of the largest of numbers that are printed with so many digits; solvers
+    print six at least, and leave zeros at the end away."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
-    return 0.5 * 10.0 ** (power + 1 - max(6, digits))
+    return 10.0 ** (power + 1 - max(6, digits))
 
 
 def bytes_at(path: Path, offset: int, size: int = TOKEN) -> bytes:

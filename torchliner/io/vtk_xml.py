@@ -77,7 +77,9 @@ class XmlFile:
                 end = place if tag[3].endswith(b"/") else head.find(b"</DataArray", place)
                 if end < 0:
                     raise ValueError(f"{self.path} is truncated in the array {about.get('Name')!r}")
-                self.parts.append(Part(tuple(section), about, head[place:end]))
+                # Of its text: keys of information may follow inside.
+                text = head[place:end].partition(b"<")[0]
+                self.parts.append(Part(tuple(section), about, text))
                 place = end
                 continue
             if name == "VTKFile":
