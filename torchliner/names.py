@@ -95,6 +95,7 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
+    "powerflow": "torchliner.io.powerflow:FORMAT",
     "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
     "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
     "vtk": "torchliner.io.vtk_series:FORMAT",
