@@ -99,6 +99,9 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
     "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
     "vtk": "torchliner.io.vtk_series:FORMAT",
+    "vtkhdf": "torchliner.io.vtkhdf:FORMAT",
+    "matlab": "torchliner.io.array_planes:MATLAB_FORMAT",
+    "npy": "torchliner.io.array_planes:NPY_FORMAT",
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",
