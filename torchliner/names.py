@@ -102,6 +102,7 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "vtkhdf": "torchliner.io.vtkhdf:FORMAT",
     "matlab": "torchliner.io.array_planes:MATLAB_FORMAT",
     "npy": "torchliner.io.array_planes:NPY_FORMAT",
+    "csv": "torchliner.io.csv_histories:FORMAT",
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",

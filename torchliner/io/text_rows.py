@@ -63,8 +63,10 @@ class TextRows:
         names = ("file", "begin", "end", "line", "first")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
-    def numbers(self, begin: int, end: int, width: int, columns: Sequence[int]) -> np.ndarray:
-        """Some columns of rows begin .. end - 1, float32, and all rows tested for their length.
+    def numbers(
+        self, begin: int, end: int, width: int, columns: Sequence[int], kind: Any = np.float32
+    ) -> np.ndarray:
+        """Some columns of rows begin .. end - 1, and all rows tested for their length.
 
         Raises:
             ValueError: a row has not ``width`` numbers, or what is needed of it is none.
@@ -83,7 +85,9 @@ class TextRows:
             if len(text) < size:
                 raise OSError(f"{path} has become shorter: line {self.line[low]} is not there")
             label = f"{path}, from line {self.line[low]}"
-            parts.append(parse_rows(text.translate(self.marks), high - low, width, columns, label))
+            parts.append(
+                parse_rows(text.translate(self.marks), high - low, width, columns, label, kind)
+            )
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
@@ -156,7 +160,7 @@ def index_rows(path: Path) -> TextRows:
                     digits = max(digits, exact)
                 elif not rows:
                     require_memory(start - begin, f"{path}, line {number},")
-                    heading.append(bytes_at(path, begin, start - begin).decode("latin-1").rstrip())
+                    heading.append(_decoded(bytes_at(path, begin, start - begin)))
                 elif word and not word[0].startswith(b"#"):
                     raise ValueError(
                         f"{path}, line {number} begins with {word[0][:20].decode('latin-1')!r}; a "
@@ -196,6 +200,14 @@ def bytes_at(path: Path, offset: int, size: int = TOKEN) -> bytes:
     with path.open("rb") as file:
         file.seek(offset)
         return file.read(size)
+
+
+def _decoded(line: bytes) -> str:
+    """A line of a heading, UTF-8 or else latin-1."""
+    try:
+        return line.decode("utf-8-sig").rstrip()
+    except UnicodeDecodeError:
+        return line.decode("latin-1").rstrip()
 
 
 def number_of(word: bytes | str) -> tuple[float | None, int]:
