@@ -114,6 +114,9 @@ def test_integers_and_rows_of_time(tmp_path):
     path.write_bytes(path.read_bytes()[:-80])
     with pytest.raises((OSError, ValueError), match=r"a\.npy"):
         plane.load()
+    store(path, v=whole[..., :5])
+    with pytest.raises(OSError, match=r"a\.npy.* has become shorter: 5 samples from 0 on, of 9"):
+        plane.load()
 
 
 @FUZZED

@@ -176,6 +176,13 @@ def test_faults_of_a_series(tmp_path):
     plane = SERIES.open(path, STATED)
     with pytest.raises(ValueError, match=r"plane_05.vtp has 8 values of 'U', the first.*12"):
         plane.load()
+    raw = save(surface(5, False), tmp_path / "plane_05.vtp", "raw").read_bytes()
+    (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'ts="12"', b'ts="13"'))
+    with pytest.raises(ValueError, match=r"plane_05.vtp has 13 values"):
+        plane.load()
+    (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'Name="U"', b'Name="U" type="Float32"'))
+    with pytest.raises(ValueError, match=r"plane_05.vtp.*12 x 3 of f4 take 144"):
+        plane.load()
     save(surface(0, False), tmp_path / "other_00.vtp")
     with pytest.raises(ValueError, match=r"series other_, plane_; name one as group"):
         SERIES.open(tmp_path, STATED)
@@ -244,6 +251,14 @@ def test_faults_of_openfoam_surfaces(tmp_path):
         FOAM.open(folder, PlaneRequest(group="top", normal="y"))
     with pytest.warns(DataWarning, match=r"taken as \+y, since the points lie in a plane"):
         FOAM.open(foam(tmp_path / "b", "raw"), PlaneRequest())
+
+
+def test_one_value_for_all(tmp_path):
+    """A uniform field of foamFile."""
+    folder = foam(tmp_path / "planes", "foam")
+    for path in folder.glob("*/top/vectorField/U"):
+        path.write_text("12{(0.25 -0.5 0.125)}\n")
+    assert np.array_equal(opened(FOAM, folder), np.full((3, 4, 9), -0.5))
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,13 @@ from torchliner.file_checks import naming, require_memory
 from torchliner.io.arrays import _mat5, _pick, read_npy, require_axes
 from torchliner.io.hdf5 import open_file
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import AXES, component_of, length_factor, velocity_factor
+from torchliner.io.point_layout import (
+    AXES,
+    all_rows,
+    component_of,
+    length_factor,
+    velocity_factor,
+)
 from torchliner.io.stored_values import read_values
 from torchliner.records import VelocityPlane
 from torchliner.rehearsal import rehearse
@@ -120,7 +126,8 @@ class ArrayFrames:
         with naming(self.file.path):
             found = self.file.read(self.name, tuple(part))
         rest = [i for i in range(len(shape)) if i not in self.order]
-        return found.transpose([*self.order, *rest]).reshape(found.shape[self.order[0]], -1)
+        found = all_rows(found.transpose([*self.order, *rest]), begin, end, self.file.path)
+        return found.reshape(end - begin, -1)
 
 
 def _opener(kind: Callable[[Path], ArrayFile]) -> Callable[[Path, PlaneRequest], VelocityPlane]:

@@ -161,6 +161,18 @@ class Arranged:
         return np.asarray(self.source(begin, end))[:, self.order]
 
 
+def all_rows(values: np.ndarray, begin: int, end: int, path: Path) -> np.ndarray:
+    """Samples begin .. end - 1 as a file gave them.
+
+    Raises:
+        OSError: it gave fewer, as it has become shorter since it was opened.
+    """
+    if len(values) != end - begin:
+        raise OSError(f"{path} has become shorter: {len(values)} samples from {begin} on, of "
+                      f"{end - begin}")  # fmt: skip
+    return values
+
+
 def plane_at(
     points: np.ndarray,
     request: PlaneRequest,

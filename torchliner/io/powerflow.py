@@ -24,7 +24,7 @@ from torchliner.file_checks import naming, require_memory
 from torchliner.io.axes import uniform_rate
 from torchliner.io.hdf5 import open_file
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import AXES, component_of, plane_at
+from torchliner.io.point_layout import AXES, all_rows, component_of, plane_at
 from torchliner.io.stored_values import read_values
 from torchliner.io.surface_frames import Surface
 from torchliner.names import did_you_mean
@@ -82,6 +82,7 @@ class Frames:
         """Values, (t, N)."""
         with variables_of(self.path) as (_, read):
             found = read("measurements", (slice(begin, end), self.index))
+        all_rows(found, begin, end, self.path)
         return found if self.points is None else found[:, self.points]
 
 

@@ -74,7 +74,9 @@ class TextRows:
         """
         parts = []
         apart = self.begin[begin + 1 : end] != self.end[begin : end - 1]
-        cuts = np.flatnonzero(apart | (np.diff(self.file[begin:end]) != 0))
+        # Text is many times larger than its numbers: little of it at a time.
+        block = np.cumsum(self.end[begin:end] - self.begin[begin:end]) // BLOCK
+        cuts = np.flatnonzero(apart | (np.diff(self.file[begin:end]) != 0) | (np.diff(block) != 0))
         edges = [begin, *(cuts + begin + 1), end]
         for low, high in pairwise(edges):
             path, place = self.paths[self.file[low]], int(self.begin[low])

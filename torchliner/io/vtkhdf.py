@@ -19,13 +19,20 @@ from torchliner.file_checks import require_memory
 from torchliner.io.axes import uniform_rate
 from torchliner.io.hdf5 import get_dataset, get_group, is_there, open_file, text_attribute
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import component_of, length_factor, plane_at, velocity_factor
+from torchliner.io.point_layout import (
+    all_rows,
+    component_of,
+    length_factor,
+    plane_at,
+    velocity_factor,
+)
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
 from torchliner.io.surface_frames import Frame, FrameArray, Surface, pick_array
 from torchliner.io.vtk_xml import grid_points
 from torchliner.records import VelocityPlane
 
 KINDS = ("ImageData", "PolyData", "UnstructuredGrid")
+TOGETHER = 16  # frames of a vector that are read at once, of which one component is kept
 POLYGONS = 2  # of the four kinds of cells of PolyData, in the order of Steps
 
 
@@ -48,17 +55,19 @@ class Steps:
 
     def __call__(self, begin: int, end: int) -> np.ndarray:
         """Values, (t, N)."""
-        low = self.offsets[begin:end]
+        out = []
         with open_file(self.path) as file:
             data = file[f"VTKHDF/{self.name}"]
             label = f"{self.path}:{data.name}"
-            if (np.diff(low) == self.rows).all():
-                spans = [(int(low[0]), int(low[-1]) + self.rows)]
-            else:
-                spans = [(int(each), int(each) + self.rows) for each in low]
-            parts = [read_values(data, label, self.path, slice(*span)) for span in spans]
-        found = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return (found if self.axis is None else found[..., self.axis]).reshape(end - begin, -1)
+            for first in range(begin, end, TOGETHER):
+                low = self.offsets[first : min(first + TOGETHER, end)]
+                steady = (np.diff(low) == self.rows).all()
+                for at, last in [(low[0], low[-1])] if steady else zip(low, low, strict=True):
+                    part = slice(int(at), int(last) + self.rows)
+                    found = read_values(data, label, self.path, part)
+                    all_rows(found, part.start, part.stop, self.path)
+                    out.append(found if self.axis is None else found[..., self.axis].copy())
+        return np.concatenate(out).reshape(end - begin, -1)
 
 
 def recognises(path: Path, head: bytes) -> bool:
