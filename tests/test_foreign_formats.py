@@ -62,3 +62,12 @@ def test_rows(tmp_path, name):
     assert found.recognises(tmp_path, b"") is False
     numbers = np.random.default_rng(0).bytes(4096)
     assert found.recognises(empty, numbers[:4096]) in (True, False)
+
+
+def test_a_year_is_no_time(tmp_path):
+    """A series of VTK files in a folder called by a number is that series."""
+    folder = tmp_path / "2024"
+    folder.mkdir()
+    path = test_surface_series.series(folder)
+    assert not recognised(resolve(PLANE_FORMATS["openfoam-surfaces"]), path)
+    assert recognised(resolve(PLANE_FORMATS["vtk"]), path)

@@ -7,7 +7,6 @@ then the coordinates of the axes x, y and z.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from torchliner.io.point_layout import (
     all_rows,
     component_of,
     length_factor,
+    named,
     velocity_factor,
 )
 from torchliner.io.stored_values import read_values
@@ -130,14 +130,6 @@ class ArrayFrames:
         return found.reshape(end - begin, -1)
 
 
-def _opener(kind: Callable[[Path], ArrayFile]) -> Callable[[Path, PlaneRequest], VelocityPlane]:
-    def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
-        with naming(path):
-            return plane_of_array(kind(path), request)
-
-    return open_plane
-
-
 def _matlab(path: Path) -> ArrayFile:
     return (Matlab73File if h5py.is_hdf5(path) else Matlab5File)(path)
 
@@ -234,9 +226,9 @@ MATLAB_FORMAT = PlaneFormat(
     lambda path, head: head.startswith(MATLAB) or (
         head[:8] == b"\x89HDF\r\n\x1a\n" and path.suffix.lower() == ".mat"
     ),
-    _opener(_matlab), TAKES,
+    named(lambda path, request: plane_of_array(_matlab(path), request)), TAKES,
 )  # fmt: skip
 NPY_FORMAT = PlaneFormat(
-    "numpy", lambda path, head: head[:6] == b"\x93NUMPY", _opener(NpyFile),
+    "numpy", lambda path, head: head[:6] == b"\x93NUMPY", named(lambda path, request: plane_of_array(NpyFile(path), request)),
     tuple(each for each in TAKES if each != "variable"),
 )  # fmt: skip

@@ -18,7 +18,14 @@ from torchliner.file_checks import naming
 from torchliner.io.arrays import read_array
 from torchliner.io.axes import uniform_rate
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import AXES, component_of, length_factor, plane_at, velocity_factor
+from torchliner.io.point_layout import (
+    AXES,
+    component_of,
+    length_factor,
+    named,
+    plane_at,
+    velocity_factor,
+)
 from torchliner.io.text_rows import TextRows, index_rows, number_of
 from torchliner.names import ARRAY_ENDINGS
 from torchliner.records import VelocityPlane
@@ -185,6 +192,6 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
 
 
 FORMAT = PlaneFormat(
-    "time histories", recognises, open_histories,
+    "time histories", recognises, named(open_histories),
     ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "points"),
 )  # fmt: skip

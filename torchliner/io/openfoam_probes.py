@@ -13,7 +13,7 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.io.axes import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import component_of, plane_at
+from torchliner.io.point_layout import component_of, named, plane_at
 from torchliner.io.text_rows import TextRows, bytes_at, index_rows, number_of
 from torchliner.records import VelocityPlane
 
@@ -154,4 +154,4 @@ def _require_same(
         )
 
 
-FORMAT = PlaneFormat("OpenFOAM probes", recognises, open_probes, ("variable", "normal"))
+FORMAT = PlaneFormat("OpenFOAM probes", recognises, named(open_probes), ("variable", "normal"))

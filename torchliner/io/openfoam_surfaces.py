@@ -14,6 +14,7 @@ import numpy as np
 from torchliner.file_checks import require_regular
 from torchliner.io.axes import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.point_layout import named
 from torchliner.io.surface_frames import (
     Frame,
     FrameArray,
@@ -66,7 +67,10 @@ def recognises(path: Path, head: bytes) -> bool:
         inside = path.relative_to(root).parts
         there = [each for files in surfaces_of(root / inside[0] if inside else folders[0]).values()
                  for each in files] if folders else []  # fmt: skip
-        return bool(there) and (len(inside) < 2 or root / inside[0] / inside[1] in there)
+        # A folder called 2024 is no time: a surface stands in several of them.
+        return bool(there) and (len(inside) < 2 or (
+            root / inside[0] / inside[1] in there
+            and sum((each / inside[1]).exists() for each in folders[:3]) > 1))  # fmt: skip
     return False
 
 
@@ -207,5 +211,5 @@ def _mesh(folder: Path) -> Surface:
 
 
 FORMAT = PlaneFormat(
-    "OpenFOAM surfaces", recognises, open_surfaces, ("variable", "group", "normal")
+    "OpenFOAM surfaces", recognises, named(open_surfaces), ("variable", "group", "normal")
 )

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from torchliner.checks import tell
+from torchliner.file_checks import naming
 from torchliner.io.plane_format import FrameVelocity, PlaneRequest
 from torchliner.records import VelocityPlane
 from torchliner.units import require_plausible, si_factor
@@ -103,8 +104,8 @@ def wall_normal(
         raise ValueError(
             f"{label}: the points extend over "
             f"{' x '.join(f'{length:.4g}' for length in extent)} m along x, y, z, which tells no "
-            "wall-normal direction; state normal='y' or another (--normal y; '-y' where the liner "
-            "lies above)"
+            "wall-normal direction; state normal='y' or another (--normal y; --normal=-y where "
+            "the liner lies above)"
         )
     axis = int(flat[0]) if component is None else component
     sign = -1.0 if facing is not None and facing[axis] < 0 else 1.0
@@ -159,6 +160,18 @@ class Arranged:
     def __call__(self, begin: int, end: int) -> np.ndarray:
         """Values in the plane's order, (t, P)."""
         return np.asarray(self.source(begin, end))[:, self.order]
+
+
+def named(
+    opens: Callable[[Path, PlaneRequest], VelocityPlane],
+) -> Callable[[Path, PlaneRequest], VelocityPlane]:
+    """A function that opens a path, whatever fails in it an error that names the path."""
+
+    def opened(path: Path, request: PlaneRequest) -> VelocityPlane:
+        with naming(path):
+            return opens(path, request)
+
+    return opened
 
 
 def all_rows(values: np.ndarray, begin: int, end: int, path: Path) -> np.ndarray:

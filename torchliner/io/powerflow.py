@@ -24,7 +24,7 @@ from torchliner.file_checks import naming, require_memory
 from torchliner.io.axes import uniform_rate
 from torchliner.io.hdf5 import open_file
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import AXES, all_rows, component_of, plane_at
+from torchliner.io.point_layout import AXES, all_rows, component_of, named, plane_at
 from torchliner.io.stored_values import read_values
 from torchliner.io.surface_frames import Surface
 from torchliner.names import did_you_mean
@@ -272,4 +272,6 @@ def _face(
     return name, None if len(chosen) == count else chosen
 
 
-FORMAT = PlaneFormat("PowerFLOW", recognises, open_measurement, ("variable", "group", "normal"))
+FORMAT = PlaneFormat(
+    "PowerFLOW", recognises, named(open_measurement), ("variable", "group", "normal")
+)

@@ -13,7 +13,7 @@ import numpy as np
 from torchliner.file_checks import naming
 from torchliner.io.axes import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import length_factor, velocity_factor
+from torchliner.io.point_layout import length_factor, named, velocity_factor
 from torchliner.io.surface_frames import plane_of_frames, read_whole
 from torchliner.io.text_rows import bytes_at, last_digit
 from torchliner.io.vtk_files import is_vtk, parse_vtk
@@ -133,6 +133,6 @@ def _time(path: Path) -> float | None:
 
 
 FORMAT = PlaneFormat(
-    "VTK series", recognises, open_series,
+    "VTK series", recognises, named(open_series),
     ("variable", "group", "velocity_units", "length_units", "sampling_rate", "normal"),
 )  # fmt: skip

@@ -23,6 +23,7 @@ from torchliner.io.point_layout import (
     all_rows,
     component_of,
     length_factor,
+    named,
     plane_at,
     velocity_factor,
 )
@@ -236,6 +237,6 @@ def _mesh(
 
 
 FORMAT = PlaneFormat(
-    "VTKHDF", recognises, open_steps,
+    "VTKHDF", recognises, named(open_steps),
     ("variable", "velocity_units", "length_units", "sampling_rate", "normal"),
 )  # fmt: skip
