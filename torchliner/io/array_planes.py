@@ -229,6 +229,7 @@ MATLAB_FORMAT = PlaneFormat(
     named(lambda path, request: plane_of_array(_matlab(path), request)), TAKES,
 )  # fmt: skip
 NPY_FORMAT = PlaneFormat(
-    "numpy", lambda path, head: head[:6] == b"\x93NUMPY", named(lambda path, request: plane_of_array(NpyFile(path), request)),
+    "numpy", lambda path, head: head[:6] == b"\x93NUMPY",
+    named(lambda path, request: plane_of_array(NpyFile(path), request)),
     tuple(each for each in TAKES if each != "variable"),
 )  # fmt: skip
