@@ -89,7 +89,7 @@ class Frames:
 def recognises(path: Path, head: bytes) -> bool:
     """netCDF with the names of its variables; in HDF5 they may stand anywhere."""
     if head[:3] == b"CDF":
-        return b"lx_scales" in head or _names(path)
+        return b"variable_short_names" in head or _names(path)
     return head[:8] == b"\x89HDF\r\n\x1a\n" and _names(path)
 
 
@@ -97,7 +97,7 @@ def _names(path: Path) -> bool:
     """Whether the file has the variables of a measurement."""
     try:
         with variables_of(path) as (shapes, _):
-            return {"lx_scales", "measurements"} <= set(shapes)
+            return {"variable_short_names", "measurements"} <= set(shapes)
     except (OSError, ValueError):
         return False
 
