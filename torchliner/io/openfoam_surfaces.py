@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -85,24 +84,24 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
             and ``plane_of_frames``.
     """
     root, folders = time_folders(path)
-    there = Counter(name for folder in folders for name in surfaces_of(folder))
-    inside = path.relative_to(root).parts[:2]
-    group = request.group
+    listed = {folder.name: surfaces_of(folder) for folder in folders}
+    there = {name: None for found in listed.values() for name in found}
+    group, inside = request.group, path.relative_to(root).parts[:2]
     if group is None and len(inside) == 2:
-        group = next((name for name, files in surfaces_of(root / inside[0]).items()
-                      if root / inside[0] / inside[1] in files), None)  # fmt: skip
+        group = next((name for name, files in listed[inside[0]].items()
+                      if root.joinpath(*inside) in files), None)  # fmt: skip
     if group is None and len(there) == 1:
         group = next(iter(there))
     if group is None or group not in there:
         raise ValueError(f"{path} holds the surfaces {', '.join(there)}"
                          f"{'' if group is None else f', no {group!r}'}; name one as group "
                          "(--group)")  # fmt: skip
-    absent = [folder.name for folder in folders if group not in surfaces_of(folder)]
+    absent = [name for name, found in listed.items() if group not in found]
     if absent:
         raise ValueError(f"{root}: {len(absent)} of {len(folders)} times, {', '.join(absent[:3])}, "
                          f"have no surface {group!r}; sample it at all times, or give only those "
                          "that have it")  # fmt: skip
-    kinds = [surfaces_of(folder)[group] for folder in folders]
+    kinds = [found[group] for found in listed.values()]
     if len({each.suffix for files in kinds for each in files}) > 1:
         raise ValueError(f"{root} has {group!r} in several formats; leave one of them there")
     paths = [files[0] for files in kinds]
