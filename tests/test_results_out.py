@@ -18,7 +18,7 @@ from hypothesis import strategies as some
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
-from torchliner.io.vtkhdf import _grid
+from torchliner.io.vtkhdf_result import _grid
 from torchliner.names import RESULT_ENDINGS, RESULT_WRITERS
 
 xarray = pytest.importorskip("xarray")

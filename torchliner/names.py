@@ -95,13 +95,23 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
 RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
-    ".vtkhdf": "torchliner.io.vtkhdf:WRITER",
+    ".vtkhdf": "torchliner.io.vtkhdf_result:WRITER",
     ".mat": "torchliner.io.matlab_results:WRITER",
     ".bdf": "torchliner.io.nastran_table:WRITER",
     ".dat": "torchliner.io.nastran_table:WRITER",
     ".txt": "torchliner.io.solver_table:WRITER",
 }
 RESULT_ENDINGS = f".h5/.nc, .csv, {', '.join(RESULT_WRITERS)}"  # in words
+PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
+    "powerflow": "torchliner.io.powerflow:FORMAT",
+    "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
+    "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
+    "vtk": "torchliner.io.vtk_series:FORMAT",
+    "vtkhdf": "torchliner.io.vtkhdf:FORMAT",
+    "matlab": "torchliner.io.array_planes:MATLAB_FORMAT",
+    "npy": "torchliner.io.array_planes:NPY_FORMAT",
+    "csv": "torchliner.io.csv_histories:FORMAT",
+}
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",
     "DXEX": "torchliner.io.dantec:FORMAT",

@@ -134,17 +134,7 @@ def plane_from_array(
     if values.dtype.kind not in "fiu":
         raise TypeError(f"{name} is {values.dtype}; real numbers are needed")
     values = np.squeeze(values) if values.ndim > len(axes) else np.asarray(values)
-    unknown = [axis for axis in axes if axis not in AXES]
-    mixed = "probe" in axes and len(axes) > 2
-    if unknown or mixed or len(set(axes)) != len(axes) or "time" not in axes:
-        raise ValueError(
-            f"axes are {','.join(axes)}; 'time' and probe, or any of z and x, each once, are needed"
-            ", or x and y with a row of y"
-        )
-    if len(axes) != values.ndim:
-        raise ValueError(
-            f"{name} has shape {values.shape}, but {len(axes)} axes are named: {','.join(axes)}"
-        )
+    require_axes(axes, values.shape, name)
     values, axes, height = _one_height(values, axes, y, row, name)
     order = [axis for axis in ("probe", "z", "x", "time") if axis in axes]
     arranged = values.transpose([list(axes).index(axis) for axis in order])
@@ -168,6 +158,25 @@ def plane_from_array(
         name=name,
         **about,
     )
+
+
+def require_axes(axes: Sequence[str], shape: Sequence[int], name: str) -> None:
+    """Refuse names of axes that are no plane's, or not as many as an array has.
+
+    Raises:
+        ValueError: they are.
+    """
+    unknown = [axis for axis in axes if axis not in AXES]
+    mixed = "probe" in axes and len(axes) > 2
+    if unknown or mixed or len(set(axes)) != len(axes) or "time" not in axes:
+        raise ValueError(
+            f"axes are {','.join(axes)}; 'time' and probe, or any of z and x, each once, are needed"
+            ", or x and y with a row of y"
+        )
+    if len(axes) != len(shape):
+        raise ValueError(
+            f"{name} has shape {tuple(shape)}, but {len(axes)} axes are named: {','.join(axes)}"
+        )
 
 
 def read_array_plane(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
@@ -148,22 +148,56 @@ def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
         raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
-    time = read_si(group, key, "s", path)
+    return uniform_rate(read_si(group, key, "s", path), name), shape[0]
+
+
+def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
+    """Sampling rate of time stamps, Hz.
+
+    Args:
+        time: s.
+        name: of the times, for messages.
+        exact: s, by which stamps are rounded.
+    Raises:
+        ValueError: they are not finite, out of order, or not uniform; frames are missing.
+    """
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    time = time.astype(np.float64)
     step = (time[-1] - time[0]) / (len(time) - 1)
     if step <= 0:
         raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s")
-    error = np.abs(time - (time[0] + step * np.arange(len(time)))) / step
-    if error.max() > UNIFORMITY:
-        steps = np.diff(time)
-        worst = int(np.abs(steps - step).argmax())
+    error = np.abs(time - (time[0] + step * np.arange(len(time))))
+    if error.max() > UNIFORMITY * step + min(exact, step / 4):
+        _say_what_is_uneven(time, name, step, error.max() / step)
+    return float(1 / step)
+
+
+def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) -> NoReturn:
+    """Frames out of order, missing, or times that waver."""
+    steps = np.diff(time)
+    back = int(np.argmin(steps))
+    if steps[back] <= 0:
         raise ValueError(
-            f"{name} is not uniform: stamps are off by up to {error.max():.3g} sampling intervals "
-            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
-            f"{step:.6g} s on average. Resample the data to uniform times first"
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "
+            f"before it at {time[back]:.9g} s; sort the frames, or give the runs as files of their "
+            "own, which are joined"
         )
-    return float(1 / step), len(time)
+    usual = float(np.median(steps))
+    lost = np.rint(steps / usual).astype(int) - 1
+    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        at = int(lost.argmax())
+        raise ValueError(
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
+            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
+            f"sample {at}; restore them, or read the stretches between the gaps with start and stop"
+        )
+    worst = int(np.abs(steps - step).argmax())
+    raise ValueError(
+        f"{name} is not uniform: stamps are off by up to {error:.3g} sampling intervals "
+        f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
+        f"{step:.6g} s on average. Resample the data to uniform times first"
+    )
 
 
 def axis_names(dataset: h5py.Dataset, label: str) -> list[str]:

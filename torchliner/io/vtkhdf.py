@@ -1,120 +1,242 @@
-"""Results as VTKHDF, which ParaView and pyvista open: a picture of values over (x, z)."""
+"""VTKHDF: HDF5 with a group VTKHDF, as ParaView and solvers write series of surfaces and grids.
+
+Frames stand one behind another in each array; Steps says where each begins.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import torch
 
-from torchliner.io.result_writers import ResultFile, ResultWriter
-from torchliner.io.whole_file import written_whole
+from torchliner.file_checks import require_memory
+from torchliner.io.axes import uniform_rate
+from torchliner.io.hdf5 import get_dataset, get_group, is_there, open_file, text_attribute
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.point_layout import (
+    all_rows,
+    component_of,
+    length_factor,
+    named,
+    plane_at,
+    velocity_factor,
+)
+from torchliner.io.stored_values import read_values, require_numbers, require_stored
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, pick_array
+from torchliner.io.vtk_xml import grid_points
+from torchliner.records import VelocityPlane
 
-UNIFORM = 1e-6  # of a spacing, that places of an image may be off
-Fields = dict[str, np.ndarray]
+KINDS = ("ImageData", "PolyData", "UnstructuredGrid")
+TOGETHER = 16  # frames of a vector that are read at once, of which one component is kept
+POLYGONS = 2  # of the four kinds of cells of PolyData, in the order of Steps
 
 
-def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
-    """The rows of the CSV at their places: an image where x and z are uniform, else points,
-    with quadrilaterals between them where rows and columns form a grid.
+@dataclass
+class Steps:
+    """Component ``axis`` of the frames of an array, each ``count`` values from ``offsets`` on.
 
-    Lengths in m; ``height`` of a plane is y; a coordinate that is unknown is 0. Each column is an
-    array, with several frequencies one each ("resistance_1400Hz").
+    Args:
+        path, name: file and array, PointData/NAME.
+        offsets: along the array's first axis, (T,).
+        rows: along the first axis in a frame; 1 of a grid.
+        axis: component; None of a scalar.
+    """
+
+    path: Path
+    name: str
+    offsets: np.ndarray
+    rows: int
+    axis: int | None
+
+    def __call__(self, begin: int, end: int) -> np.ndarray:
+        """Values, (t, N)."""
+        out = []
+        with open_file(self.path) as file:
+            data = file[f"VTKHDF/{self.name}"]
+            label = f"{self.path}:{data.name}"
+            for first in range(begin, end, TOGETHER):
+                low = self.offsets[first : min(first + TOGETHER, end)]
+                steady = (np.diff(low) == self.rows).all()
+                for at, last in [(low[0], low[-1])] if steady else zip(low, low, strict=True):
+                    part = slice(int(at), int(last) + self.rows)
+                    found = read_values(data, label, self.path, part)
+                    all_rows(found, part.start, part.stop, self.path)
+                    out.append(found if self.axis is None else found[..., self.axis].copy())
+        return np.concatenate(out).reshape(end - begin, -1)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """HDF5 with a group VTKHDF."""
+    if head[:8] != b"\x89HDF\r\n\x1a\n":
+        return False
+    try:
+        with open_file(path) as file:
+            return isinstance(file.get("VTKHDF"), h5py.Group)
+    except (OSError, ValueError):
+        return False
+
+
+def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a VTKHDF file with steps in time.
+
+    Args:
+        path: file.
+        request: units of length and velocity, which VTK does not state; ``sampling_rate``
+            overrides the times of the steps, which are taken as s.
+    Raises:
+        OSError, ValueError: as ``open_file``; another type of data; no steps; frames of other
+            points; a frame that reaches beyond its array; as ``pick_array`` and ``plane_at``.
+    """
+    factor, length = velocity_factor(request, f"{path}"), length_factor(request, f"{path}")
+    with open_file(path) as file:
+        group = get_group(file, "VTKHDF", path)
+        kind = text_attribute(group, "Type") or ""
+        if kind not in KINDS:
+            raise ValueError(f"{path}:/VTKHDF is of type {kind!r}; {', '.join(KINDS)} are read")
+        if not is_there(group, "Steps", path):
+            raise ValueError(f"{path}:/VTKHDF has no Steps: it is one frame, a plane needs several")
+        steps = get_group(group, "Steps", path)
+        whole = partial(_whole, path=path)
+        time = whole(steps, "Values").astype(float).reshape(-1)
+        if len(time) < 2:
+            raise ValueError(f"{path}:/VTKHDF/Steps has {len(time)} step; two at least are needed")
+        grid = kind == "ImageData"
+        arrays = _arrays(group, path, grid)
+        name = pick_array(Frame(lambda: Surface(np.empty((0, 3))), arrays), request, str(path))
+        array = arrays[name]
+        section = "CellData" if array.on_faces else "PointData"
+        surface, count = (_grid(group, path) if grid
+                          else _mesh(group, steps, whole, path, kind, len(time)))  # fmt: skip
+        if array.on_faces:
+            points, area = Surface(
+                surface.points * length, surface.corners, surface.ends
+            ).faces(str(path))  # fmt: skip
+        else:
+            points, area = surface.points * length, None
+        rows = 1 if grid else count[array.on_faces]
+        offsets = np.arange(len(time)) * rows
+        if is_there(steps, f"{section}Offsets", path) and name in steps[f"{section}Offsets"]:
+            offsets = whole(steps[f"{section}Offsets"], name).astype(np.int64).reshape(-1)
+        data = get_dataset(group[section], name, path)
+        values = array.count if grid else rows
+        if len(offsets) != len(time) or offsets.min() < 0 or offsets.max() + rows > len(data):
+            raise ValueError(f"{path}:{data.name} has {len(data)} rows; {len(time)} frames of "
+                             f"{rows} from {offsets.min()} to {offsets.max()} reach beyond: the "
+                             "file is truncated")  # fmt: skip
+        if values != len(points):
+            raise ValueError(f"{path}:{data.name} has {values} values a frame for {len(points)} "
+                             f"{'faces' if array.on_faces else 'points'}")  # fmt: skip
+        require_stored(data, f"{path}:{data.name}", path)
+    vectors = array.components == 3
+    rate = request.sampling_rate or uniform_rate(time, f"{path}:/VTKHDF/Steps/Values")
+    return plane_at(
+        points, request,
+        lambda axis: Steps(path, f"{section}/{name}", offsets, rows, axis if vectors else None),
+        len(time), rate, path=path, variable=f"VTKHDF/{section}/{name}", factor=factor, area=area,
+        component=None if vectors else component_of(name), start=float(time[0]),
+        dtype=torch.float64 if array.wide else torch.float32, format=f"VTKHDF {kind}",
+    )  # fmt: skip
+
+
+def _whole(group: h5py.Group, name: str, path: Path) -> np.ndarray:
+    """A small dataset."""
+    return read_values(get_dataset(group, name, path), f"{path}:{group.name}/{name}", path)
+
+
+def _arrays(group: h5py.Group, path: Path, grid: bool) -> dict[str, FrameArray]:
+    """Arrays on points and faces; of a grid (time, z, y, x[, component])."""
+    found = {}
+    for on_faces, section in ((False, "PointData"), (True, "CellData")):
+        for name in group[section] if is_there(group, section, path) else ():
+            data = group[section][name]
+            if not isinstance(data, h5py.Dataset) or not data.shape:
+                continue
+            require_numbers(data, f"{path}:{data.name}")
+            least = 4 if grid else 1
+            width = data.shape[least] if data.ndim > least else 1
+            count = int(np.prod(data.shape[1:least], dtype=np.int64)) if grid else 0
+            found[name] = FrameArray(
+                on_faces, count, width, lambda axis: np.empty(0), data.dtype.itemsize > 4
+            )
+    return found
+
+
+def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, int]]:
+    """Points of a uniform grid."""
+    extent, origin, spacing = (np.asarray(group.attrs.get(name, ())).reshape(-1)
+                               for name in ("WholeExtent", "Origin", "Spacing"))  # fmt: skip
+    turn = np.asarray(group.attrs.get("Direction", np.eye(3)), float).reshape(-1)
+    if (len(extent), len(origin), len(spacing), len(turn)) != (6, 3, 3, 9):
+        raise ValueError(f"{path}:/VTKHDF has WholeExtent {extent}, Origin {origin}, Spacing "
+                         f"{spacing}; three axes are needed")  # fmt: skip
+    low, high = extent[::2].astype(np.int64), extent[1::2].astype(np.int64)
+    sizes = (high - low + 1).tolist()
+    if min(sizes) < 1:
+        raise ValueError(f"{path}:/VTKHDF has WholeExtent {extent}, which is upside down")
+    require_memory(24.0 * sizes[0] * sizes[1] * sizes[2], f"{path}:/VTKHDF: points of its grid")
+    return Surface(origin + (spacing * grid_points(low, high)) @ turn.reshape(3, 3).T), {}
+
+
+def _mesh(
+    group: h5py.Group, steps: h5py.Group, whole: Callable[..., Any], path: Path, kind: str,
+    frames: int,
+) -> tuple[Surface, dict[bool, int]]:  # fmt: skip
+    """Points and faces of the first frame, and how many of both each has.
 
     Raises:
-        ValueError: no place has a coordinate.
+        ValueError: a later frame has others.
     """
-    rows = [row for row in file.default_rows(record) if row.get("place", "point") == "point"]
-    frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
-    height = getattr(record, "height", None) or 0.0
-    places = np.array([[row.get(f"{axis} (m)", height) for axis in "xyz"]
-                       for row in rows[:: len(frequencies)]], dtype=np.float64)  # fmt: skip
-    WRITER.require(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
-    places = np.nan_to_num(places)
-    fields: Fields = {}
-    for heading in rows[0]:
-        name = heading.split(" (")[0].replace(" ", "_").replace(",", "")
-        if "(m)" in heading or "(Hz)" in heading or isinstance(rows[0][heading], str | None):
-            continue
-        values = np.array([row[heading] for row in rows], dtype=np.float64)
-        for i, frequency in enumerate(frequencies):
-            end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
-            fields[name + end] = values[i :: len(frequencies)]
-    with written_whole(path, ".vtkhdf") as temporary, h5py.File(temporary, "w") as whole:
-        root = whole.create_group("VTKHDF", track_order=True)
-        root.attrs["Version"] = (2, 2)
-        grid = _grid(places)
-        spacings = [] if grid is None else [*map(_spacing, grid)]
-        if grid is not None and all(spacings):
-            _image(root, places, (len(grid[0]), len(grid[1])), spacings, fields)
-        else:
-            _points(root, places, grid, fields)
+    cells = get_group(group, "Polygons", path) if kind == "PolyData" else group
+    numbers = {False: whole(group, "NumberOfPoints").reshape(-1).astype(np.int64),
+               True: whole(cells, "NumberOfCells").reshape(-1).astype(np.int64)}  # fmt: skip
+    first, parts = np.zeros(frames, np.int64), np.ones(frames, np.int64)
+    if is_there(steps, "PartOffsets", path):
+        first = whole(steps, "PartOffsets").reshape(-1).astype(np.int64)
+    if is_there(steps, "NumberOfParts", path):
+        parts = whole(steps, "NumberOfParts").reshape(-1).astype(np.int64)
+    if len(first) != frames or len(parts) != frames or (parts != 1).any() or (
+        not 0 <= first.min() <= first.max() < len(numbers[False])
+    ):  # fmt: skip
+        raise ValueError(f"{path}:/VTKHDF has frames of {parts.max()} parts; one part each is "
+                         "read: merge the blocks")  # fmt: skip
+    for of_faces, each in numbers.items():
+        counts = each[first.clip(max=len(each) - 1)]
+        if (counts != counts[0]).any():
+            at = int((counts != counts[0]).argmax())
+            raise ValueError(f"{path}:/VTKHDF: frame {at} has {counts[at]} "
+                             f"{'faces' if of_faces else 'points'}, the first {counts[0]}; a plane "
+                             "has the same at all times")  # fmt: skip
+    points, faces = (int(numbers[key][first[0]]) for key in (False, True))
+
+    def begin(name: str) -> int:
+        if not is_there(steps, name, path):
+            return 0
+        found = whole(steps, name)
+        return int(found[0] if found.ndim == 1 else found[0, POLYGONS % found.shape[1]])
+
+    at = begin("PointOffsets")
+    surface = Surface(
+        read_values(get_dataset(group, "Points", path), f"{path}:/VTKHDF/Points", path,
+                    slice(at, at + points)).astype(float))  # fmt: skip
+    if faces:
+        # Each part has one end more than faces, its first 0.
+        at = begin("CellOffsets") + int(first[0])
+        ends = read_values(get_dataset(cells, "Offsets", path), f"{path}: Offsets", path,
+                           slice(at, at + faces + 1)).astype(np.int64)  # fmt: skip
+        at = begin("ConnectivityIdOffsets")
+        corners = read_values(get_dataset(cells, "Connectivity", path), f"{path}: Connectivity",
+                              path, slice(at, at + int(ends[-1]))).astype(np.int64)  # fmt: skip
+        surface = Surface(surface.points, corners, ends[1:])
+    return surface, {False: points, True: faces}
 
 
-def _grid(places: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Columns x and rows z of places that lie z outside x on a grid, or None."""
-    x, z = places[:, 0], places[:, 2]
-    across = int(np.argmax(z != z[0])) or len(z)
-    if len(x) % across:
-        return None
-    columns, lines = x[:across], z[::across]
-    whole = np.array_equal(x, np.tile(columns, len(lines))) and np.array_equal(
-        z, np.repeat(lines, across)
-    )
-    flat = bool((places[:, 1] == places[0, 1]).all())
-    return (columns, lines) if whole and flat else None
-
-
-def _spacing(values: np.ndarray) -> float:
-    """Of uniform increasing values; 1 m for a single one, 0 where there is none."""
-    steps = np.diff(values)
-    if not len(steps):
-        return 1.0
-    even = steps.mean() > 0 and np.ptp(steps) <= UNIFORM * steps.mean()
-    return float(steps.mean()) if even else 0.0
-
-
-def _image(
-    root: h5py.Group, places: np.ndarray, size: tuple[int, int], spacing: list[float],
-    fields: Fields,
-) -> None:  # fmt: skip
-    columns, lines = size
-    root.attrs["Type"] = np.bytes_("ImageData")
-    root.attrs["WholeExtent"] = (0, columns - 1, 0, 0, 0, lines - 1)
-    root.attrs["Origin"] = places[0]
-    root.attrs["Spacing"] = (spacing[0], 1.0, spacing[1])
-    root.attrs["Direction"] = np.eye(3).reshape(-1)
-    point = root.create_group("PointData")
-    # VTK takes as many axes as the image has: two of a plane, one of a line.
-    shape = [count for count in (lines, columns) if count > 1] or [1]
-    for name, values in fields.items():
-        point[name] = values.reshape(shape)
-
-
-def _points(
-    root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.ndarray] | None, fields: Fields
-) -> None:
-    root.attrs["Type"] = np.bytes_("PolyData")
-    root["NumberOfPoints"] = [len(places)]
-    root["Points"] = places
-    number = np.arange(len(places))
-    corners, kind = number[:, None], "Vertices"
-    if grid is not None and min(map(len, grid)) > 1:
-        at = number.reshape(len(grid[1]), len(grid[0]))
-        corners = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1)
-        kind = "Polygons"
-    corners = corners.reshape(-1, corners.shape[-1])
-    for name in ("Vertices", "Lines", "Polygons", "Strips"):
-        own = corners if name == kind else corners[:0]
-        part = root.create_group(name)
-        part["NumberOfCells"] = [len(own)]
-        part["NumberOfConnectivityIds"] = [own.size]
-        part["Connectivity"] = own.reshape(-1)
-        part["Offsets"] = own.shape[1] * np.arange(len(own) + 1)
-    point = root.create_group("PointData")
-    for label, values in fields.items():
-        point[label] = values
-
-
-WRITER = ResultWriter(write_vtkhdf, places=True)
+FORMAT = PlaneFormat(
+    "VTKHDF", recognises, named(open_steps),
+    ("variable", "velocity_units", "length_units", "sampling_rate", "normal"),
+)  # fmt: skip

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, require_positive, require_positive_where_stated
@@ -36,8 +37,10 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
         sampling_rate: Hz.
+        start: time of the first sample on the clock of the data, s.
         height: distance of the plane from the liner, m.
         x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
+        area: m2 that each probe stands for, in the order of the probes, (P,); None: unknown.
         streamwise: streamwise velocity, m/s, on the same probes and times.
         fluid: gas of the data.
         frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk Mach number.
@@ -54,9 +57,11 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
 
     velocity: Any
     sampling_rate: float = field(kw_only=True)
+    start: float = field(default=0.0, kw_only=True)
     height: float | None = field(default=None, kw_only=True)
     x: Any = field(default=None, kw_only=True)
     z: Any = field(default=None, kw_only=True)
+    area: Any = field(default=None, kw_only=True)
     streamwise: Any = field(default=None, kw_only=True)
     fluid: Fluid = field(default_factory=Fluid, kw_only=True)
     frequency: float | None = field(default=None, kw_only=True)
@@ -95,6 +100,13 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
+        if self.area is not None:
+            area = torch.as_tensor(self.area, dtype=torch.float64).reshape(-1)
+            if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
+                raise ValueError(f"{self.name}: area has {len(area)} values from "
+                                 f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
+                                 "needed")  # fmt: skip
+            object.__setattr__(self, "area", area)
         require_positive_where_stated(self, "height", "frequency")
         require_flow_and_level(self.name, self.mach, self.incident_level)
         thickness = self.displacement_thickness

@@ -1,0 +1,168 @@
+"""Time histories as text, their points in the heading or in a list."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plane_files import (
+    FUZZED,
+    POINTS,
+    STEP,
+    VALUES,
+    X,
+    Z,
+    answer_or_error,
+    cuts,
+    mutate,
+    mutations,
+    opened,
+    recognised,
+)
+
+from torchliner.checks import DataWarning
+from torchliner.io.csv_histories import FORMAT
+from torchliner.io.plane_format import PlaneRequest
+
+WANTED = VALUES[..., 1].T.reshape(3, 4, 9)
+BARE = PlaneRequest(normal="y", velocity_units="m/s", length_units="m", sampling_rate=1 / STEP)
+
+
+def rows(separator=" ", unit=1.0, values=VALUES[..., 1]):
+    return [separator.join([f"{i * STEP * unit:.9g}", *(f"{v:.6g}" for v in row)])
+            for i, row in enumerate(values)]  # fmt: skip
+
+
+def write(path, *lines):
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def names(separator=" ", time="time [s]", unit=" [m/s]"):
+    return separator.join([time, *(f"p{i}{unit}" for i in range(12))])
+
+
+def coordinates(scale=1.0):
+    return [f"# {axis}, {', '.join(f'{n * scale:.6g}' for n in POINTS[:, i])}"
+            for i, axis in enumerate("xyz")]  # fmt: skip
+
+
+HEADINGS = {
+    "coordinates": [*coordinates(), f"# {names()}"],
+    "coordinates with units": [line.replace(",", " [mm],", 1) for line in coordinates(1e3)]
+    + [f"# {names()}"],
+    "points": [f"# {x:.6g}, {y:.6g}, {z:.6g}" for x, y, z in POINTS] + [f"# {names()}"],
+    "numbered points": [f"# Point {i}: ({x:.6g}, {y:.6g}, {z:.6g})"
+                        for i, (x, y, z) in enumerate(POINTS)] + [f"# {names()}"],
+    "in one line": ["# " + ", ".join(f"({x:.6g} {y:.6g} {z:.6g})" for x, y, z in POINTS)],
+    "unit line": ["# length_unit = mm", "# velocity_unit = m/s", *coordinates(1e3), "# time p"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("heading", list(HEADINGS))
+def test_points_in_the_heading(tmp_path, heading):
+    """However the heading lists them."""
+    path = write(tmp_path / "v.csv", *HEADINGS[heading], *rows())
+    assert recognised(FORMAT, path)
+    plane = FORMAT.open(path, BARE)
+    assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
+    assert np.allclose(plane.x, X)
+    assert np.allclose(plane.z, Z)
+    stored = pickle.loads(pickle.dumps(plane.velocity))
+    assert np.array_equal(stored.read(2, 4), plane.load().velocity.flatten(0, 1).T[2:4])
+
+
+@pytest.mark.parametrize("order", ["x y z", "x [mm], z [mm], y [mm]", "z;y;x"])
+@pytest.mark.parametrize("separator", [" ", "\t", ",", ";"])
+def test_a_list_of_points(tmp_path, order, separator):
+    """Columns in any order that the list names; cells parted by any mark."""
+    axes = [
+        each[0] for each in order.replace(";", " ").replace(",", " ").split() if each[0] in "xyz"
+    ]
+    scale = 1e3 if "mm" in order else 1.0
+    table = [separator.join(f"{scale * p['xyz'.index(a)]:.6g}" for a in axes) for p in POINTS]
+    points = write(tmp_path / "points.txt", *(["length_unit\t=\tm"] if scale == 1 else []), order,
+                   *table)  # fmt: skip
+    path = write(tmp_path / "YVelocity.csv", names(separator, "time [ms]"), *rows(separator, 1e3))
+    plane = FORMAT.open(path, PlaneRequest(normal="y", points=points))
+    assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    assert np.allclose(plane.z, Z)
+
+
+def test_points_as_an_array_and_none(tmp_path):
+    """An array in the order of axes; without points there is a row of probes."""
+    path = write(tmp_path / "YVelocity.csv", *rows())
+    np.save(tmp_path / "points.npy", POINTS[:, [0, 2, 1]])
+    stated = {**BARE.__dict__, "points": tmp_path / "points.npy"}
+    plane = FORMAT.open(path, PlaneRequest(**{**stated, "axes": "x,z,y"}))
+    assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
+    for change, message in (
+        ({"axes": "x,z"}, r"points.npy has shape \(12, 3\) and columns x, z;"),
+        ({"length_units": None}, "points states no unit of length"),
+        ({"normal": "x"}, "is the velocity along y, but normal is 'x'"),
+        ({"points": None, "velocity_units": None}, "state velocity_units='m/s'"),
+        ({"points": None, "sampling_rate": None}, r"write 'time \[s\]' above"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            FORMAT.open(path, PlaneRequest(**{**stated, **change}))
+    alone = FORMAT.open(path, BARE)
+    assert alone.x is None
+    assert np.allclose(alone.load().velocity.numpy().T, VALUES[..., 1], atol=1e-6)
+    np.save(tmp_path / "points.npy", POINTS[:11])
+    with pytest.raises(ValueError, match=r"12 columns of values, its points are 11 \(.*npy\)"):
+        FORMAT.open(path, PlaneRequest(**stated))
+
+
+def test_decimal_commas(tmp_path):
+    lines = [line.replace(".", ",") for line in ["\ufeff" + names(";"), *rows(";")]]
+    path = write(tmp_path / "v.csv", *lines)
+    found = opened(FORMAT, path, PlaneRequest(normal="y"))
+    assert np.allclose(found.T, VALUES[..., 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.replace("1.0", "x", 1), "could not convert|begins with 'x'|numbers in 9 rows"),
+        (lambda t: t.replace("\n5e-05 ", "\n6.5e-05 "), "not uniform|out of order"),
+        (lambda t: "".join(line for line in t.splitlines(True) if not line.startswith("5e-05")),
+         "lacks 1 frames"),
+        (lambda t: t.replace("p3 [m/s]", "p3 [mm/s]"), "columns are in m/s, mm/s; one unit"),
+        (lambda t: t.replace("time [s]", "time [fortnight]"), "time has units 'fortnight'"),
+        (lambda t: t.replace("# z", "# ignored").replace("# y", "# ignored"), "states x of the"),
+        (lambda t: t.replace("\n3e-05 ", "\n3e-05 1.5 "), "109|118 numbers in 9 rows; 13"),
+        (lambda t: t.replace("\n3e-05", "\n# a remark\n3e-05 7 "), "14 numbers|numbers in 6 rows"),
+    ],
+)  # fmt: skip
+def test_faults(tmp_path, change, message):
+    path = write(tmp_path / "v.csv", *HEADINGS["coordinates"], *rows())
+    path.write_text(change(path.read_text()))
+    with pytest.raises(ValueError, match=rf"{path}.*({message})"):
+        FORMAT.open(path, PlaneRequest(normal="y", length_units="m")).load()
+
+
+def test_a_broken_last_row_and_missing_values(tmp_path):
+    """A row without an end is left out, and told; nan stays nan; remarks between rows count not."""
+    lines = [*HEADINGS["coordinates"], *rows()]
+    lines[6] = lines[6].replace(lines[6].split()[3], "nan") + "\n# a restart"
+    path = write(tmp_path / "v.csv", *lines)
+    found = opened(FORMAT, path, BARE)
+    assert np.isnan(found[0, 2, 2])
+    assert int(np.isnan(found).sum()) == 1
+    path.write_text(path.read_text()[:-4])
+    with pytest.warns(DataWarning, match="8 rows remain"):
+        assert opened(FORMAT, path, BARE).shape == (3, 4, 8)
+
+
+@FUZZED
+@given(marks=mutations, cut=cuts, heading=st.sampled_from(sorted(HEADINGS)))
+def test_mutated_bytes(tmp_path_factory, marks, cut, heading):
+    path = write(tmp_path_factory.mktemp("csv") / "v.csv", *HEADINGS[heading], *rows())
+    clean = opened(FORMAT, path, BARE)
+    mutate(path, marks, cut)
+    if recognised(FORMAT, path):
+        answer_or_error(FORMAT, path, BARE, "v.csv", clean)

@@ -1,0 +1,324 @@
+"""Sampled surfaces, one file a frame: OpenFOAM's folders of times and VTK series of all kinds."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from itertools import product
+
+import numpy as np
+import pytest
+import pyvista
+import vtk
+from conftest import SHARED
+from hypothesis import given
+from hypothesis import strategies as st
+from plane_files import (
+    FUZZED,
+    POINTS,
+    STEP,
+    UP,
+    VALUES,
+    answer_or_error,
+    cuts,
+    mutate,
+    mutations,
+    opened,
+    recognised,
+    vectors,
+)
+
+from torchliner.checks import DataWarning
+from torchliner.io.openfoam_surfaces import FORMAT as FOAM
+from torchliner.io.plane_format import PlaneRequest
+from torchliner.io.surface_frames import Surface
+from torchliner.io.vtk_files import parse_vtk
+from torchliner.io.vtk_series import FORMAT as SERIES
+
+SAMPLES = SHARED / "data/openfoam/vtk_series"
+STATED = PlaneRequest(normal="y", velocity_units="m/s", length_units="m", sampling_rate=1 / STEP)
+# Six quadrilaterals between the twelve points, as faces of four corners.
+QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
+ON_GRID = VALUES[..., 1].T.reshape(3, 4, 9)
+ON_FACES = VALUES[:, :6]
+
+
+def surface(frame, faces):
+    """A frame as pyvista has it."""
+    mesh = pyvista.PolyData(POINTS, np.insert(QUADS, 0, 4, 1).reshape(-1))
+    if faces:
+        mesh.cell_data["U"] = ON_FACES[frame]
+    else:
+        mesh.point_data["U"] = VALUES[frame]
+    return mesh
+
+
+def save(mesh, path, mode="ascii", packed=False):
+    """A VTK file of one of the ways that its writers know."""
+    if path.suffix == ".vtk":
+        mesh.save(path, binary=mode != "ascii")
+        return path
+    kinds = {".vtp": vtk.vtkXMLPolyDataWriter, ".vtu": vtk.vtkXMLUnstructuredGridWriter,
+             ".vti": vtk.vtkXMLImageDataWriter}  # fmt: skip
+    writer = kinds[path.suffix]()
+    writer.SetFileName(str(path))
+    writer.SetInputData(mesh)
+    writer.SetDataMode({"ascii": 0, "binary": 1, "raw": 2, "base64": 2}[mode])
+    writer.SetEncodeAppendedData(mode == "base64")
+    if packed:
+        writer.SetCompressorTypeToZLib()
+        writer.SetBlockSize(192)  # several blocks
+    else:
+        writer.SetCompressorTypeToNone()
+    assert writer.Write()
+    return path
+
+
+def series(folder, ending=".vtp", faces=False, **how):
+    """Numbered files of nine frames."""
+    for i in range(9):
+        save(surface(i, faces), folder / f"plane_{i:02d}{ending}", **how)
+    return folder / f"plane_04{ending}"
+
+
+@pytest.mark.parametrize(
+    ("mode", "packed", "faces"),
+    [*product(["ascii", "binary", "raw", "base64"], [False, True], [False, True])],
+)
+def test_every_way_of_vtk_xml(tmp_path, mode, packed, faces):
+    """Values are those that vtk wrote, on a grid of points or at the middle of faces."""
+    path = series(tmp_path, faces=faces, mode=mode, packed=packed and mode != "ascii")
+    assert recognised(SERIES, path)
+    plane = SERIES.open(path, STATED)
+    wanted = ON_FACES[..., 1].T.reshape(2, 3, 9) if faces else ON_GRID
+    assert np.allclose(plane.load().velocity.numpy(), wanted, atol=1e-7)
+    if faces:
+        assert np.allclose(plane.x, [5e-3, 15e-3, 25e-3])
+        assert np.allclose(plane.area, 5e-5)
+    assert opened(SERIES, tmp_path, STATED).shape == wanted.shape
+
+
+@pytest.mark.parametrize(("version", "mode"), [*product([42, 51], ["ascii", "binary"])])
+@pytest.mark.parametrize("faces", [False, True])
+def test_legacy(tmp_path, version, mode, faces):
+    for i in range(9):
+        writer = vtk.vtkPolyDataWriter()
+        writer.SetFileName(str(tmp_path / f"p{i}.vtk"))
+        writer.SetFileVersion(version)
+        writer.SetInputData(surface(i, faces))
+        (writer.SetFileTypeToBinary if mode == "binary" else writer.SetFileTypeToASCII)()
+        assert writer.Write()
+    plane = SERIES.open(tmp_path, STATED)
+    wanted = ON_FACES[..., 1].T.reshape(2, 3, 9) if faces else ON_GRID
+    assert np.allclose(plane.load().velocity.numpy(), wanted, atol=1e-6)
+
+
+def test_other_kinds_of_grid(tmp_path):
+    """Unstructured grids and flat images, XML and legacy; a single component."""
+    for kind, ending in product(("grid", "image"), ("xml", ".vtk")):
+        folder = tmp_path / (kind + ending)
+        folder.mkdir()
+        for i in range(9):
+            mesh = surface(i, False).cast_to_unstructured_grid()
+            if kind == "image":
+                mesh = pyvista.ImageData(dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005))
+                mesh.point_data["Velocity_y"] = VALUES[i, :, 1]
+            suffix = {"grid": ".vtu", "image": ".vti"}[kind] if ending == "xml" else ending
+            save(mesh, folder / f"p{i}{suffix}", "binary")
+        found = opened(SERIES, folder, STATED)
+        assert np.allclose(found, ON_GRID, atol=1e-6)
+
+
+@pytest.mark.parametrize("ending", [".pvd", ".series"])
+def test_collections_state_times(tmp_path, ending):
+    series(tmp_path)
+    names = [f"plane_{i:02d}.vtp" for i in range(9)]
+    path = tmp_path / f"all{ending}"
+    rows = "".join(f'<DataSet timestep="{i * STEP:.8g}" part="0" file="{n}"/>'
+                   for i, n in enumerate(names))  # fmt: skip
+    files = [{"name": n, "time": float(f"{i * STEP:.8g}")} for i, n in enumerate(names)]
+    text = {".pvd": f'<?xml version="1.0"?>\n<VTKFile type="Collection"><Collection>{rows}'
+                    "</Collection></VTKFile>",
+            ".series": json.dumps({"file-series-version": "1.0", "files": files})}  # fmt: skip
+    path.write_text(text[ending])
+    plain = PlaneRequest(normal="y", velocity_units="mm/s", length_units="mm")
+    assert recognised(SERIES, path)
+    plane = SERIES.open(path, plain)
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    assert np.allclose(1e3 * plane.load().velocity.numpy(), ON_GRID, atol=1e-7)
+    assert float(plane.x[-1]) == pytest.approx(0.03e-3)
+    for stated, message in (
+        (PlaneRequest(normal="y", length_units="m"), "no unit of velocity.*velocity_units='m/s'"),
+        (PlaneRequest(normal="y", velocity_units="m/s"), "--length-units m"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            SERIES.open(path, stated)
+    (tmp_path / names[3]).unlink()
+    with pytest.raises(ValueError, match=r"1 frames of 9 are not there.*plane_03"):
+        SERIES.open(path, plain)
+    path.write_text(text[ending].replace("3e-05", "2e-05"))
+    with pytest.raises(ValueError, match="several files for the time 2e-05"):
+        SERIES.open(path, plain)
+
+
+def test_faults_of_a_series(tmp_path):
+    """Another mesh in a later frame, no rate, two names, no velocity, another type of data."""
+    path = series(tmp_path)
+    bare = PlaneRequest(normal="y", velocity_units="m/s", length_units="m")
+    with pytest.raises(ValueError, match=r"states no time.*sampling_rate"):
+        SERIES.open(path, bare)
+    with pytest.raises(ValueError, match=r"no variable 'T'.*it holds U"):
+        SERIES.open(path, PlaneRequest(**{**STATED.__dict__, "variable": "T"}))
+    small = pyvista.PolyData(POINTS[:8])
+    small.point_data["U"] = VALUES[5, :8]
+    save(small, tmp_path / "plane_05.vtp")
+    plane = SERIES.open(path, STATED)
+    with pytest.raises(ValueError, match=r"plane_05.vtp has 8 values of 'U', the first.*12"):
+        plane.load()
+    raw = save(surface(5, False), tmp_path / "plane_05.vtp", "raw").read_bytes()
+    (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'ts="12"', b'ts="13"'))
+    with pytest.raises(ValueError, match=r"plane_05.vtp has 13 values"):
+        plane.load()
+    (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'Name="U"', b'Name="U" type="Float32"'))
+    with pytest.raises(ValueError, match=r"plane_05.vtp.*12 x 3 of f4 take 144"):
+        plane.load()
+    save(surface(0, False), tmp_path / "other_00.vtp")
+    with pytest.raises(ValueError, match=r"series other_, plane_; name one as group"):
+        SERIES.open(tmp_path, STATED)
+    with pytest.raises(ValueError, match=r"other_00.vtp is one frame"):
+        SERIES.open(tmp_path / "other_00.vtp", STATED)
+    raw = path.read_bytes()
+    (tmp_path / "other_01.vtp").write_bytes(raw.replace(b"PolyData", b"MultiBlock"))
+    with pytest.raises(ValueError, match=r"other_01.vtp is VTK data of type 'MultiBlock'"):
+        SERIES.open(tmp_path / "other_00.vtp", STATED).load()
+
+
+def foam(folder, kind, faces=False):
+    """``postProcessing/NAME`` with a surface ``top`` at nine times."""
+    for i in range(9):
+        here = folder / f"{100 * STEP + i * STEP:.6g}"
+        here.mkdir(parents=True)
+        values = ON_FACES[i] if faces else VALUES[i]
+        if kind == "vtp":
+            save(surface(i, faces), here / "top.vtp")
+        elif kind == "raw":
+            centres = POINTS[QUADS].mean(1) if faces else POINTS
+            head = (
+                f"# U  {'FACE' if faces else 'POINT'}_DATA {len(values)}\n#  x  y  z  U_x U_y U_z\n"
+            )
+            rows = (" ".join(f"{n:.8g}" for n in row) for row in np.hstack([centres, values]))
+            (here / "U_top.raw").write_text(head + "\n".join(rows) + "\n")
+        else:
+            corners = [f"4({' '.join(map(str, face))})" for face in QUADS]
+            lists = {"points": vectors(POINTS), "faces": corners, "vectorField/U": vectors(values)}
+            for name, items in lists.items():
+                file = here / "top" / name
+                file.parent.mkdir(parents=True, exist_ok=True)
+                about = "FoamFile\n{\n    version 2.0;\n    format ascii;\n}\n// * * //\n"
+                bare = f"\n{len(items)}\n(\n" + "\n".join(items) + "\n)\n\n// ***** //\n"
+                file.write_text(about * (i % 2) + bare)
+    return folder
+
+
+@pytest.mark.parametrize(("kind", "faces"), [*product(["vtp", "raw", "foam"], [False, True])])
+def test_openfoam_surfaces(tmp_path, kind, faces):
+    """One answer from each format that the solver writes, from the folder and from a file in it."""
+    folder = foam(tmp_path / "2024/planes", kind, faces)
+    plane = FOAM.open(folder, UP)
+    wanted = ON_FACES[..., 1].T.reshape(2, 3, 9) if faces else ON_GRID
+    assert np.allclose(plane.load().velocity.numpy(), wanted, atol=1e-6)
+    assert plane.sampling_rate == pytest.approx(1 / STEP, rel=1e-4)
+    assert plane.start == pytest.approx(100 * STEP)
+    if faces and kind != "raw":
+        assert np.allclose(plane.area, 5e-5)
+    for inside in (folder / "0.00103", next((folder / "0.00103").iterdir())):
+        assert np.array_equal(opened(FOAM, inside), plane.load().velocity)
+    stored = pickle.loads(pickle.dumps(plane.velocity))
+    assert np.array_equal(stored.read(3, 5), plane.velocity.load().flatten(0, 1).T[3:5])
+
+
+def test_faults_of_openfoam_surfaces(tmp_path):
+    folder = foam(tmp_path / "planes", "vtp")
+    shutil.copy(folder / "0.001/top.vtp", folder / "0.001/side.vtp")
+    with pytest.raises(ValueError, match=r"surfaces side, top; name one as group"):
+        FOAM.open(folder, UP)
+    with pytest.raises(ValueError, match=r"8 of 9 times, 0.00101.* have no surface 'side'"):
+        FOAM.open(folder, PlaneRequest(group="side", normal="y"))
+    assert FOAM.open(folder / "0.001/top.vtp", UP).samples == 9
+    shutil.rmtree(folder / "0.00104")
+    with pytest.raises(ValueError, match=r"lacks 1 frames.*after sample 3"):
+        FOAM.open(folder, PlaneRequest(group="top", normal="y"))
+    with pytest.warns(DataWarning, match=r"taken as \+y, since the points lie in a plane"):
+        FOAM.open(foam(tmp_path / "b", "raw"), PlaneRequest())
+
+
+def test_one_value_for_all(tmp_path):
+    """A uniform field of foamFile."""
+    folder = foam(tmp_path / "planes", "foam")
+    for path in folder.glob("*/top/vectorField/U"):
+        path.write_text("12{(0.25 -0.5 0.125)}\n")
+    assert np.array_equal(opened(FOAM, folder), np.full((3, 4, 9), -0.5))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("vectorField/U", lambda t: t.replace("12\n", "11\n", 1), "11 values for 12 points"),
+        ("vectorField/U", lambda t: t[: len(t) // 2], r"\d+ numbers in 1 rows; 36"),
+        ("points", lambda t: t.replace("12\n", "format binary; 12", 1), "but binary.*ascii"),
+        ("faces", lambda t: t.replace("4(0 1 5 4)", "2(0 1)"), "two|2 corners"),
+        ("faces", lambda t: t.replace("4(0 1 5 4)", "4(0 1 5 44)"), "points 0 to 44; there are 12"),
+    ],
+)  # fmt: skip
+def test_faults_of_foam_files(tmp_path, name, change, message):
+    folder = foam(tmp_path / "planes", "foam", faces=name == "faces")
+    path = folder / "0.001/top" / name
+    path.write_text(change(path.read_text()))
+    with pytest.raises(ValueError, match=rf"{path}.*({message})|{message}"):
+        FOAM.open(folder, UP).load()
+
+
+def test_faces_are_where_they_are():
+    """A trapezoid's centroid and area by hand; folded out of a triangle and a pentagon."""
+    points = np.array([[0, 0, 0], [4, 0, 0], [2, 0, 2], [0, 0, 2], [6, 0, 3], [3, 0, 5.0]])
+    corners, ends = np.array([0, 1, 2, 3, 1, 4, 2]), np.array([4, 7])
+    centres, areas = Surface(points, corners, ends).faces("mesh")
+    assert np.allclose(areas, [6, 5])
+    assert np.allclose(centres, [[14 / 9, 0, 8 / 9], [4, 0, 5 / 3]])
+
+
+@FUZZED
+@given(marks=mutations, cut=cuts, how=st.integers(0, 5))
+def test_mutated_bytes(tmp_path_factory, marks, cut, how):
+    """A frame of any encoding that is damaged is an error, or a plane."""
+    mode, ending = (("ascii", ".vtp"), ("binary", ".vtp"), ("raw", ".vtp"), ("base64", ".vtp"),
+                    ("ascii", ".vtk"), ("binary", ".vtk"))[how]  # fmt: skip
+    path = tmp_path_factory.mktemp("vtk") / f"plane_00{ending}"
+    for i in range(2):
+        save(surface(i, bool(how % 2)), path.with_stem(f"plane_0{i}"), mode)
+    clean = opened(SERIES, path, STATED)
+    mutate(path, marks, cut)
+    answer_or_error(SERIES, path, STATED, "plane_", clean)
+
+
+@FUZZED
+@given(marks=mutations, cut=cuts, name=st.sampled_from(["points", "faces", "vectorField/U"]))
+def test_mutated_foam_files(tmp_path_factory, marks, cut, name):
+    folder = foam(tmp_path_factory.mktemp("foam") / "planes", "foam")
+    clean = opened(FOAM, folder)
+    mutate(folder / "0.001/top" / name, marks, cut)
+    answer_or_error(FOAM, folder, UP, "planes", clean)
+
+
+@pytest.mark.skipif(not SAMPLES.exists(), reason="samples of a run are not here")
+def test_real_surfaces():
+    """Ten frames of 4940 triangles of a channel, against pyvista."""
+    plane = FOAM.open(SAMPLES, UP)
+    mesh = pyvista.read(SAMPLES / "501/y0052.vtp")
+    sizes = mesh.compute_cell_sizes(length=False, volume=False)
+    assert plane.sampling_rate == pytest.approx(5)
+    assert np.array_equal(plane.load().velocity[:, 4].numpy(), mesh.cell_data["U"][:, 1])
+    assert np.allclose(plane.x, mesh.cell_centers().points[:, 0], atol=1e-6)
+    assert np.allclose(plane.area, sizes.cell_data["Area"], rtol=1e-4)
+    assert parse_vtk(SAMPLES / "501/y0052.vtp").time == pytest.approx(501)

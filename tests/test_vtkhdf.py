@@ -1,0 +1,152 @@
+"""VTKHDF: surfaces, grids and steps in time."""
+
+from __future__ import annotations
+
+import pickle
+
+import h5py
+import numpy as np
+import pytest
+import vtk
+from hypothesis import given
+from hypothesis import strategies as st
+from plane_files import (
+    FUZZED,
+    POINTS,
+    STEP,
+    VALUES,
+    X,
+    Z,
+    answer_or_error,
+    cuts,
+    mutate,
+    mutations,
+    opened,
+    recognised,
+)
+
+from torchliner.io.plane_format import PlaneRequest
+from torchliner.io.vtkhdf import FORMAT
+
+STATED = PlaneRequest(normal="y", velocity_units="m/s", length_units="m")
+QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
+WANTED = {"points": VALUES[..., 1].T.reshape(3, 4, 9), "faces": VALUES[:, :6, 1].T.reshape(2, 3, 9)}
+
+
+def store(path, kind="PolyData", values="points", shift=0):
+    """A file by the description of the format; ``shift`` rows before the first frame."""
+    with h5py.File(path, "w") as file:
+        group = file.create_group("VTKHDF")
+        group.attrs["Version"] = (2, 0)
+        group.attrs["Type"] = np.bytes_(kind)
+        steps = group.create_group("Steps")
+        steps.attrs["NSteps"] = 9
+        steps["Values"] = np.arange(9) * STEP
+        section = "PointData" if values == "points" else "CellData"
+        data = VALUES if values == "points" else VALUES[:, :6]
+        if kind == "ImageData":
+            group.attrs.update(
+                WholeExtent=(0, 3, 0, 0, 0, 2), Origin=(0, 1e-3, Z[0]), Spacing=(0.01, 1.0, 0.005),
+                Direction=np.eye(3).reshape(-1),
+            )  # fmt: skip
+            group[f"{section}/U"] = data.reshape(9, 3, 1, 4, 3).astype("f4")
+            return path
+        rows = data.shape[1]
+        group[f"{section}/U"] = np.vstack([np.zeros((shift, 3)), data.reshape(-1, 3)]).astype("f4")
+        steps[f"{section}Offsets/U"] = shift + rows * np.arange(9)
+        steps["PartOffsets"] = np.zeros(9, int)
+        steps["NumberOfParts"] = np.ones(9, int)
+        steps["PointOffsets"] = np.zeros(9, int)
+        steps["CellOffsets"] = np.zeros((9, 4 if kind == "PolyData" else 1), int)
+        steps["ConnectivityIdOffsets"] = steps["CellOffsets"][()]
+        group["NumberOfPoints"], group["Points"] = [12], POINTS
+        for name in ("Vertices", "Lines", "Polygons", "Strips") if kind == "PolyData" else (".",):
+            filled = name in ("Polygons", ".")
+            cells = group.require_group(name)
+            cells["NumberOfCells"] = [6 * filled]
+            cells["Connectivity"] = QUADS.reshape(-1) if filled else np.empty(0, int)
+            cells["NumberOfConnectivityIds"] = [24 * filled]
+            cells["Offsets"] = 4 * np.arange(6 * filled + 1)
+        if kind == "UnstructuredGrid":
+            group["Types"] = np.full(6, 9, "u1")
+    return path
+
+
+@pytest.mark.parametrize("values", ["points", "faces"])
+@pytest.mark.parametrize("kind", ["PolyData", "UnstructuredGrid"])
+def test_surfaces(tmp_path, kind, values):
+    """Values, places, areas and times; frames wherever Steps says that they begin."""
+    path = store(tmp_path / "a.vtkhdf", kind, values, shift=5)
+    assert recognised(FORMAT, path)
+    plane = FORMAT.open(path, STATED)
+    assert np.allclose(plane.load().velocity, WANTED[values], atol=1e-6)
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    if values == "faces":
+        assert np.allclose(plane.area, 5e-5)
+    stored = pickle.loads(pickle.dumps(plane.velocity))
+    assert np.array_equal(stored.read(3, 5), plane.load().velocity.flatten(0, 1).T[3:5])
+    with h5py.File(path, "r+") as file:  # frames that stand in another order
+        section = {"points": "PointData", "faces": "CellData"}[values]
+        offsets = file[f"VTKHDF/Steps/{section}Offsets/U"]
+        offsets[...] = offsets[()][::-1]
+    assert np.allclose(opened(FORMAT, path, STATED), WANTED[values][..., ::-1], atol=1e-6)
+
+
+def test_grid(tmp_path):
+    plane = FORMAT.open(store(tmp_path / "a.vtkhdf", "ImageData"), STATED)
+    assert np.allclose(plane.load().velocity, WANTED["points"], atol=1e-6)
+    assert np.allclose(plane.x, X)
+    assert np.allclose(plane.z, Z)
+
+
+def test_vtk_itself_reads_what_these_tests_write(tmp_path):
+    """The files are VTKHDF, not what we take for it."""
+    for kind, values in (("PolyData", "points"), ("UnstructuredGrid", "faces")):
+        reader = vtk.vtkHDFReader()
+        reader.SetFileName(str(store(tmp_path / "a.vtkhdf", kind, values)))
+        reader.Update()
+        data = reader.GetOutputDataObject(0)
+        assert data.GetNumberOfPoints() == 12
+        assert data.GetNumberOfCells() == 6
+        assert reader.GetNumberOfSteps() == 9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda g: g.attrs.__setitem__("Type", np.bytes_("AMR")), "is of type 'AMR'"),
+        (lambda g: g.__delitem__("Steps"), "no Steps: it is one frame"),
+        (lambda g: g["Steps/Values"].__setitem__(4, 7e-5), "out of order|not uniform"),
+        (lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100), "reach beyond: the file is"),
+        (lambda g: g["Steps/NumberOfParts"].__setitem__(3, 2), "frames of 2 parts"),
+        (lambda g: g.__delitem__("Points"), "Points is missing"),
+        (lambda g: g.move("PointData/U", "PointData/p"), "holds p; name the velocity"),
+    ],
+)  # fmt: skip
+def test_faults(tmp_path, change, message):
+    path = store(tmp_path / "a.vtkhdf")
+    with h5py.File(path, "r+") as file:
+        change(file["VTKHDF"])
+    with pytest.raises(ValueError, match=rf"{path}.*({message})"):
+        FORMAT.open(path, STATED)
+
+
+def test_frames_of_other_points(tmp_path):
+    path = store(tmp_path / "a.vtkhdf")
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF/NumberOfPoints"]
+        file["VTKHDF/NumberOfPoints"] = [12, 11]
+        file["VTKHDF/Steps/PartOffsets"][4:] = 1
+    with pytest.raises(ValueError, match=r"frame 4 has 11 points, the first 12"):
+        FORMAT.open(path, STATED)
+
+
+@pytest.mark.slow
+@FUZZED
+@given(marks=mutations, cut=cuts, kind=st.sampled_from(["PolyData", "ImageData"]))
+def test_mutated_bytes(tmp_path_factory, marks, cut, kind):
+    path = store(tmp_path_factory.mktemp("vtkhdf") / "a.vtkhdf", kind)
+    clean = opened(FORMAT, path, STATED)
+    mutate(path, marks, cut)
+    if recognised(FORMAT, path):
+        answer_or_error(FORMAT, path, STATED, "a.vtkhdf", clean)

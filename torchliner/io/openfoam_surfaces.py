@@ -1,0 +1,214 @@
+"""OpenFOAM's sampled surfaces: a folder for each time, in it VTK files, foamFile or raw."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from torchliner.file_checks import require_regular
+from torchliner.io.axes import uniform_rate
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.point_layout import named
+from torchliner.io.surface_frames import (
+    Frame,
+    FrameArray,
+    Surface,
+    plane_of_frames,
+    read_whole,
+    unpack_faces,
+)
+from torchliner.io.text_rows import SPACES, bytes_at, last_digit, number_of, parse_vectors
+from torchliner.io.vtk_files import parse_vtk
+from torchliner.records import VelocityPlane
+
+# `# U  FACE_DATA 4`, then `# x y z U_x U_y U_z`.
+RAW = re.compile(rb"#\s*(\w+)\s+(FACE|POINT)_DATA\s+(\d+)\s*\n#[^\n]*\n")
+RAW_NAME = re.compile(r"(?:U_(.+)|(.+)_U)\.raw")
+LIST = re.compile(rb"\s*(?:nonuniform\s+List<\w+>\s*)?(\d+)\s*([({])")
+COMMENTS = re.compile(rb"/\*.*?\*/|//[^\n]*|FoamFile\s*\{.*?\}", re.DOTALL)
+HEAD = 4096  # bytes of a file that hold its header
+FIELDS = {"vectorField": 3, "scalarField": 1}
+
+
+def time_folders(path: Path) -> tuple[Path, list[Path]]:
+    """The folder of a series of time folders in which a path lies, and these in order of time."""
+    roots = [path] + [each.parent for each in [path, *path.parents][:3]
+                      if number_of(each.name)[0] is not None]  # fmt: skip
+    for root in filter(Path.is_dir, roots):
+        found = [each for each in root.iterdir() if number_of(each.name)[0] is not None]
+        found = [each for each in found if each.is_dir()]
+        if found:
+            return root, sorted(found, key=lambda each: float(each.name))
+    return path, []
+
+
+def surfaces_of(folder: Path) -> dict[str, list[Path]]:
+    """Files, or folders of foamFile, in a time folder by the name of their surface."""
+    found: dict[str, list[Path]] = {}
+    for each in sorted(folder.iterdir()):
+        raw = RAW_NAME.fullmatch(each.name)
+        if raw is not None:
+            found.setdefault(raw[1] or raw[2], []).append(each)
+        elif each.suffix in (".vtp", ".vtk", ".vtu") or (each / "points").is_file():
+            found.setdefault(each.stem if each.is_file() else each.name, []).append(each)
+    return found
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """A folder of time folders that hold surfaces, or one of them, or a file in one."""
+    with suppress(OSError):
+        root, folders = time_folders(path)
+        inside = path.relative_to(root).parts
+        there = [each for files in surfaces_of(root / inside[0] if inside else folders[0]).values()
+                 for each in files] if folders else []  # fmt: skip
+        # A folder called 2024 is no time: a surface stands in several of them.
+        return bool(there) and (len(inside) < 2 or (
+            root / inside[0] / inside[1] in there
+            and sum((each / inside[1]).exists() for each in folders[:3]) > 1))  # fmt: skip
+    return False
+
+
+def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of one surface at all times.
+
+    Args:
+        path: ``postProcessing/NAME``, or a file in it, which names the surface.
+        request: ``group`` names the surface where there are several.
+    Raises:
+        ValueError: several surfaces, or none of that name; times without it; as ``uniform_rate``
+            and ``plane_of_frames``.
+    """
+    root, folders = time_folders(path)
+    listed = {folder.name: surfaces_of(folder) for folder in folders}
+    there = {name: None for found in listed.values() for name in found}
+    group, inside = request.group, path.relative_to(root).parts[:2]
+    if group is None and len(inside) == 2:
+        group = next((name for name, files in listed[inside[0]].items()
+                      if root.joinpath(*inside) in files), None)  # fmt: skip
+    if group is None and len(there) == 1:
+        group = next(iter(there))
+    if group is None or group not in there:
+        raise ValueError(f"{path} holds the surfaces {', '.join(there)}"
+                         f"{'' if group is None else f', no {group!r}'}; name one as group "
+                         "(--group)")  # fmt: skip
+    absent = [name for name, found in listed.items() if group not in found]
+    if absent:
+        raise ValueError(f"{root}: {len(absent)} of {len(folders)} times, {', '.join(absent[:3])}, "
+                         f"have no surface {group!r}; sample it at all times, or give only those "
+                         "that have it")  # fmt: skip
+    kinds = [found[group] for found in listed.values()]
+    if len({each.suffix for files in kinds for each in files}) > 1:
+        raise ValueError(f"{root} has {group!r} in several formats; leave one of them there")
+    paths = [files[0] for files in kinds]
+    parse: Callable[[Path], Frame] = parse_vtk
+    if paths[0].is_dir():
+        parse = foam_parser(paths[0])
+    elif paths[0].suffix == ".raw":
+        parse = parse_raw
+    time = np.array([float(folder.name) for folder in folders])
+    digits = max(number_of(folder.name)[1] for folder in folders)
+    if len(time) < 2:
+        raise ValueError(f"{root} has one time, {folders[0].name}; two at least are needed")
+    rate = uniform_rate(time, f"{root}, times", last_digit(time, digits))
+    return plane_of_frames(
+        paths, parse, request, rate, root, format=f"OpenFOAM surface {group}",
+        start=float(time[0]),
+    )  # fmt: skip
+
+
+def parse_raw(path: Path) -> Frame:
+    """A file `# U FACE_DATA 4`, `# x y z U_x U_y U_z` and its rows."""
+    text = read_whole(path)
+    head = RAW.match(text)
+    if head is None:
+        raise ValueError(f"{path} begins with {text[:30]!r}, not '# U FACE_DATA N'")
+    count, rows, label = int(head[3]), text[head.end() :], f"{path}"
+    width = len(rows.partition(b"\n")[0].split())
+    if width not in (4, 6):
+        raise ValueError(f"{label}: rows have {width} numbers; x y z and one or three values are "
+                         "needed")  # fmt: skip
+
+    def surface() -> Surface:
+        return Surface(parse_vectors(rows, count, width, None, label)[:, :3])
+
+    # Its points are centres already where values lie on faces.
+    array = FrameArray(
+        False, count, width - 3, lambda axis: parse_vectors(rows, count, width, 3 + axis, label)
+    )
+    return Frame(surface, {head[1].decode(): array})
+
+
+def foam_parser(mesh: Path) -> Callable[[Path], Frame]:
+    """The function that parses folders with ``points``, ``faces`` and ``vectorField/NAME``.
+
+    Args:
+        mesh: folder of the first time, which tells how many points and faces there are.
+    Raises:
+        ValueError: as many points as faces, so that no number of values tells where these lie.
+    """
+    points, faces = (_list_head(mesh / name)[0] for name in ("points", "faces"))
+    if points == faces:
+        raise ValueError(f"{mesh} has as many points as faces, {points}; nothing tells on which "
+                         "the values lie: sample as VTK")  # fmt: skip
+    return partial(parse_foam, mesh=mesh, faces=faces)
+
+
+def parse_foam(path: Path, mesh: Path, faces: int) -> Frame:
+    """A folder of a time."""
+    arrays = {}
+    for kind, components in FIELDS.items():
+        for file in sorted((path / kind).iterdir()) if (path / kind).is_dir() else []:
+            count, _ = _list_head(file)
+            arrays[file.name] = FrameArray(
+                count == faces, count, components, partial(_field, file, components)
+            )
+    return Frame(partial(_mesh, mesh), arrays)
+
+
+def _list_head(path: Path) -> tuple[int, int]:
+    """Length of the list of a file, and where its bracket stands."""
+    require_regular(path)
+    text = COMMENTS.sub(lambda found: b" " * len(found[0]), bytes_at(path, 0, HEAD))
+    found = LIST.match(text)
+    if found is None:
+        binary = b"binary" in bytes_at(path, 0, HEAD)
+        remedy = ", but binary: sample with writeFormat ascii" if binary else ""
+        raise ValueError(f"{path} is no list 'N ( ... )' of text{remedy}")
+    return int(found[1]), found.start(2)
+
+
+def _list(path: Path) -> tuple[int, bytes, bool]:
+    """Length of a list, what stands between its brackets, and whether one value stands for all."""
+    count, begin = _list_head(path)
+    text = read_whole(path)
+    uniform = text[begin : begin + 1] == b"{"
+    end = text.rfind(b"}" if uniform else b")")
+    if end < begin:
+        raise ValueError(f"{path} is truncated: its list has no end")
+    return count, text[begin + 1 : end], uniform
+
+
+def _field(path: Path, components: int, axis: int) -> np.ndarray:
+    """One component of a field."""
+    count, text, uniform = _list(path)
+    found = parse_vectors(text, 1 if uniform else count, components, axis, f"{path}")
+    return np.repeat(found, count) if uniform else found
+
+
+def _mesh(folder: Path) -> Surface:
+    """Points and faces."""
+    count, text, _ = _list(folder / "points")
+    points = parse_vectors(text, count, 3, None, f"{folder / 'points'}")
+    count, text, _ = _list(folder / "faces")
+    flat = np.array(text.translate(SPACES).split(), np.int64)
+    return Surface(points, *unpack_faces(flat, count, f"{folder / 'faces'}"))
+
+
+FORMAT = PlaneFormat(
+    "OpenFOAM surfaces", recognises, named(open_surfaces), ("variable", "group", "normal")
+)
