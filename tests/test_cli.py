@@ -195,10 +195,10 @@ MISTAKES = [
     (["educe", SLIT, "--frequency", "60000"], "at or above Nyquist"),
     (["educe", SLIT, "-o", "no/such/folder/map.h5"], "the folder no/such/folder does not exist"),
     (["educe", SLIT, "--device", "cuda:7"], "cuda"),
-    (["info", str(DATA / "SHA256SUMS")], "is not an HDF5 (netCDF-4) file"),
+    (["info", str(DATA / "SHA256SUMS")], "is of no format of planes that is known"),
     (["info", str(DATA)], "is a folder"),
     (["liner", "polyto"], "did you mean 'polito'"),
-    (["convert", SLIT, "-o", "y.h5"], "--axes is needed"),
+    (["convert", SLIT, "--layout", "array", "-o", "y.h5"], "--axes is needed"),
     (["truth", CHANNEL, "--liner", "polito"], "states no true impedance"),
 ]
 

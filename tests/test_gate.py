@@ -366,7 +366,7 @@ def test_arrays_in_groups_are_found(capsys, folder):
         file["run/pressure"] = np.zeros((50, 4))
     words = ["convert", "groups.h5", *ARRAY[2:], "-o", "p.h5"]
     code, _, err = run(capsys, *words)
-    assert (code, "holds run/pressure, run/velocity; name the one" in err) == (BAD_INPUT, True), err
+    assert (code, "run/velocity (50x4); name it: --variable" in err) == (BAD_INPUT, True), err
     assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
 
 

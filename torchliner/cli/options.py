@@ -244,7 +244,7 @@ def progress_bar(
         return
     from tqdm import tqdm
 
-    about: dict[str, Any] = {"unit": unit, "unit_scale": unit == "sample", "leave": False}
+    about: dict[str, Any] = {"unit": unit, "unit_scale": unit in ("sample", "B"), "leave": False}
     first = f"{label}, reading" if reading else label
     with tqdm(total=reading or total, desc=first, **about) as bar:
 

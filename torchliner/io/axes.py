@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
@@ -24,6 +24,7 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
+from torchliner.units import si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
@@ -72,10 +73,13 @@ def write_case(file: h5py.File, record: Any, table: Table) -> None:
     write_references(file, record.reference)
 
 
-def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict[str, Any]:
+def read_case(
+    file: h5py.File, kind: FileKind, table: Table, path: Path, strict: bool = True
+) -> dict[str, Any]:
     """What ``write_case`` wrote and the attributes of the file, as fields of a record.
 
-    The gas is air at 20 C where the file says nothing, the title the name of the file.
+    The gas is air at 20 C where the file says nothing, the title the name of the file. Without
+    ``strict`` what is no single number is none of the gas.
 
     Raises:
         ValueError: as ``read_variables``; no gas is like that.
@@ -83,7 +87,8 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
     found = {**kind.read_head(file, path), **read_variables(file, table, path)}
     if "title" in found:
         found["title"] = found["title"] or path.stem
-    gas = read_variables(file, FLUID, path)
+    fluid = [row for row in FLUID if strict or getattr(file.get(row.names[0]), "size", 0) == 1]
+    gas = read_variables(file, fluid, path)
     try:
         found["fluid"] = Fluid(**gas)
     except ValueError as error:
@@ -92,18 +97,21 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
 
 
 def write_times(file: h5py.File, record: Any) -> None:
-    """The dimension ``time`` of the uniform samples of a record, from 0 s.
+    """The dimension ``time`` of the uniform samples of a record.
 
     Raises:
         ValueError: a single sample: a file states times, of which one tells no sampling rate.
     """
     if record.samples < 2:
         raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
-    write_variable(file, "time", np.arange(record.samples) / record.sampling_rate, "s", ("time",))
+    times = getattr(record, "start", 0.0) + np.arange(record.samples) / record.sampling_rate
+    write_variable(file, "time", times, "s", ("time",))
 
 
-def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
-    """Factor from the units of a signal to an SI unit.
+def float_factor(
+    file: h5py.Group, key: str, unit: str, path: Path, stated: str | None = None
+) -> float:
+    """Factor from the units of a signal to an SI unit; ``stated``: units if the file has none.
 
     Integers count where ``scale_factor`` says what they stand for.
 
@@ -116,7 +124,7 @@ def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
         raise ValueError(
             f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed"
         )
-    return factor_to(unit, file, key, path)
+    return factor_to(unit, file, key, path, stated)
 
 
 def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
@@ -134,33 +142,91 @@ def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) 
 
 
 def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int]:
-    """Sampling rate (Hz) and number of samples.
+    """Sampling rate (Hz) and number of samples; as ``read_clock``."""
+    return read_clock(group, path, key)[:2]
+
+
+def read_clock(
+    group: h5py.Group, path: str | Path, key: str = "time", stated: float | None = None
+) -> tuple[float, int, float]:
+    """Sampling rate (Hz), number of samples, and time of the first, s.
 
     Args:
         group, path: of the dataset.
         key: its name.
+        stated: sampling rate, Hz, where the times have no units.
     Raises:
         ValueError: the times are missing, not finite or not uniform.
     """
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
         raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
-    time = read_si(group, key, "s", path)
+    unit, _, epoch = (text_attribute(group[key], "units") or "").partition(" since ")
+    if epoch or (stated is not None and not unit):
+        # Dates are far from their epoch; what counts is how far they are from each other.
+        counts = read_values(group[key], name, path)
+        factor = si_factor("time", unit, name) if epoch else 1.0
+        time = factor * (counts - counts[0]).astype(np.float64)
+        first = factor * float(counts[0])
+    else:
+        counts = time = read_si(group, key, "s", path)
+        first = float(time[0])
+    kind = group[key].dtype
+    # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
+    exact = float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
+    rate = uniform_rate(time, name, exact * (factor if epoch else 1.0))
+    if stated is not None and not unit:
+        return stated, len(time), 0.0
+    return rate, len(time), first
+
+
+def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
+    """Sampling rate of time stamps, Hz.
+
+    Args:
+        time: s.
+        name: of the times, for messages.
+        exact: s, by which stamps are rounded.
+    Raises:
+        ValueError: they are not finite, out of order, or not uniform; frames are missing.
+    """
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    time = time.astype(np.float64)
     step = (time[-1] - time[0]) / (len(time) - 1)
     if step <= 0:
         raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s")
-    error = np.abs(time - (time[0] + step * np.arange(len(time)))) / step
-    if error.max() > UNIFORMITY:
-        steps = np.diff(time)
-        worst = int(np.abs(steps - step).argmax())
+    error = np.abs(time - (time[0] + step * np.arange(len(time))))
+    if error.max() > UNIFORMITY * step + min(exact, step / 4):
+        _say_what_is_uneven(time, name, step, error.max() / step)
+    return float(1 / step)
+
+
+def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) -> NoReturn:
+    """Frames out of order, missing, or times that waver."""
+    steps = np.diff(time)
+    back = int(np.argmin(steps))
+    if steps[back] <= 0:
         raise ValueError(
-            f"{name} is not uniform: stamps are off by up to {error.max():.3g} sampling intervals "
-            f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
-            f"{step:.6g} s on average. Resample the data to uniform times first"
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "
+            f"before it at {time[back]:.9g} s; sort the frames, or give the runs as files of their "
+            "own, which are joined"
         )
-    return float(1 / step), len(time)
+    usual = float(np.median(steps))
+    lost = np.rint(steps / usual).astype(int) - 1
+    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        at = int(lost.argmax())
+        raise ValueError(
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
+            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
+            f"sample {at}; restore them, or read the stretches between the gaps with start and stop"
+        )
+    worst = int(np.abs(steps - step).argmax())
+    raise ValueError(
+        f"{name} is not uniform: stamps are off by up to {error:.3g} sampling intervals "
+        f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
+        f"{step:.6g} s on average. Resample the data to uniform times first"
+    )
 
 
 def axis_names(dataset: h5py.Dataset, label: str) -> list[str]:
@@ -217,9 +283,11 @@ def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
 
 
 def read_coordinate(
-    file: h5py.File, key: str, shape: tuple[int, ...], path: Path
+    file: h5py.Group, key: str, shape: tuple[int, ...], path: Path, stated: str | None = None
 ) -> np.ndarray | None:
     """x or z, m; None if the file has none, or numbers its columns alone.
+
+    ``stated``: units if the file has none.
 
     Raises:
         ValueError: as ``read_si``; another number of values than the probes need; values that are
@@ -238,12 +306,10 @@ def read_coordinate(
         raise ValueError(
             f"{label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'"
         )
-    values = read_si(file, key, "m", path).reshape(-1)
+    values = read_si(file, key, "m", path, stated=stated).reshape(-1)
     wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
     if len(values) != wanted:
-        raise ValueError(
-            f"{path}:/{key} has {len(values)} values; the probes, {shape}, need {wanted}"
-        )
+        raise ValueError(f"{label} has {len(values)} values; the probes, {shape}, need {wanted}")
     if not np.isfinite(values).all():
         raise ValueError(f"{label} holds values that are not finite")
     return values

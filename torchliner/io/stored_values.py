@@ -143,7 +143,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
             "they are whole; copy the dataset into one file (h5repack)"
         )
     home = dataset.file.filename
-    if not os.path.samefile(home, path):
+    if dataset.file.driver != "core" and not os.path.samefile(home, path):  # core: in memory
         tell(f"{label} is a link; its values stand in {home}")
     if dataset.is_virtual:
         _require_sources(dataset, label, Path(home).parent)

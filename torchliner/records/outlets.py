@@ -24,7 +24,7 @@ OUTLETS = {
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
     "PointImpedances": {"write": "torchliner.io.point_file:write_points"},
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "VelocityPlane": {"write": "torchliner.io.plane_file:write_plane"},
+    "VelocityPlane": {"write": "torchliner.io.plane_writer:write_plane"},
 }
 
 

@@ -35,6 +35,7 @@ class VelocityPlane(Written, AtProbes):
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
         sampling_rate: Hz.
+        start: time of the first sample on the clock of the data, s.
         height: distance of the plane from the liner, m.
         x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
         streamwise: streamwise velocity, m/s, on the same probes and times.
@@ -53,6 +54,7 @@ class VelocityPlane(Written, AtProbes):
 
     velocity: Any
     sampling_rate: float = field(kw_only=True)
+    start: float = field(default=0.0, kw_only=True)
     height: float | None = field(default=None, kw_only=True)
     x: Any = field(default=None, kw_only=True)
     z: Any = field(default=None, kw_only=True)
