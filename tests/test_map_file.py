@@ -178,7 +178,7 @@ KINDS = {"plane": (make_plane, tl.read_plane), "map": (hand_map, tl.read_map)}
         (
             "text",
             OSError,
-            r"a.h5 is (not an HDF5 \(netCDF-4\) file|text that begins with 'time,v')",
+            r"a.h5 is (not an HDF5 \(netCDF-4\) file|text that begins)",
         ),
         ("empty", OSError, r"a.h5 is (not an HDF5 \(netCDF-4\) file|empty; it is of no format)"),
         ("truncated", OSError, r"a.h5 is truncated: .*eof"),

@@ -82,11 +82,6 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 }  # fmt: skip
 
 # Files. A new format is a file with the function and a row here.
-PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
-    "zarr": "torchliner.io.xarray_plane:FORMAT",
-    "netcdf3": "torchliner.io.netcdf3:FORMAT",
-    "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
-}
 PLANE_LAYOUTS = {  # of `convert`: function of a path and of options by name to a plane; what it is
     "array": ("torchliner.io.arrays:read_array_plane", "one variable, all stated here"),
     "resolved": ("torchliner.io.resolved:read_resolved", "group of a simulation file"),
@@ -98,6 +93,11 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".h5": "torchliner.io.arrays:read_hdf5",
     ".hdf5": "torchliner.io.arrays:read_hdf5",
     ".nc": "torchliner.io.arrays:read_hdf5",
+}
+PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
+    "zarr": "torchliner.io.xarray_plane:FORMAT",
+    "netcdf3": "torchliner.io.netcdf3:FORMAT",
+    "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",

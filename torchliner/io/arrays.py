@@ -172,8 +172,8 @@ def plane_from_array(
 
 def read_array_plane(
     path: str | Path, variable: str | None = None, *, axes: Any = None, velocity_units: Any = None,
-    sampling_rate: Any = None, towards_liner: bool = False, x: str | None = None, z: str | None = None,
-    y: str | None = None, row: int | None = None, length_units: str = "m",
+    sampling_rate: Any = None, towards_liner: bool = False, x: str | None = None,
+    z: str | None = None, y: str | None = None, row: int | None = None, length_units: str = "m",
 ) -> VelocityPlane:  # fmt: skip
     """The plane in a file of arrays: ``torchliner convert --layout array``.
 

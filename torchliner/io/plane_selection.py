@@ -163,6 +163,8 @@ def _region(
             raise ValueError(f"{plane.name} has no probe in the region {region}")
     about = {name: getattr(plane, name)[keep[name]] for name in ("x", "z")
              if getattr(plane, name) is not None}  # fmt: skip
+    if plane.area is not None:
+        about["area"] = plane.area[chosen]
     return chosen.nonzero()[:, 0], {"shape": shape, **about}
 
 

@@ -23,18 +23,18 @@ ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of ve
 RAW: dict[str, Any] = {"decode_times": False, "decode_coords": False, "mask_and_scale": False}
 
 
-def from_xarray(data: Any, request: PlaneRequest | None = None, **about: Any) -> VelocityPlane:
+def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
     """A plane from a DataArray or Dataset; what is lazy there is read by slabs.
 
     Args:
         data: with dimensions, coordinates and units as CF has them, docs/formats.md.
-        request: what they do not say.
-        about: further fields of ``VelocityPlane``, SI, which outweigh those of ``data``.
+        stated: what they do not say, fields of ``PlaneRequest``; and fields of ``VelocityPlane``,
+            SI, which outweigh those of ``data``.
     Raises:
         TypeError: neither a DataArray nor a Dataset.
         ValueError: as ``read_plane``; a Dataset that has no wall-normal velocity, or several.
     """
-    request = request or PlaneRequest()
+    request = PlaneRequest(**{key: stated.pop(key) for key in HDF5.takes if key in stated})
     if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
         name = str(data.name or "velocity")
         data = data.rename(name).to_dataset()
@@ -47,7 +47,7 @@ def from_xarray(data: Any, request: PlaneRequest | None = None, **about: Any) ->
         )
     source = data.encoding.get("source") or "xarray"
     plane = _open(data, Path(source), request, None)
-    return replace(plane, **about) if about else plane
+    return replace(plane, **stated) if stated else plane
 
 
 def _open(data: Any, path: Path, request: PlaneRequest, store: Store | None) -> VelocityPlane:

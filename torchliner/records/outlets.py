@@ -24,12 +24,15 @@ OUTLETS = {
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
     "PointImpedances": {"write": "torchliner.io.point_file:write_points"},
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "VelocityPlane": {"write": "torchliner.io.plane_writer:write_plane"},
+    "VelocityPlane": {
+        "write": "torchliner.io.plane_writer:write_plane",
+        "from_xarray": "torchliner.io.xarray_plane:from_xarray",
+    },
 }
 
 
 def outlet(record: type, way: str) -> Any:
-    """The function that ``write`` or ``plot`` of a record of this kind leads to."""
+    """The function that ``write``, ``plot`` ... of a record of this kind leads to."""
     kind = next(each.__name__ for each in record.__mro__ if each.__name__ in OUTLETS)
     return resolve(OUTLETS[kind][way])
 

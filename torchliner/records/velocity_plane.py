@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.outlets import Written
+from torchliner.records.outlets import Written, outlet
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 from torchliner.records.unit_checks import require_flow_and_level
@@ -38,6 +39,7 @@ class VelocityPlane(Written, AtProbes):
         start: time of the first sample on the clock of the data, s.
         height: distance of the plane from the liner, m.
         x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
+        area: m2 that each probe stands for, in the order of the probes, (P,); None: unknown.
         streamwise: streamwise velocity, m/s, on the same probes and times.
         fluid: gas of the data.
         frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk Mach number.
@@ -58,6 +60,7 @@ class VelocityPlane(Written, AtProbes):
     height: float | None = field(default=None, kw_only=True)
     x: Any = field(default=None, kw_only=True)
     z: Any = field(default=None, kw_only=True)
+    area: Any = field(default=None, kw_only=True)
     streamwise: Any = field(default=None, kw_only=True)
     fluid: Fluid = field(default_factory=Fluid, kw_only=True)
     frequency: float | None = field(default=None, kw_only=True)
@@ -78,6 +81,8 @@ class VelocityPlane(Written, AtProbes):
             if value is not None:
                 object.__setattr__(self, label, _velocity_tensor(value, label, self.name))
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if not math.isfinite(self.start):
+            raise ValueError(f"{self.name}: start is {self.start:g} s; it must be finite")
         if 0 in self.velocity.shape or len(self.velocity.shape) == 0:
             raise ValueError(
                 f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least "
@@ -96,6 +101,13 @@ class VelocityPlane(Written, AtProbes):
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
+        if self.area is not None:
+            area = torch.as_tensor(self.area, dtype=torch.float64).reshape(-1)
+            if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
+                raise ValueError(f"{self.name}: area has {len(area)} values from "
+                                 f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
+                                 "needed")  # fmt: skip
+            object.__setattr__(self, "area", area)
         require_positive_where_stated(self, "height", "frequency")
         require_flow_and_level(self.name, self.mach, self.incident_level)
         thickness = self.displacement_thickness
@@ -108,6 +120,21 @@ class VelocityPlane(Written, AtProbes):
             raise ValueError(
                 f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"
             )
+
+    @classmethod
+    def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
+        """A plane from a DataArray or Dataset of xarray; what is lazy there stays so.
+
+        Args:
+            data: with dimensions, coordinates and units as CF has them (docs/formats.md).
+            stated: what it does not say, as for ``read_plane`` (variable, velocity_units,
+                length_units, sampling_rate, axes, normal), and fields of this record.
+        Raises:
+            TypeError: neither a DataArray nor a Dataset.
+            ValueError: as ``read_plane``; no velocity fits, or several do.
+        """
+        plane: VelocityPlane = outlet(cls, "from_xarray")(data, **stated)
+        return plane
 
     @property
     def samples(self) -> int:
@@ -151,6 +178,7 @@ class VelocityPlane(Written, AtProbes):
             velocity=loaded.velocity * velocity,
             streamwise=streamwise,
             sampling_rate=self.sampling_rate * velocity / length,
+            start=self.start * length / velocity,
             **lengths,
         )
 
