@@ -29,6 +29,7 @@ from torchliner.cli.main import (
     build_parser,
     main,
 )
+from torchliner.cli.plane_options import SELECTION, STATED
 from torchliner.signals.burst_validation import BurstFilters
 from torchliner.tdibc.choices import Choices
 
@@ -128,7 +129,8 @@ def test_help_shows_twelve_choices(capsys):
     shown = [name for name in ALL if re.search(rf"^  {flags[name]}\b(?!-)", short, re.M)]
     assert len(shown) == 12
     assert set(shown) == set(SHOWN)
-    assert f"{len(ALL) - 12} more options: torchliner educe --help-all" in short
+    further = len(ALL) - 12 + len(SELECTION | STATED)
+    assert f"{further} more options: torchliner educe --help-all" in short
     at = [whole.index(f"\n{title}:\n") for title in CHOICES]
     assert at == sorted(at)
     assert all(re.search(rf"^  {flag}\b(?!-)", whole, re.M) for flag in flags.values())

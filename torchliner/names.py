@@ -94,6 +94,7 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".hdf5": "torchliner.io.arrays:read_hdf5",
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
+NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
     "zarr": "torchliner.io.xarray_plane:FORMAT",
     "netcdf3": "torchliner.io.netcdf3:FORMAT",

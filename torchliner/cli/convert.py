@@ -46,7 +46,7 @@ OPTIONS = {
     },
     "arrays": {
         "--towards-liner": "data are positive INTO it",
-        "--y ARRAY": "heights of particle images, FILE or FILE:VARIABLE; that of --row is taken",
+        "--y ARRAY": "heights of particle images, FILE or FILE:VARIABLE; default: none",
         "--row I": "of an axis y, from 0; default: none",
     },
     "about the case (SI, of the plane as written; default: not stated)": {

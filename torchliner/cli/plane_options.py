@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from torchliner.cli.options import argument, count, dest, stated
+from torchliner.names import NORMALS
 
 SELECTION: dict[str, Any] = {
     "--start S": "samples from this time on, s, on the clock of the file; default: all",
@@ -22,7 +23,7 @@ STATED: dict[str, Any] = {
     "--length-units UNIT": "of coordinates, likewise",
     "--sampling-rate HZ": "Hz, where the file has no times; default: the file's",
     "--normal AXIS": {
-        "choices": ("x", "y", "z", "-x", "-y", "-z"),
+        "choices": NORMALS,
         "help": "of vectors and points, away from the liner; default: as the format has it"},
     "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: the file's",
     "--z ARRAY": "likewise across the duct",

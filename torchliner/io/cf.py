@@ -14,7 +14,7 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.axes import axis_names, find_time_axis, read_coordinate
+from torchliner.io.axes import NO_VARIABLE, axis_names, find_time_axis, read_coordinate
 from torchliner.io.hdf5 import get_group, is_there, place, text_attribute
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import did_you_mean
@@ -118,12 +118,18 @@ def _has_time(dataset: h5py.Dataset) -> bool:
 
 def is_time(scale: h5py.Dataset) -> bool:
     """Whether a dimension is time, by its name or by what it says."""
-    return (
+    return scale.name is not None and (
         scale.name.split("/")[-1].lower() in ("time", "t", "times")
         or text_attribute(scale, "standard_name") == "time"
         or text_attribute(scale, "axis") == "T"
         or " since " in (text_attribute(scale, "units") or "")
     )
+
+
+def _is_bare(scale: h5py.Dataset) -> bool:
+    """Whether a scale stands for a length alone."""
+    name = text_attribute(scale, "NAME") or ""
+    return name.startswith(NO_VARIABLE) and "units" not in scale.attrs
 
 
 def _component(axis: str) -> str:
@@ -171,12 +177,12 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
     else:
         names = axis_names(dataset, label)
         roles = [_role(*each) for each in zip(names, scales, strict=True)]
-    time = next((s for s in scales if s is not None and s.name and is_time(s)), None)
+    time = next((s for s in scales if s is not None and is_time(s) and not _is_bare(s)), None)
     for where in (group, group.file):
         named = next((k for k in where if k.lower() in ("time", "t")), None)
         if time is None and named is not None and is_there(where, named, path):
-            time = where[named]
-    time = time if isinstance(time, h5py.Dataset) else None
+            own = where[named]
+            time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
     if time is not None and (time.shape is None or len(time.shape) != 1 or time.shape[0] < 2):
         raise ValueError(
             f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed"

@@ -20,7 +20,11 @@ from torchliner.records import VelocityPlane
 
 EXTRA = 'xarray is needed: pip install "torchliner[xarray]"'
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
-RAW: dict[str, Any] = {"decode_times": False, "decode_coords": False, "mask_and_scale": False}
+# As it is stored, and read when it is asked for.
+RAW: dict[str, Any] = {
+    "decode_times": False, "decode_timedelta": False, "decode_coords": False,
+    "mask_and_scale": False, "chunks": None, "consolidated": False,
+}  # fmt: skip
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
@@ -47,7 +51,9 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
         )
     source = data.encoding.get("source") or "xarray"
     plane = _open(data, Path(source), request, None)
-    return replace(plane, **stated) if stated else plane
+    plane = replace(plane, **stated) if stated else plane
+    lazy = data.chunks or any("source" in each.encoding for each in data.variables.values())
+    return plane if lazy else plane.load()
 
 
 def _open(data: Any, path: Path, request: PlaneRequest, store: Store | None) -> VelocityPlane:
@@ -97,9 +103,7 @@ class Store:
             import zarr  # noqa: F401
         except ImportError as error:
             raise ImportError(f"{self.path} is a zarr store; {EXTRA}") from error
-        return xarray.open_dataset(
-            self.path, engine="zarr", group=self.group, chunks=None, decode_timedelta=False, **RAW
-        )
+        return xarray.open_dataset(self.path, engine="zarr", group=self.group, **RAW)
 
 
 @dataclass
