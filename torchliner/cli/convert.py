@@ -64,9 +64,11 @@ HOW = ("output", "json", "quiet", "memory", "figure")  # options that change not
 
 def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
+    from torchliner.checks import tell
     from torchliner.io.plane_selection import scaled
     from torchliner.io.plane_writer import write_plane
     from torchliner.io.planes import paths_of
+    from torchliner.records.unit_checks import plane_unit_warnings
 
     if options.liner_file is not None and options.layout != "resolved":
         raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
@@ -75,6 +77,7 @@ def run(options: argparse.Namespace) -> int:
         plane = scaled(plane, options.scale_length, options.scale_velocity)
     facts = stated(options, ABOUT)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
+    tell(plane_unit_warnings(plane, plane.frequency))
     if options.liner_file is not None:
         _write_liner(options)
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples

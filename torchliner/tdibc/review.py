@@ -9,7 +9,7 @@ from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.reduction.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
@@ -20,6 +20,7 @@ FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
+EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
 
@@ -104,15 +105,15 @@ def _whole_cut(record: Record, frequency: float) -> str:
 
 
 def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
-    """Whether liner and data state the same gas."""
+    """Whether liner and data state the same gas, and the plane lies within a cell of it."""
     gas = liner.fluid
     if gas is None:
-        return []
+        return height_warnings(plane, liner.cell_pitch)
     pairs = (
         ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
         ("density", gas.density, plane.fluid.density, "kg/m3"),
     )
-    return [
+    return height_warnings(plane, liner.cell_pitch) + [
         f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
         f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
         "takes the data's)"
@@ -125,6 +126,12 @@ def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
     """Cells that lose probes, or all of them, and with that the averages over cells."""
     kept = cells.kept(used)
     notes = []
+    area = None if plane.area is None else plane.area[used.cpu()]
+    if area is not None and len(area) and float(area.max()) > EVEN * float(area.min()):
+        notes.append(
+            f"{plane.name}: the areas of the probes differ by a factor of "
+            f"{float(area.max() / area.min()):.3g}; averages weigh probes alike, not by area"
+        )
     if gone := cells.count - kept.count:
         notes.append(
             f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count "
