@@ -72,6 +72,12 @@ def review_record(
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
             )
     notes += plane_unit_warnings(plane, float(frequency.min()))
+    area = plane.area
+    if area is not None and float(area.max()) > EVEN * float(area.min()):
+        notes.append(
+            f"{plane.name}: the areas of the probes differ, {float(area.min()):.3g} to "
+            f"{float(area.max()):.3g} m2; averages weigh probes alike, not by area"
+        )
     per_period = record.sampling_rate / float(frequency.max())
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         notes.append(
@@ -126,12 +132,6 @@ def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
     """Cells that lose probes, or all of them, and with that the averages over cells."""
     kept = cells.kept(used)
     notes = []
-    area = None if plane.area is None else plane.area[used.cpu()]
-    if area is not None and len(area) and float(area.max()) > EVEN * float(area.min()):
-        notes.append(
-            f"{plane.name}: the areas of the probes differ by a factor of "
-            f"{float(area.max() / area.min()):.3g}; averages weigh probes alike, not by area"
-        )
     if gone := cells.count - kept.count:
         notes.append(
             f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count "
