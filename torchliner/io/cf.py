@@ -195,7 +195,7 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
                 "sampling_rate=..., in Hz"
             )
         roles[find_time_axis(dataset, samples, path)] = "time"
-    elif samples not in (None, shape[roles.index("time")]):
+    elif time is not None and samples != shape[roles.index("time")]:
         raise ValueError(
             f"{label} has shape {shape} with time on axis {roles.index('time')}, {time.name} has "
             f"{samples} values"
