@@ -22,6 +22,7 @@ from torchliner.io.plane_join import join_planes
 from torchliner.io.plane_selection import parse_region, scaled, select
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.whole_file import Part
+from torchliner.records.cells import sort_into_cells
 
 RATE = 50e3
 WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)
@@ -151,6 +152,56 @@ def test_a_region_keeps_rows_and_columns(tmp_path, lazy):
     some = select(dots, region=[(0.15, None), (0.1, None)])
     assert torch.equal(some.velocity, dots.velocity[2:])
     assert some.area.tolist() == [3.0]
+
+
+def test_scattered_points_are_sorted_into_cells_by_position():
+    """3 x 2 cells of 10 mm: each point in the tile that it lies in, whatever the order."""
+    draw = np.random.default_rng(1)
+    x, z = draw.uniform(0, 0.03, 600), draw.uniform(0, 0.02, 600)
+    plane = tl.VelocityPlane(draw.normal(size=(600, 3)), sampling_rate=RATE, x=x, z=z)
+    cells = sort_into_cells(plane, 0.01)
+    wanted = (z // 0.01 * 3 + x // 0.01).astype(int)
+    assert cells.labels.tolist() == wanted.tolist()
+    assert np.allclose(cells.x, [0.005, 0.015, 0.025] * 2)
+    assert np.allclose(cells.z, [0.005] * 3 + [0.015] * 3)
+
+
+def test_a_frame_of_nan_is_told_and_kept(tmp_path, capsys):
+    """It is no gap in time: which probes and which sample is said."""
+    plane = piece(0, 60)
+    plane.velocity[..., 7] = torch.nan
+    plane.write(tmp_path / "a.h5")
+    assert bool(tl.read_plane(tmp_path / "a.h5").velocity[..., 7].isnan().all())
+    assert main(["info", str(tmp_path / "a.h5")]) == 1
+    assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (
+        capsys.readouterr().out)  # fmt: skip
+
+
+GROW = """
+import h5py, numpy as np, sys
+with h5py.File(sys.argv[1], "r+") as file:
+    for name in ("time", "wall_normal_velocity"):
+        file[name].resize(80, axis=0)
+    file["time"][60:] = 0.5 + np.arange(60, 80) / 5e4
+    file["wall_normal_velocity"][60:] = 7.0
+"""
+
+
+def test_a_file_that_grows_is_that_which_was_opened(tmp_path):
+    """Samples added later are in a plane opened later."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        values = np.moveaxis(WHOLE.velocity.numpy(), -1, 0).reshape(60, 12)
+        for name, data, unit in (("time", 0.5 + np.arange(60) / RATE, "s"),
+                                 ("wall_normal_velocity", values, "m/s")):  # fmt: skip
+            file.create_dataset(name, data=data, maxshape=(None, *data.shape[1:]))
+            file[name].attrs["units"] = unit
+    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
+    before = lazy.read(0, 60)
+    grow = [sys.executable, "-c", GROW, str(tmp_path / "a.h5")]
+    subprocess.run(grow, check=True, env={**os.environ, "HDF5_USE_FILE_LOCKING": "FALSE"})
+    assert torch.equal(lazy.read(0, 99), before)
+    del lazy
+    assert tl.read_plane(tmp_path / "a.h5").samples == 80
 
 
 WRONG = [

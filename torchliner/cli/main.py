@@ -45,7 +45,7 @@ GROUPS = {
     },
     "files": {
         "info": "describe and check a velocity plane",
-        "convert": "write a plane file from simulation files or plain arrays",
+        "convert": "write a plane file from files of any format",
         "reduce": "moments of a plane: any liner later, without the data",
     },
 }
