@@ -205,7 +205,7 @@ BAD = {
     "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*Resample"),
     "lost frames": (
         {"time": np.r_[TIMES[:9], TIMES[9:] + 2 / RATE]},
-        "lacks frames: 2 after",
+        "lacks 2 frames, the fir",
     ),
     "two runs": ({"time": np.r_[TIMES[:9], TIMES[3:14]]}, r"out of order: sample 9 is at 6e-05 s"),
     "backward": ({"time": TIMES[::-1]}, f"{T} does not increase: it runs from 0.00038 to 0 s"),

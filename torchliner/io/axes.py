@@ -215,11 +215,11 @@ def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) 
     usual = float(np.median(steps))
     lost = np.rint(steps / usual).astype(int) - 1
     if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
-        at = int((lost > 0).argmax())
+        at = int(lost.argmax())
         raise ValueError(
-            f"{name} lacks frames: {lost[at]} after sample {at} ({time[at]:.9g} s), "
-            f"{int(lost.sum())} in all; restore them, or read the stretches between the gaps with "
-            "start and stop"
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
+            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
+            f"sample {at}; restore them, or read the stretches between the gaps with start and stop"
         )
     worst = int(np.abs(steps - step).argmax())
     raise ValueError(
