@@ -1,6 +1,8 @@
 """netCDF-4, netCDF-3, zarr and xarray: the same plane, whatever the names, order and units."""
 
 import pickle
+import re
+import sys
 import warnings
 
 import h5py
@@ -81,6 +83,28 @@ def test_packed_shorts_with_a_fill_value_are_unpacked(tmp_path, kind):
         assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
         wanted = np.moveaxis(data.v.values, 0, -1)
         assert np.nanmax(np.abs(found.numpy() - wanted)) < 6e-4
+
+
+def test_a_store_without_its_extra_says_which(tmp_path, monkeypatch):
+    """zarr is optional; the error names what to install."""
+    path = written(dataset(), tmp_path, "zarr")
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ImportError, match=r"a.data is a zarr store; .*torchliner\[xarray\]"):
+        tl.read_plane(path)
+
+
+def test_links_out_of_a_foreign_file_are_said(tmp_path):
+    """A velocity that stands in another file is read, and that file is named."""
+    dataset().to_netcdf(tmp_path / "v.nc", engine="h5netcdf")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"] = np.arange(30) / RATE
+        file["time"].attrs["units"] = "s"
+        file["v"] = h5py.ExternalLink("v.nc", "/v")
+    with pytest.warns(tl.DataWarning) as told:
+        found = tl.read_plane(tmp_path / "a.h5")
+    assert any(re.search(r"a.h5:/v is a link; its values stand in .*v.nc", str(each.message))
+               for each in told)  # fmt: skip
+    assert np.array_equal(found.velocity.numpy(), np.moveaxis(VALUES, 0, -1))
 
 
 def test_groups_dates_and_axes_of_size_1(tmp_path):

@@ -82,6 +82,8 @@ class H5Velocity(Stored):
         kind = np.dtype("f4" if self.dtype == torch.float32 else "f8")
         if not self._plain or dataset.dtype != kind or not hasattr(os, "preadv"):
             return None
+        if not os.path.samefile(dataset.file.filename, self.path):  # an external link
+            return None
         kept = dataset.id.get_create_plist()
         if kept.get_layout() != h5py.h5d.CONTIGUOUS or kept.get_external_count():
             return None
