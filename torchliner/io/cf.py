@@ -177,16 +177,7 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
     else:
         names = axis_names(dataset, label)
         roles = [_role(*each) for each in zip(names, scales, strict=True)]
-    time = next((s for s in scales if s is not None and is_time(s) and not _is_bare(s)), None)
-    for where in (group, group.file):
-        named = next((k for k in where if k.lower() in ("time", "t")), None)
-        if time is None and named is not None and is_there(where, named, path):
-            own = where[named]
-            time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
-    if time is not None and (time.shape is None or len(time.shape) != 1 or time.shape[0] < 2):
-        raise ValueError(
-            f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed"
-        )
+    time = _times(scales, group, path)
     samples = None if time is None else time.shape[0]
     if roles.count("time") != 1:
         if samples is None:
@@ -216,6 +207,21 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
         (roles.index("time"), *kept), tuple(shape[i] for i in kept), time,
         tuple(scales[i] for i in kept), across,
     )  # fmt: skip
+
+
+def _times(scales: list[h5py.Dataset | None], group: h5py.Group, path: Path) -> h5py.Dataset | None:
+    """The times: a dimension scale that is time, else a variable of that name."""
+    time = next((s for s in scales if s is not None and is_time(s) and not _is_bare(s)), None)
+    for where in (group, group.file):
+        named = next((k for k in where if k.lower() in ("time", "t")), None)
+        if time is None and named is not None and is_there(where, named, path):
+            own = where[named]
+            time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
+    if time is not None and (time.shape is None or len(time.shape) != 1 or time.shape[0] < 2):
+        raise ValueError(
+            f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed"
+        )
+    return time
 
 
 def _role(name: str, scale: h5py.Dataset | None) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from torchliner.io.axes import NO_VARIABLE
 
-MOST = 1 << 20  # values of a variable that are copied
+MOST = 1 << 20  # values of a variable of several dimensions that are copied
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _copy(file: h5py.File, name: str, each: NamedArray) -> None:
         kind, unit = np.dtype("i8"), "ns" if kind.kind == "m" else "ns since 1970-01-01"
     if kind.kind not in "fiu":
         return
-    if int(np.prod(each.shape)) <= MOST:
+    if len(each.shape) < 2 or int(np.prod(each.shape)) <= MOST:
         values = each.values()
         if unit is not None:
             values = values.astype(f"{each.dtype.kind}8[ns]").astype("i8")

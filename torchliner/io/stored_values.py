@@ -54,10 +54,11 @@ class Packing:
     def unpack_floats(self, values: np.ndarray) -> None:
         """In place: stored values, already floats, become those meant, nan where there is none."""
         bad = self.lost(values)
-        if self.factor != 1.0:
-            values *= values.dtype.type(self.factor)
-        if self.offset != 0.0:
-            values += values.dtype.type(self.offset)
+        with np.errstate(over="ignore", invalid="ignore"):  # told with the faults of probes
+            if self.factor != 1.0:
+                values *= values.dtype.type(self.factor)
+            if self.offset != 0.0:
+                values += values.dtype.type(self.offset)
         if bad is not None:
             values[bad] = np.nan
 
