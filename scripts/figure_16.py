@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from common import RESULTS, options_of, parser_of, plane_files
 from studies.rms_figures import draw_rms_along_x
-from torchliner.io.plane_file import read_plane
+from torchliner.io.planes import read_plane
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import VelocityPlane
 from torchliner.report.numbers import velocity_along_x

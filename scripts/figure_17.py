@@ -12,7 +12,7 @@ from pathlib import Path
 
 from common import DATA, RESULTS, case_files, options_of, parser_of
 from torchliner.in_situ_method.dean import in_situ
-from torchliner.io.plane_file import read_plane
+from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.report.figures import draw_along_x

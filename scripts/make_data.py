@@ -19,7 +19,7 @@ from torch import Tensor
 
 from common import DATA, parser_of
 from studies.resolved_pressure import read_resolved_pressure
-from torchliner.io.plane_file import write_plane
+from torchliner.io.plane_writer import write_plane
 from torchliner.io.pressure_file import write_pressure
 from torchliner.io.resolved import read_channel, read_resolved
 from torchliner.records import VelocityPlane

@@ -21,7 +21,7 @@ from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
 from torchliner.heights.study import study_heights
 from torchliner.in_situ_method.dean import in_situ
-from torchliner.io.plane_file import read_plane
+from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import ORDERS

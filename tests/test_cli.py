@@ -29,6 +29,7 @@ from torchliner.cli.main import (
     build_parser,
     main,
 )
+from torchliner.cli.plane_options import SELECTION, STATED
 from torchliner.signals.burst_validation import BurstFilters
 from torchliner.tdibc.choices import Choices
 
@@ -128,7 +129,8 @@ def test_help_shows_twelve_choices(capsys):
     shown = [name for name in ALL if re.search(rf"^  {flags[name]}\b(?!-)", short, re.M)]
     assert len(shown) == 12
     assert set(shown) == set(SHOWN)
-    assert f"{len(ALL) - 12} more options: torchliner educe --help-all" in short
+    further = len(ALL) - 12 + len(SELECTION | STATED)
+    assert f"{further} more options: torchliner educe --help-all" in short
     at = [whole.index(f"\n{title}:\n") for title in CHOICES]
     assert at == sorted(at)
     assert all(re.search(rf"^  {flag}\b(?!-)", whole, re.M) for flag in flags.values())
@@ -195,10 +197,10 @@ MISTAKES = [
     (["educe", SLIT, "--frequency", "60000"], "at or above Nyquist"),
     (["educe", SLIT, "-o", "no/such/folder/map.h5"], "the folder no/such/folder does not exist"),
     (["educe", SLIT, "--device", "cuda:7"], "cuda"),
-    (["info", str(DATA / "SHA256SUMS")], "is not an HDF5 (netCDF-4) file"),
+    (["info", str(DATA / "SHA256SUMS")], "is of no format of planes that is known"),
     (["info", str(DATA)], "is a folder"),
     (["liner", "polyto"], "did you mean 'polito'"),
-    (["convert", SLIT, "-o", "y.h5"], "--axes is needed"),
+    (["convert", SLIT, "--layout", "array", "-o", "y.h5"], "--axes is needed"),
     (["truth", CHANNEL, "--liner", "polito"], "states no true impedance"),
 ]
 

@@ -10,6 +10,7 @@ import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
+from torchliner.records.unit_checks import plane_unit_warnings
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid
 
@@ -30,6 +31,9 @@ def notes_of(plane, liner, *wanted, **choices) -> str:
         ({"sampling_rate": 42.0}, 1.4, "frequency is 1.4 Hz, below 20 Hz; are these kHz"),
         ({"sampling_rate": 42.0}, 1.4, "sampling rate is 42 Hz, below 500 Hz; are these kHz"),
         ({"x": [0.0, 68.0, 137.0]}, FREQUENCY, "x spans 137 m, above 20 m; are these mm"),
+        ({"x": [0.0, 0.6, 1.2]}, FREQUENCY, "x runs in steps of 0.6 m over 1.2 m; are these mm"),
+        ({"sampling_rate": 3.0 * FREQUENCY}, FREQUENCY, "3 samples a period of .* are plausible"),
+        ({"height": 0.03}, FREQUENCY, "lies 30 mm above the liner, more than its cell pitch of"),
         ({"height": 1.0}, FREQUENCY, "height is 1 m, above 0.5 m; are these mm"),
         ({"displacement_thickness": 1.7}, FREQUENCY, "displacement_thickness is 1.7 m"),
         ({"incident_level": 0.6}, FREQUENCY, "incident level is 0.6 dB, below 20 dB; .* pascals"),
@@ -43,6 +47,23 @@ def test_units_that_cannot_be_meant_are_said(liner, about, frequency, text):
     with pytest.warns(tl.DataWarning) as told:
         tl.educe(plane_of(turbulence((3, 400)), height=1e-3, x=[0, 0.06, 0.137]), liner)
     assert not any("are these" in str(each.message) for each in told)
+
+
+def test_what_no_tone_is_sampled_with_is_said():
+    """More than 1e5 samples a period; plausible ones pass."""
+    plane = plane_of(turbulence((3, 600)), sampling_rate=1e6)
+    found = plane_unit_warnings(plane, 9.9)
+    assert any("1.01e+05 samples a period of 9.9 Hz; 4 to 100000 are plausible" in t for t in found)
+    assert plane_unit_warnings(plane, 1e3) == []
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_unequal_areas_are_said(liner):
+    """Averages weigh probes alike, which a file with areas may not mean."""
+    v = turbulence((4, 600))
+    for area, told in (([1.0, 1.0, 1.0, 3.0], True), ([2.0] * 4, False)):
+        notes = notes_of(plane_of(v, area=area, frequency=FREQUENCY), liner)
+        assert ("areas of the probes differ, 1 to 3 m2" in notes) == told
 
 
 @pytest.mark.parametrize("record", ["plane", "bursts", "pressure"])

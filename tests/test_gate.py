@@ -232,7 +232,7 @@ def test_a_full_disk_names_the_output(folder):
                                    UnboundLocalError("x"), RecursionError("deep")])  # fmt: skip
 def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
     """The file, the fault, and the wish for a report; --debug shows where."""
-    monkeypatch.setattr(info, "read_records", lambda _: (_ for _ in ()).throw(fault))
+    monkeypatch.setattr(info, "read_records", lambda *_: (each for each in ()).throw(fault))
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, len(err.splitlines())) == (BAD_INPUT, "", 1)
     assert err.startswith(f"torchliner info: plane.h5: {type(fault).__name__}: ")
@@ -244,12 +244,12 @@ def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
 def test_texts_of_libraries_get_the_file(capsys, folder, monkeypatch):
     """An OSError from elsewhere names nothing; memory that is not there has a remedy."""
 
-    def of_a_library(_):
+    def of_a_library(*_):
         np.frombuffer(b"abc", dtype=np.float64)
 
     monkeypatch.setattr(info, "read_records", of_a_library)
     assert "torchliner info: plane.h5: buffer size" in run(capsys, "info", "plane.h5")[2]
-    monkeypatch.setattr(info, "read_records", lambda _: np.empty(1 << 50))
+    monkeypatch.setattr(info, "read_records", lambda *_: np.empty(1 << 50))
     assert "plane.h5: not enough memory: " in run(capsys, "info", "plane.h5")[2]
 
 
@@ -264,7 +264,7 @@ def test_options_are_named_as_the_command_has_them(capsys, folder):
         "widen band=(300, 3500)": "widen --band 300 3500",
         "give frequency=..., in Hz": "give --frequency ..., in Hz",
         "try interval=None.": "try --no-intervals.",
-        "x(t) = cos(2 pi f t), x=3, a==b": "x(t) = cos(2 pi f t), x=3, a==b",
+        "y(t) = cos(2 pi f t), q=3, a==b": "y(t) = cos(2 pi f t), q=3, a==b",
     }
     assert {text: in_command_words(text, parser) for text in wanted} == wanted
 
@@ -290,7 +290,7 @@ def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
 def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
     """With the names of the others, whose numbers differ."""
 
-    def doubtful(_):
+    def doubtful(*_):
         for i in range(3):
             warnings.warn(f"p{i}.h5:/v: rests on {i}.5 blocks, few", tl.DataWarning, stacklevel=2)
         raise ValueError("done")
@@ -307,7 +307,7 @@ def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
 def test_warnings_come_once_and_are_ours(capsys, folder, monkeypatch):
     """A doubt that several planes share is said once; what libraries plan is left to --debug."""
 
-    def doubtful(_):
+    def doubtful(*_):
         for _ in range(3):
             warnings.warn("a doubt; pass quiet=True", tl.DataWarning, stacklevel=2)
         warnings.warn("will be removed", DeprecationWarning, stacklevel=2)
@@ -367,7 +367,7 @@ def test_arrays_in_groups_are_found(capsys, folder):
         file["run/pressure"] = np.zeros((50, 4))
     words = ["convert", "groups.h5", *ARRAY[2:], "-o", "p.h5"]
     code, _, err = run(capsys, *words)
-    assert (code, "holds run/pressure, run/velocity; name the one" in err) == (BAD_INPUT, True), err
+    assert (code, "run/velocity (50x4); name it: --variable" in err) == (BAD_INPUT, True), err
     assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
 
 

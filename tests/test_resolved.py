@@ -156,7 +156,7 @@ def test_times_that_are_not_uniform_are_refused(cells, channel):
         with h5py.File(path, "a") as file:
             file[name][3] += 1e-5
             file[name][3] *= 1.001
-    with pytest.raises(ValueError, match="slit/time is not uniform"):
+    with pytest.raises(ValueError, match="slit/time is out of order"):
         read_resolved(cells, "slit", 0)
     with pytest.raises(ValueError, match=r"channel.h5:/t is not uniform"):
         read_channel(channel, 0)

@@ -14,7 +14,7 @@ from torchliner.io.arrays import read_array
 from torchliner.io.burst_file import read_burst_file, write_bursts
 from torchliner.io.line_file import read_line
 from torchliner.io.map_file import read_map
-from torchliner.io.plane_file import read_plane
+from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.records.slabs import WORK_BYTES, rows_per_slab
 

@@ -26,7 +26,7 @@ _HOMES = {
     "ImpedanceLine": "torchliner.records",
     "WallEduction": "torchliner.records",
     "PointImpedances": "torchliner.records",
-    "read_plane": "torchliner.io.plane_file",
+    "read_plane": "torchliner.io.planes",
     "read_moments": "torchliner.io.moments_file",
     "read_map": "torchliner.io.map_file",
     "read_pressure": "torchliner.io.pressure_file",

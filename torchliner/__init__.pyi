@@ -35,7 +35,7 @@ from torchliner.io.line_file import read_line as read_line
 from torchliner.io.map_file import read_map as read_map
 from torchliner.io.microphone_file import read_microphones as read_microphones
 from torchliner.io.moments_file import read_moments as read_moments
-from torchliner.io.plane_file import read_plane as read_plane
+from torchliner.io.planes import read_plane as read_plane
 from torchliner.io.point_file import read_points as read_points
 from torchliner.io.pressure_file import read_pressure as read_pressure
 from torchliner.io.signal_file import read_signal as read_signal

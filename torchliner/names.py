@@ -94,6 +94,7 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".hdf5": "torchliner.io.arrays:read_hdf5",
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
+NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
     ".vtkhdf": "torchliner.io.vtkhdf_result:WRITER",
     ".mat": "torchliner.io.matlab_results:WRITER",
@@ -111,6 +112,9 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "matlab": "torchliner.io.array_planes:MATLAB_FORMAT",
     "npy": "torchliner.io.array_planes:NPY_FORMAT",
     "csv": "torchliner.io.csv_histories:FORMAT",
+    "zarr": "torchliner.io.xarray_plane:FORMAT",
+    "netcdf3": "torchliner.io.netcdf3:FORMAT",
+    "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_file:FORMAT",

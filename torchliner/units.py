@@ -16,7 +16,7 @@ FACTORS: dict[str, dict[str, float]] = {
                  "km/s": 1e3, "ft/s": 0.3048},
     "velocity squared": {"m2/s2": 1.0, "m2 s-2": 1.0},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
@@ -25,8 +25,17 @@ FACTORS: dict[str, dict[str, float]] = {
     "temperature": {"K": 1.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "mbar": 100.0, "bar": 1e5, "uPa": 1e-6,
                  "MPa": 1e6, "psi": 6894.757293168361, "atm": 101325.0},
-    "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0},
+    "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0, "kg/m/s": 1.0},
 }  # fmt: skip
+# How else files spell units: words, as netCDF has them, then powers.
+PREFIXES = {"milli": "m", "centi": "c", "kilo": "k", "micro": "u", "nano": "n", "": ""}
+WORDS = {rf"\b{long}{word}\b": short + unit for long, short in PREFIXES.items()
+         for word, unit in {"met(?:er|re)s?": "m", "sec(?:ond)?s?": "s", "hertz": "Hz",
+                            "pascals?": "Pa", "decibels?": "dB"}.items()}  # fmt: skip
+WORDS |= {r"\bmsecs?\b": "ms", r"\bdays?\b": "d", r"\bhours?\b|\bhrs?\b": "h",
+          r"\bminutes?\b": "min", r"\bkelvin\b": "K", r"\s*\bper\b\s*": "/"}  # fmt: skip
+POWERS = {"\u207b": "-", "\u00b9": "1", "\u00b2": "2", "\u00b3": "3", "**": "^", "\u00b7": " ",
+          "\u22c5": " "}  # fmt: skip
 # Which quantity an SI unit is one of: "m" a length, "1" a number.
 SI_QUANTITY = {unit: quantity for quantity, units in FACTORS.items()
                for unit, factor in units.items() if factor == 1}  # fmt: skip
@@ -50,13 +59,29 @@ def si_factor(quantity: str, unit: str | None, name: str) -> float:
     # The micro sign has two code points; files of either kind mean u.
     text = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u")
     # Data sets often say more after a comma: "m/s, wall-normal, positive away from the wall".
-    for candidate in (text, text.split(",")[0].strip()):
+    for candidate in (text, text.split(",")[0].strip(), canonical_unit(text)):
         if candidate in known:
             return known[candidate]
     raise ValueError(
         f"{name} has units {unit!r}{did_you_mean(text, list(known))}; a {quantity} is needed in "
         f"one of {', '.join(k for k in known if k)}"
     )
+
+
+def canonical_unit(text: str) -> str:
+    """A unit as ``FACTORS`` spells it, of what means the same: "meters", "m s**-1", "m/sec".
+
+    >>> canonical_unit("metre second-1"), canonical_unit("kg m^-3"), canonical_unit("m/sec")
+    ('m/s', 'kg/m3', 'm/s')
+    """
+    for spelled, plain in POWERS.items():
+        text = text.replace(spelled, plain)
+    for word, unit in WORDS.items():
+        text = re.sub(word, unit, text, flags=re.IGNORECASE)
+    # "m s^-1" is m/s: what has a power below 0 is divided by, a power of 1 is none.
+    text = re.sub(r"[ .*]*\b([A-Za-z]+)\^?-(\d)", lambda found: "/" + found[1] + found[2], text)
+    text = re.sub(r"(?<=[A-Za-z])\^?1\b", "", text).replace("^", "")
+    return re.sub(r"^/", "1/", re.sub(r"\s*/\s*", "/", text.strip()))
 
 
 # What no measurement of this field exceeds, SI: a wrong unit, a mark of missing values, damage.

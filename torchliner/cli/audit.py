@@ -7,21 +7,26 @@ import argparse
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results
 from torchliner.cli.options import order_option, progress_bar, shared
+from torchliner.cli.plane_options import plane_options
 
 VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
           "order", "segment", "no_intervals", "rank_tolerance")  # fmt: skip
 # By the audit, or not at all.
 
 CHOICES = [name for name in ALL if name not in VARIED]
-OPTIONS = {
-    "": {
-        "planes PLANE ...": "the plane, and others of the same case: its other heights",
-        "--frequency HZ": "default: the tone of the file",
-        "--figure PICTURE": "draw the table there",
+OPTIONS = (
+    {
+        "": {
+            "planes PLANE ...": "the plane, and others of the same case: its other heights",
+            "--frequency HZ": "default: the tone of the file",
+            "--figure PICTURE": "draw the table there",
+        }
+        | order_option("coherent first")
+        | shared("--liner", "--output", "--json", "--quiet")
     }
-    | order_option("coherent first")
-    | shared("--liner", "--output", "--json", "--quiet")
-} | choice_options(CHOICES)
+    | choice_options(CHOICES)
+    | plane_options()
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -30,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
 
-    records = read_records(options.planes)
+    records = read_records(options.planes, options)
     planes = planes_of(records)
     liner = load_liner(liner_names(options.liner, planes[:1], options.planes[:1])[0])
     reading = sum(plane.samples for plane in planes)

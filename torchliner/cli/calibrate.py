@@ -8,6 +8,7 @@ from typing import Any
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
 from torchliner.cli.options import order_option, shared
+from torchliner.cli.plane_options import plane_options
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
@@ -36,7 +37,7 @@ OPTIONS = {
     }
     | order_option("velocity first")
     | shared("--liner", "--json", "--quiet"),
-} | choice_options(CHOICES)  # fmt: skip
+} | choice_options(CHOICES) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -53,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
-    both = read_records(paths)
+    both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)
     planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
     if options.closure and options.reference is not None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
+import time
 from contextlib import suppress
 from dataclasses import replace
 from inspect import signature
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.files import show_results, write_text
-from torchliner.cli.options import CASE, count, dest, shared, stated
-from torchliner.names import PLANE_LAYOUTS, resolve
+from torchliner.cli.options import CASE, count, dest, progress_bar, shared, stated
+from torchliner.cli.plane_options import plane_options, reading
+from torchliner.names import ARRAY_ENDINGS, PLANE_LAYOUTS, resolve
+from torchliner.version import __version__
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
@@ -18,14 +24,16 @@ if TYPE_CHECKING:
 MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text) in PLANE_LAYOUTS.items())
 OPTIONS = {
     "": {
-        "source SOURCE": ".npy, .mat, .h5, or a simulation file",
+        "source SOURCE": "file or folder of any format of planes, or 'run_*.nc': restarts to join",
         "--output FILE": {"required": True, "help": "write the plane as .h5/.nc"},
         "--layout": {
-            "choices": list(PLANE_LAYOUTS), "default": "array",
-            "help": f"{MEANINGS}; default array"},
+            "choices": list(PLANE_LAYOUTS), "help": f"{MEANINGS}; default: what the file says"},
         "--compress": "gzip: smaller, slower to read",
+        "--compress-level N": {"default": 9, "help": "1, quick, to 9, small; default 9"},
+        "--memory SIZE": "for slabs, e.g. 500MB; default 0.13 GB",
     }
     | shared("--json", "--quiet"),
+    **plane_options(further=False),
     "resolved, channel": {
         "--case NAME": "resolved: group; required there",
         "--line I": {"default": 0, "help": "index of the height; default 0"},
@@ -36,17 +44,10 @@ OPTIONS = {
         "--linear CASE": "resolved: case of low level, or Z as 0.243-0.203j, of the same lattice, "
                          "that fixes the linear part of --liner-file; default: the model's",
     },
-    "array": {
-        "--variable NAME": "name in the file; default: the only one",
-        "--axes LIST": "its axes in order: time,z,x or y,x,time or probe,time ...; required",
-        "--velocity-units UNIT": "m/s, mm/s, ...; required",
-        "--sampling-rate HZ": "Hz; required",
+    "arrays": {
         "--towards-liner": "data are positive INTO it",
-        "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: none",
-        "--z ARRAY": "likewise across the duct",
-        "--y ARRAY": "likewise above the liner, of particle images; that of --row is the height",
+        "--y ARRAY": "heights of particle images, FILE or FILE:VARIABLE; default: none",
         "--row I": "of an axis y, from 0; default: none",
-        "--length-units UNIT": {"default": "m", "help": "of --x, --z and --y; default m"},
     },
     "about the case (SI, of the plane as written; default: not stated)": {
         "--height M": "above the liner, m"
@@ -58,33 +59,81 @@ OPTIONS = {
     },
 }  # fmt: skip
 ABOUT = ["height", *map(dest, CASE)]
+HOW = ("output", "json", "quiet", "memory", "figure")  # options that change nothing of the data
 
 
 def run(options: argparse.Namespace) -> int:
     """Read, scale, write, and say what was written."""
-    from torchliner.io.plane_file import write_plane
+    from torchliner.checks import tell
+    from torchliner.io.plane_selection import scaled
+    from torchliner.io.plane_writer import write_plane
+    from torchliner.io.planes import paths_of
+    from torchliner.records.unit_checks import plane_unit_warnings
 
     if options.liner_file is not None and options.layout != "resolved":
         raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
-    read = resolve(PLANE_LAYOUTS[options.layout][0])
-    wanted = {name: getattr(options, name) for name in signature(read).parameters
-              if name in options}  # fmt: skip
-    plane: VelocityPlane = read(options.source, **wanted)
+    plane = _read(options)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
-        plane = plane.scaled(options.scale_length, options.scale_velocity)
+        plane = scaled(plane, options.scale_length, options.scale_velocity)
     facts = stated(options, ABOUT)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
+    tell(plane_unit_warnings(plane, plane.frequency))
     if options.liner_file is not None:
         _write_liner(options)
+    size = plane.velocity.dtype.itemsize * plane.probes * plane.samples
+    size *= 1 if plane.streamwise is None else 2
+    began = time.monotonic()
+    with progress_bar(size, options.source.name, options, unit="B") as step:
+        write_plane(
+            plane, options.output, options.compress and options.compress_level,
+            memory=options.memory, source=_digest(options, paths_of(options.source)), progress=step,
+        )  # fmt: skip
+    took = time.monotonic() - began
     found = {"output": str(options.output), "probes": list(plane.probe_shape),
              "samples": plane.samples, "sampling_rate": float(plane.sampling_rate)}  # fmt: skip
     shape = "x".join(map(str, plane.probe_shape)) or "1"
     show_results(
         options, lambda: f"{options.output}: {shape} probes, {plane.samples} samples at "
-                         f"{plane.sampling_rate:g} Hz",
-        lambda: found, output=lambda path: write_plane(plane, path, compress=options.compress),
+                         f"{plane.sampling_rate:g} Hz; {size / 1e6:.3g} MB in {took:.2g} s, "
+                         f"{size / 1e6 / max(took, 1e-3):.3g} MB/s",
+        lambda: found,
     )  # fmt: skip
     return 0
+
+
+def _read(options: argparse.Namespace) -> VelocityPlane:
+    """By what the file says, or by a layout, which is stated or the only way to read it."""
+    from torchliner.io.plane_selection import select
+    from torchliner.io.planes import format_of, paths_of, read_plane
+
+    layout = options.layout
+    if layout is None and (options.row is not None or options.y is not None):
+        layout = "array"
+    try:
+        for path in paths_of(options.source) if layout is None else ():
+            format_of(path)
+    except OSError:
+        if options.source.suffix.lower() not in ARRAY_ENDINGS:
+            raise
+        layout = "array"
+    if layout is None:
+        plane = read_plane(options.source, lazy=True, **reading(options))
+        return select(plane, factor=-1.0) if options.towards_liner else plane
+    read = resolve(PLANE_LAYOUTS[layout][0])
+    wanted = {name: value for name in signature(read).parameters
+              if (value := getattr(options, name, None)) is not None}  # fmt: skip
+    part = {name: getattr(options, name) for name in ("start", "stop", "region")}
+    return select(read(options.source, **wanted), **part, every=options.every or 1)
+
+
+def _digest(options: argparse.Namespace, paths: list[Path]) -> str:
+    """Words for what is written: the files as they are now, and all that is asked of them."""
+    files = [each for path in paths
+             for each in (sorted(path.rglob("*")) if path.is_dir() else [path])]  # fmt: skip
+    facts = [(str(each), each.stat().st_size, each.stat().st_mtime_ns) for each in files]
+    asked = {name: str(value) for name, value in vars(options).items() if name not in HOW}
+    words = json.dumps([__version__, facts, sorted(asked.items())])
+    return hashlib.sha256(words.encode()).hexdigest()
 
 
 def _write_liner(options: argparse.Namespace) -> None:

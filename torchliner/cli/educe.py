@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
 from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
+from torchliner.cli.plane_options import plane_options
 from torchliner.names import RESULT_ENDINGS, SOURCE_SIDES
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ OPTIONS = {
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
     | shared("--figures", "--json", "--quiet", "--strict"),
-} | choice_options(ALL)  # fmt: skip
+} | choice_options(ALL) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -60,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
-    records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
+    records = [with_facts(each, stated_by_user) for each in read_records(options.planes, options)]
     planes = planes_of(records)
     count = math.inf if options.incident else len(options.frequency or [0])
     for path, plane in zip(outputs, planes, strict=False):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.options import print_json
+from torchliner.cli.plane_options import reading
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
@@ -59,14 +60,16 @@ def write_copy(text: str, path: Path) -> None:
     write_text(text, path)
 
 
-def read_planes(paths: Sequence[Path], *, lazy: bool = True) -> list[VelocityPlane]:
-    """The planes, by default with their velocity still in the file.
+def read_planes(
+    paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True
+) -> list[VelocityPlane]:
+    """The planes, by default with their velocity still in the file, as the options say.
 
     Raises:
         ValueError: a file holds moments alone.
     """
     from torchliner.io.moments_file import holds_moments
-    from torchliner.io.plane_file import read_plane
+    from torchliner.io.planes import read_plane
 
     for path in paths:
         if holds_moments(path):
@@ -74,14 +77,27 @@ def read_planes(paths: Sequence[Path], *, lazy: bool = True) -> list[VelocityPla
                 f"{path} holds moments of |v|; its time samples are gone, which this needs: name "
                 "the plane file that was reduced"
             )
-    return [read_plane(path, lazy=lazy) for path in paths]
+    return [read_plane(path, lazy=lazy, **reading(options)) for path in paths]
 
 
-def read_records(paths: Sequence[Path]) -> list[VelocityPlane | Moments]:
-    """Planes, or the moments that planes were reduced to."""
+def read_records(
+    paths: Sequence[Path], options: argparse.Namespace
+) -> list[VelocityPlane | Moments]:
+    """Planes, or the moments that planes were reduced to.
+
+    Raises:
+        ValueError: a part of moments is asked for.
+    """
     from torchliner.io.moments_file import holds_moments, read_moments
 
-    return [read_moments(path) if holds_moments(path) else read_planes([path])[0] for path in paths]
+    for path in paths if reading(options) else ():
+        if holds_moments(path):
+            words = ", ".join(f"--{name.replace('_', '-')}" for name in reading(options))
+            raise ValueError(f"{path} holds moments, of which there is no part: leave out {words}")
+    return [
+        read_moments(path) if holds_moments(path) else read_planes([path], options)[0]
+        for path in paths
+    ]
 
 
 def planes_of(records: Sequence[VelocityPlane | Moments]) -> list[VelocityPlane]:

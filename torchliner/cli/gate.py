@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import glob
 import os
 import re
 import tomllib
@@ -55,9 +56,10 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     given = [(a, v) for a in parser._actions for v in _values(options, a)]
     named = [str(v) for a, v in given if reads(a, parser.text_of(a))]
     named += [found for a, v in given if a.metavar in MAYBE and (found := _own_file(a, str(v)))]
-    for name in named:
-        require_input(Path(name))
-    with inputs_kept(_with_those_inside(map(Path, named))):
+    files = [path for name in named for path in _matching(name)]
+    for path in files:
+        require_input(path)
+    with inputs_kept(_with_those_inside(files)):
         outputs: dict[Any, str] = {}
         for action, value in given:
             text = parser.text_of(action)
@@ -102,6 +104,12 @@ def _own_file(action: argparse.Action, text: str) -> str | None:
     """The file that a name stands for; None for a preset or a generated signal."""
     path = text.partition(":")[0] if action.metavar == "ARRAY" else text
     return path if Path(path).suffix.lower() in OWN_FILES else None
+
+
+def _matching(name: str) -> list[Path]:
+    """The file of that name, or those that a pattern stands for; the name itself if none does."""
+    found = [] if os.path.lexists(name) else sorted(glob.glob(name, recursive=True))
+    return [Path(each) for each in found or [name]]
 
 
 def require_input(path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_planes, show_results
 from torchliner.cli.options import progress_bar, shared
+from torchliner.cli.plane_options import plane_options
 
 if TYPE_CHECKING:
     from torchliner.heights.study import HeightStudy
@@ -27,7 +28,7 @@ OPTIONS = {
                                           "0.1 0.1",
     }
     | shared("--liner", "--output", "--figures", "--json", "--quiet"),
-} | choice_options(CHOICES, NO_GIVEN_PHASE)  # fmt: skip
+} | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -39,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
 
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
-    planes = read_planes(options.planes)
+    planes = read_planes(options.planes, options)
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch

@@ -48,7 +48,7 @@ GROUPS = {
     "files": {
         "demo": "educe two planes that come with the program",
         "info": "describe and check a velocity plane",
-        "convert": "write a plane file from simulation files or plain arrays",
+        "convert": "write a plane file from files of any format",
         "reduce": "moments of a plane: any liner later, without the data",
     },
 }

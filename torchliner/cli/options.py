@@ -81,8 +81,8 @@ def frequency_option(
 
 
 SHARED: dict[str, Any] = {
-    "planes PLANE ...": "plane files",
-    "plane PLANE": "plane file",
+    "planes PLANE ...": "files of planes, of any format; 'run_*.nc' joins restarts",
+    "plane PLANE": "file of a plane, of any format; 'run_*.nc' joins restarts",
     "--liner LINER": "liner model: preset, .toml or .csv file; default: the one the file names",
     **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
@@ -244,7 +244,7 @@ def progress_bar(
         return
     from tqdm import tqdm
 
-    about: dict[str, Any] = {"unit": unit, "unit_scale": unit == "sample", "leave": False}
+    about: dict[str, Any] = {"unit": unit, "unit_scale": unit in ("sample", "B"), "leave": False}
     first = f"{label}, reading" if reading else label
     with tqdm(total=reading or total, desc=first, **about) as bar:
 

@@ -8,6 +8,7 @@ from typing import Any
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import read_planes, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared
+from torchliner.cli.plane_options import plane_options
 
 CHOICES = (
     "phase", "drive", "mean", "order", "oncoming_rms", "running_window", "missing", "allow_short",
@@ -24,7 +25,7 @@ OPTIONS = {
         **frequency_option("the tone of the file; rows of --phase and --window are kept for it"),
     }
     | shared("--json", "--quiet"),
-} | choice_options(CHOICES)  # fmt: skip
+} | choice_options(CHOICES) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -32,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.liners.catalogue import load_liner, preset_names
     from torchliner.tdibc.reduce import moments
 
-    (plane,) = read_planes([options.plane])
+    (plane,) = read_planes([options.plane], options)
     liner = None if options.liner is None else load_liner(options.liner)
     named = load_liner(plane.liner) if plane.liner in preset_names() else None
     pitch = options.cell_pitch

@@ -8,6 +8,7 @@ from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import only_liner, planes_of, read_records, show_results
 from torchliner.cli.options import order_option, progress_bar, shared, split_pair
+from torchliner.cli.plane_options import plane_options
 
 CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
 
@@ -28,7 +29,7 @@ OPTIONS = {
     }
     | order_option("velocity first")
     | shared("plane", "--liner", "--frequency", "--output", "--json", "--quiet"),
-} | choice_options(CHOICES, NO_GIVEN_PHASE)  # fmt: skip
+} | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     )
 
     tolerances, correlation = _tolerances(options)
-    (plane,) = planes = read_records([options.plane])
+    (plane,) = planes = read_records([options.plane], options)
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
     samples = planes_of(planes)[0].samples

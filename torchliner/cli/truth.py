@@ -6,11 +6,12 @@ import argparse
 
 from torchliner.cli.files import liner_names, read_planes, show_results
 from torchliner.cli.options import progress_bar, shared
+from torchliner.cli.plane_options import plane_options
 
 OPTIONS = {
     "": {"planes PLANE ...": "plane files with a true impedance"}
     | shared("--liner", "--output", "--json", "--quiet")
-}
+} | plane_options()
 
 
 def run(options: argparse.Namespace) -> int:
@@ -24,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
         plain_truth,
     )
 
-    planes = read_planes(options.planes, lazy=False)
+    planes = read_planes(options.planes, options, lazy=False)
     names = liner_names(options.liner, planes, options.planes)
     liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
     with progress_bar(len(planes), "truth table", options, "plane") as step:

@@ -180,9 +180,9 @@ def require_axes(axes: Sequence[str], shape: Sequence[int], name: str) -> None:
 
 
 def read_array_plane(
-    path: str | Path, variable: str | None = None, *, axes: Any, velocity_units: Any,
-    sampling_rate: Any, towards_liner: bool = False, x: str | None = None, z: str | None = None,
-    y: str | None = None, row: int | None = None, length_units: str = "m",
+    path: str | Path, variable: str | None = None, *, axes: Any = None, velocity_units: Any = None,
+    sampling_rate: Any = None, towards_liner: bool = False, x: str | None = None,
+    z: str | None = None, y: str | None = None, row: int | None = None, length_units: str = "m",
 ) -> VelocityPlane:  # fmt: skip
     """The plane in a file of arrays: ``torchliner convert --layout array``.
 

@@ -24,10 +24,10 @@ from torchliner.io.hdf5 import (
 )
 from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
+from torchliner.units import si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
-PLACES = {"x": "streamwise coordinate", "z": "spanwise coordinate"}
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
@@ -35,7 +35,7 @@ FLUID = numbers(FLUID_UNITS)
 
 
 def write_coordinates(
-    file: h5py.Group, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
+    file: h5py.File, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
     line: bool = True,
 ) -> tuple[str, ...]:  # fmt: skip
     """Coordinate variables and dimensions of probes.
@@ -52,8 +52,7 @@ def write_coordinates(
     if len(shape) == 2:
         for name, count in zip(("z", "x"), shape, strict=True):
             if name in known:
-                row = write_variable(file, name, known[name], "m", (name,))
-                row.attrs["long_name"] = PLACES[name]
+                write_variable(file, name, known[name], "m", (name,))
             else:
                 write_index(file, name, count)
         return ("z", "x")
@@ -63,8 +62,7 @@ def write_coordinates(
     elif shape:
         write_index(file, "probe", shape[0])
     for name, values in known.items():
-        row = write_variable(file, name, values if shape else values.item(), "m", dims)
-        row.attrs["long_name"] = PLACES[name]
+        write_variable(file, name, values if shape else values.item(), "m", dims)
     return dims
 
 
@@ -75,10 +73,13 @@ def write_case(file: h5py.File, record: Any, table: Table) -> None:
     write_references(file, record.reference)
 
 
-def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict[str, Any]:
+def read_case(
+    file: h5py.File, kind: FileKind, table: Table, path: Path, strict: bool = True
+) -> dict[str, Any]:
     """What ``write_case`` wrote and the attributes of the file, as fields of a record.
 
-    The gas is air at 20 C where the file says nothing, the title the name of the file.
+    The gas is air at 20 C where the file says nothing, the title the name of the file. Without
+    ``strict`` what is no single number is none of the gas.
 
     Raises:
         ValueError: as ``read_variables``; no gas is like that.
@@ -86,7 +87,8 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
     found = {**kind.read_head(file, path), **read_variables(file, table, path)}
     if "title" in found:
         found["title"] = found["title"] or path.stem
-    gas = read_variables(file, FLUID, path)
+    fluid = [row for row in FLUID if strict or getattr(file.get(row.names[0]), "size", 0) == 1]
+    gas = read_variables(file, fluid, path)
     try:
         found["fluid"] = Fluid(**gas)
     except ValueError as error:
@@ -95,18 +97,21 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
 
 
 def write_times(file: h5py.File, record: Any) -> None:
-    """The dimension ``time`` of the uniform samples of a record, from 0 s.
+    """The dimension ``time`` of the uniform samples of a record.
 
     Raises:
         ValueError: a single sample: a file states times, of which one tells no sampling rate.
     """
     if record.samples < 2:
         raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
-    write_variable(file, "time", np.arange(record.samples) / record.sampling_rate, "s", ("time",))
+    times = getattr(record, "start", 0.0) + np.arange(record.samples) / record.sampling_rate
+    write_variable(file, "time", times, "s", ("time",))
 
 
-def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
-    """Factor from the units of a signal to an SI unit.
+def float_factor(
+    file: h5py.Group, key: str, unit: str, path: Path, stated: str | None = None
+) -> float:
+    """Factor from the units of a signal to an SI unit; ``stated``: units if the file has none.
 
     Integers count where ``scale_factor`` says what they stand for.
 
@@ -119,7 +124,7 @@ def float_factor(file: h5py.File, key: str, unit: str, path: Path) -> float:
         raise ValueError(
             f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed"
         )
-    return factor_to(unit, file, key, path)
+    return factor_to(unit, file, key, path, stated)
 
 
 def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
@@ -137,18 +142,42 @@ def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) 
 
 
 def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int]:
-    """Sampling rate (Hz) and number of samples.
+    """Sampling rate (Hz) and number of samples; as ``read_clock``."""
+    return read_clock(group, path, key)[:2]
+
+
+def read_clock(
+    group: h5py.Group, path: str | Path, key: str = "time", stated: float | None = None
+) -> tuple[float, int, float]:
+    """Sampling rate (Hz), number of samples, and time of the first, s.
 
     Args:
         group, path: of the dataset.
         key: its name.
+        stated: sampling rate, Hz, where the times have no units.
     Raises:
         ValueError: the times are missing, not finite or not uniform.
     """
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
         raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
-    return uniform_rate(read_si(group, key, "s", path), name), shape[0]
+    unit, _, epoch = (text_attribute(group[key], "units") or "").partition(" since ")
+    if epoch or (stated is not None and not unit):
+        # Dates are far from their epoch; what counts is how far they are from each other.
+        counts = read_values(group[key], name, path)
+        factor = si_factor("time", unit, name) if epoch else 1.0
+        time = factor * (counts - counts[0]).astype(np.float64)
+        first = factor * float(counts[0])
+    else:
+        counts = time = read_si(group, key, "s", path)
+        first = float(time[0])
+    kind = group[key].dtype
+    # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
+    exact = float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
+    rate = uniform_rate(time, name, exact * (factor if epoch else 1.0))
+    if stated is not None and not unit:
+        return stated, len(time), 0.0
+    return rate, len(time), first
 
 
 def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
@@ -254,9 +283,11 @@ def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
 
 
 def read_coordinate(
-    file: h5py.File, key: str, shape: tuple[int, ...], path: Path
+    file: h5py.Group, key: str, shape: tuple[int, ...], path: Path, stated: str | None = None
 ) -> np.ndarray | None:
     """x or z, m; None if the file has none, or numbers its columns alone.
+
+    ``stated``: units if the file has none.
 
     Raises:
         ValueError: as ``read_si``; another number of values than the probes need; values that are
@@ -275,12 +306,10 @@ def read_coordinate(
         raise ValueError(
             f"{label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'"
         )
-    values = read_si(file, key, "m", path).reshape(-1)
+    values = read_si(file, key, "m", path, stated=stated).reshape(-1)
     wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
     if len(values) != wanted:
-        raise ValueError(
-            f"{path}:/{key} has {len(values)} values; the probes, {shape}, need {wanted}"
-        )
+        raise ValueError(f"{label} has {len(values)} values; the probes, {shape}, need {wanted}")
     if not np.isfinite(values).all():
         raise ValueError(f"{label} holds values that are not finite")
     return values

@@ -133,28 +133,38 @@ def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
     return float(value.reshape(()))
 
 
-def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float:
+def factor_to(
+    unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None
+) -> float:
     """Factor from the units of a dataset to an SI unit of the same quantity.
 
+    Args:
+        unit: SI.
+        group, key, path: of the dataset.
+        stated: units, by the user, of a dataset that has none.
     Raises:
-        ValueError: the dataset is missing, or has no unit of this quantity.
+        ValueError: the dataset is missing, or has no unit of this quantity, or another than stated.
     """
-    dataset = get_dataset(group, key, path)
-    return si_factor(SI_QUANTITY[unit], text_attribute(dataset, "units"), place(group, key, path))
+    found, label = text_attribute(get_dataset(group, key, path), "units"), place(group, key, path)
+    factor = si_factor(SI_QUANTITY[unit], stated if found is None else found, label)
+    if stated is not None and si_factor(SI_QUANTITY[unit], stated, "the stated unit") != factor:
+        raise ValueError(f"{label} is in {found} by its own words, not in {stated}; correct one")
+    return factor
 
 
 def read_si(
-    group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None
-) -> np.ndarray:
+    group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None,
+    stated: str | None = None,
+) -> np.ndarray:  # fmt: skip
     """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
-    float64 where the file has another unit than ``unit``.
+    ``stated`` is as for ``factor_to``. float64 where the file has another unit than ``unit``.
 
     Raises:
         ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
             no measurement has; as ``read_values``.
     """
-    factor = factor_to(unit, group, key, path)
+    factor = factor_to(unit, group, key, path, stated)
     label = place(group, key, path)
     values = read_values(group[key], label, path, () if part is None else part)
     values = values if factor == 1 else values.astype(np.float64) * factor
@@ -221,10 +231,10 @@ def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) ->
     )
 
 
-def tiles(shape: Sequence[int], rows: int, columns: int = 64) -> dict[str, Any]:
+def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:
     """Storage of a compressed variable: gzip in tiles of at most ``rows`` along the first axis."""
     chunks = tuple(min(n, columns if axis else rows) for axis, n in enumerate(shape))
-    return {"compression": "gzip", "compression_opts": 9, "shuffle": True, "chunks": chunks}
+    return {"compression": "gzip", "compression_opts": level, "shuffle": True, "chunks": chunks}
 
 
 def to_json(value: Any) -> str:

@@ -161,6 +161,8 @@ def _plan_words(plan: PassPlan) -> dict[str, Any]:
 
 def holds_moments(path: str | Path) -> bool:
     """Whether a file says that it holds moments, of whatever format."""
+    if not (Path(path).is_file() and h5py.is_hdf5(path)):
+        return False
     with open_file(path) as file:
         return (text_attribute(file, "schema") or "").startswith(STEM)
 

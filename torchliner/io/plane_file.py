@@ -1,100 +1,56 @@
 """One plane, one file: HDF5 that is valid netCDF-4 at once (docs/formats.md).
 
-Dimensions (time, z, x), (time, x) or (time, probe); (probe, time) and contiguous layouts are read
-as they are. Numbers beside the velocity are scalar variables with CF units.
+Dimensions (time, z, x), (time, x) or (time, probe); others are read as they are (``cf``). Numbers
+beside the velocity are scalar variables with CF units.
 """
 
 from __future__ import annotations
 
-import math
-import os
-from dataclasses import dataclass, field
+import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
-import torch
-from torch import Tensor
 
-from torchliner.file_checks import naming, require_memory
 from torchliner.io.axes import (
-    find_time_axis,
     float_factor,
     read_case,
-    read_coordinate,
-    read_times,
-    write_case,
-    write_coordinates,
-    write_times,
+    read_clock,
 )
+from torchliner.io.cf import VELOCITY, find_axes, find_coordinates, find_velocity, sign_of
 from torchliner.io.hdf5 import (
-    attach_scales,
     get_dataset,
-    hold_open,
     is_there,
     open_file,
+    place,
     text_attribute,
-    tiles,
 )
-from torchliner.io.stored_values import Packing, packing_of, require_stored
-from torchliner.io.tables import FileKind, numbers
+from torchliner.io.hdf5_velocity import H5Velocity
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.tables import FileKind, Variable, numbers, read_variables
 from torchliner.records import VelocityPlane
-from torchliner.records.slabs import slab_bounds
+from torchliner.units import SI_QUANTITY, si_factor
 
 KIND = FileKind(
     "torchliner plane 1", "velocity plane",
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
 )  # fmt: skip
-VELOCITY, STREAMWISE = "wall_normal_velocity", "streamwise_velocity"
-COMPRESSED_ROWS = 256  # samples of a compressed tile
+STREAMWISE = "streamwise_velocity"
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
          "displacement_thickness": "m"}  # fmt: skip
 NUMBERS = numbers(UNITS)
 
 
-def write_plane(plane: VelocityPlane, path: str | Path, compress: bool = False) -> None:
-    """Write a plane; the old file, if any, is replaced only when the new one is whole.
-
-    Args:
-        plane: record.
-        path: .h5 or .nc.
-        compress: gzip in tiles (smaller, slower); default contiguous, as fast as the disk.
-    Raises:
-        ValueError: a single sample: a file's sampling rate is that of its times.
-    """
-    with KIND.created(path, plane) as file:
-        write_times(file, plane)
-        dims = write_coordinates(file, plane.probe_shape, plane.x, plane.z)
-        _write_velocity(file, VELOCITY, plane, dims, compress)
-        file[VELOCITY].attrs["positive"] = "away from the liner"
-        if plane.streamwise is not None:
-            stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
-            _write_velocity(file, STREAMWISE, stream, dims, compress)
-        write_case(file, plane, NUMBERS)
+def recognises(path: Path, head: bytes) -> bool:
+    """Any HDF5 file that no format before this one knows."""
+    return head.startswith(HDF5_SIGNATURE)
 
 
-def _write_velocity(
-    file: h5py.File, name: str, plane: VelocityPlane, dims: tuple[str, ...], compress: bool
-) -> None:
-    """Slab by slab, as the plane may be larger than memory."""
-    shape = (plane.samples, *(len(file[dim]) for dim in dims))
-    storage = tiles(shape, COMPRESSED_ROWS) if compress else {}
-    dataset = file.create_dataset(name, shape, numpy_kind(plane.velocity), **storage)
-    dataset.attrs["units"] = "m/s"
-    attach_scales(dataset, file, ("time", *dims))
-    for begin, end in slab_bounds(plane.samples, plane.probes, COMPRESSED_ROWS):
-        dataset[begin:end] = (
-            plane.read(begin, end).detach().cpu().numpy().reshape(end - begin, *shape[1:])
-        )
+def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file.
 
-
-def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
-    """Read a plane written by ``VelocityPlane.write`` or by anyone who follows the schema.
-
-    Args:
-        path: HDF5 or netCDF-4 file.
-        lazy: leave the velocity in the file, to be read by slabs as it is used.
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
         ValueError: a dataset is missing, has a wrong shape or no or wrong units, or time is not
@@ -102,167 +58,82 @@ def read_plane(path: str | Path, lazy: bool = False) -> VelocityPlane:
     """
     path = Path(path)
     with open_file(path) as file:
-        schema = text_attribute(file, "schema") or ""
-        if not is_there(file, VELOCITY, path) and schema.startswith("torchliner "):
-            raise ValueError(
-                f"{path} is no velocity plane but a file of schema {schema!r}"
-                + ("; use torchliner insitu" if "pressure" in schema else "")
-            )
-        velocity = get_dataset(file, VELOCITY, path)
-        rate, samples = read_times(file, path)
-        axis = find_time_axis(velocity, samples, path)
-        stored = _stored(file, VELOCITY, axis, path)
-        stream = None
-        if is_there(file, STREAMWISE, path):
-            if get_dataset(file, STREAMWISE, path).shape != velocity.shape:
-                raise ValueError(
-                    f"{path}:/{STREAMWISE} has shape {file[STREAMWISE].shape}, /{VELOCITY} "
-                    f"{velocity.shape}; they share probes and times"
-                )
-            stream = _stored(file, STREAMWISE, axis, path)
-        plane = VelocityPlane(
-            stored,
-            sampling_rate=rate,
-            x=read_coordinate(file, "x", stored.shape[:-1], path),
-            z=read_coordinate(file, "z", stored.shape[:-1], path),
-            streamwise=stream if lazy or stream is None else stream.load(),
-            name=f"{path}:/{VELOCITY}",
-            **read_case(file, KIND, NUMBERS, path),
-        )
-    return plane if lazy else plane.load()
+        return plane_from(file, path, request, H5Velocity)
 
 
-def _stored(file: h5py.File, key: str, axis: int, path: Path) -> H5Velocity:
-    return H5Velocity(path, key, axis, float_factor(file, key, "m/s", path))
+FORMAT = PlaneFormat(
+    "HDF5 or netCDF-4", recognises, open_plane,
+    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal"),
+)  # fmt: skip
 
 
-def numpy_kind(out: Tensor) -> type:
-    """numpy's type of a tensor."""
-    return np.float32 if out.dtype == torch.float32 else np.float64
-
-
-@dataclass
-class H5Velocity:
-    """A velocity dataset that stays on disk; see ``records.StoredVelocity``.
+def plane_from(
+    file: h5py.File, path: Path, request: PlaneRequest,
+    stored: Callable[[Path, str, tuple[int, ...], float], Any],
+) -> VelocityPlane:  # fmt: skip
+    """What a file says, as HDF5 or put into its terms.
 
     Args:
-        path, key: file and dataset.
-        time_axis: 0 or -1.
-        factor: to m/s.
+        file, path: what is read, and how messages call it.
+        request: what the user states.
+        stored: velocity from the path, its name, the axes as of ``cf.Axes`` and a factor.
     """
-
-    path: Path
-    key: str
-    time_axis: int
-    factor: float
-    _file: Any = field(default=None, repr=False)
-    _bytes: int = field(default=0, repr=False)
-    _packing: Packing = field(default_factory=Packing, repr=False)
-    _begin: int | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        dataset, label = self._dataset(), f"{self.path}:/{self.key}"
-        require_stored(dataset, label, self.path)
-        self._packing = packing_of(dataset, label)
-        shape = tuple(int(n) for n in dataset.shape)
-        self.shape = (*shape[1:], shape[0]) if self.time_axis == 0 else shape
-        exact = 4 if dataset.dtype.kind == "f" else 2  # bytes that float32 holds without a loss
-        self.dtype = torch.float32 if dataset.dtype.itemsize <= exact else torch.float64
-        require_memory(
-            2 * self.dtype.itemsize * math.prod(self.shape[:-1]),
-            f"{label}, {dataset.shape}: one sample of all probes, read ahead,",
+    schema = text_attribute(file, "schema") or ""
+    if not is_there(file, VELOCITY, path) and schema.startswith("torchliner "):
+        raise ValueError(
+            f"{path} is no velocity plane but a file of schema {schema!r}"
+            + ("; use torchliner insitu" if "pressure" in schema else "")
         )
-        self.tile_bytes = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
-        # Rows of a tile that hold together; a whole probe where time runs fastest.
-        tile = None if dataset.chunks is None else int(dataset.chunks[self.time_axis])
-        self.tile_rows = tile or (1 if self.time_axis == 0 else self.shape[-1])
-        self._bytes = self.path.stat().st_size
-        self._begin = self._plain_place(dataset)
-
-    def _plain_place(self, dataset: h5py.Dataset) -> int | None:
-        """Byte of the file where the values lie as they are read, one sample after another; None
-        where they do not, and HDF5 is asked for every slab."""
-        kind = np.dtype("f4" if self.dtype == torch.float32 else "f8")
-        if self.time_axis != 0 or dataset.dtype != kind or not hasattr(os, "preadv"):
-            return None
-        kept = dataset.id.get_create_plist()
-        if kept.get_layout() != h5py.h5d.CONTIGUOUS or kept.get_external_count():
-            return None
-        place = dataset.id.get_offset()
-        return None if place is None else int(place)
-
-    def _read_plain(self, begin: int, out: Tensor) -> None:
-        """As HDF5 would, without its copy and its lock: half the time."""
-        assert self._begin is not None
-        whole: Any = out.numpy()
-        values = memoryview(whole).cast("B")
-        place = self._begin + begin * out[0].nbytes
-        with self.path.open("rb", buffering=0) as file:
-            while len(values):
-                count = os.preadv(file.fileno(), [values], place)
-                if not count and self.path.stat().st_size < self._bytes:
-                    return  # which ``read`` says
-                if not count:
-                    raise OSError("the file ends before")
-                values, place = values[count:], place + count
-
-    def _dataset(self) -> h5py.Dataset:
-        if self._file is None or not self._file.id.valid:
-            self._file = hold_open(self.path)
-        return self._file[self.key]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Handles do not travel to other processes; each opens its own."""
-        return {**self.__dict__, "_file": None}
-
-    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
-        """Samples begin .. end - 1 of every probe, m/s, (t, P).
-
-        Args:
-            begin, end: samples.
-            out: memory to read into, of the file's precision, at least (end - begin, P).
-        Raises:
-            OSError: the file cannot be read there, or has become shorter since it was opened.
-        """
-        with naming(self.path):
-            dataset = self._dataset()
-        end = min(end, self.shape[-1])
-        rows, probes = end - begin, math.prod(self.shape[:-1])
-        if out is None:
-            out = torch.empty(rows, probes, dtype=self.dtype)
-        out = out[:rows]
-        try:
-            if self._begin is not None:
-                self._read_plain(begin, out)
-            elif self.time_axis == 0:
-                into = out.numpy().reshape(rows, *self.shape[:-1])
-                dataset.read_direct(into, source_sel=np.s_[begin:end])
-            else:
-                part = torch.from_numpy(np.asarray(dataset[..., begin:end], dtype=numpy_kind(out)))
-                out.copy_(part.reshape(probes, rows).T)
-        except (OSError, RuntimeError) as error:
-            raise OSError(
-                f"{self.path}:/{self.key} cannot be read from sample {begin} to {end}: {error}"
-            ) from error
-        # HDF5 fills what lies beyond the end of a file with zeros and says nothing.
-        now = self.path.stat().st_size
-        if now < self._bytes:
-            raise OSError(
-                f"{self.path}:/{self.key}: the file shrank from {self._bytes} to {now} bytes while "
-                f"it was read (samples {begin} to {end}); nothing of it can be used"
+    where, _, key = find_velocity(file, request, path).rpartition("/")
+    group = file[where or "/"]
+    label, dataset = place(group, key, path), get_dataset(group, key, path)
+    factor = float_factor(group, key, "m/s", path, request.velocity_units)
+    axes = find_axes(group, key, request, path)
+    rate, _, first = (request.sampling_rate, 0, 0.0) if axes.time is None else read_clock(
+        axes.time.parent, path, axes.time.name.split("/")[-1], request.sampling_rate)  # fmt: skip
+    if rate is None:
+        raise ValueError(f"{label} has no times; give sampling_rate=..., in Hz")
+    stream = None
+    if key == VELOCITY and is_there(group, STREAMWISE, path):
+        if get_dataset(group, STREAMWISE, path).shape != dataset.shape:
+            raise ValueError(
+                f"{path}:/{STREAMWISE} has shape {group[STREAMWISE].shape}, /{VELOCITY} "
+                f"{dataset.shape}; they share probes and times"
             )
-        self._packing.unpack_floats(out.numpy())
-        return out if self.factor == 1 else out.mul_(self.factor)
+        stream = stored(path, f"{where}/{STREAMWISE}", axes.order,
+                        float_factor(group, STREAMWISE, "m/s", path))  # fmt: skip
+    # Elsewhere a field may bear the name of one of our numbers: density over time and place.
+    ours = key == VELOCITY
+    case = _attributes(file, dataset, path) | read_case(file, KIND, _single(file, ours), path, ours)
+    if group.name != "/":
+        case |= read_variables(group, _single(group, ours), path)
+    return VelocityPlane(
+        stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request) * factor),
+        sampling_rate=rate,
+        start=first,
+        streamwise=stream,
+        name=label,
+        **find_coordinates(group, axes, request, path, strict=ours),
+        **case,
+    )
 
-    def load(self) -> Tensor:
-        """All of it, (..., T), a view of time-major memory."""
-        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
-        require_memory(
-            self.dtype.itemsize * samples * probes,
-            f"{self.path}:/{self.key}, {samples} samples of {probes} probes,",
-            "read it by slabs (lazy=True)",
-        )
-        whole = torch.empty(samples, probes, dtype=self.dtype)
-        for begin, end in slab_bounds(samples, probes):
-            self.read(begin, end, whole[begin:end])
-        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
+
+def _single(group: h5py.Group, ours: bool) -> list[Variable]:
+    """The numbers of the case that a group has; all of them in a file of ours."""
+    return [row for row in NUMBERS if ours or getattr(group.get(row.names[0]), "size", 0) == 1]
+
+
+def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str, Any]:
+    """Numbers of the case that stand as attributes, in SI units or with a unit: "1.4 kHz"."""
+    found = {}
+    for owner, (name, unit) in itertools.product((file, dataset), UNITS.items()):
+        text = text_attribute(owner, name)
+        if text is None or not (parts := text.split(maxsplit=1)):
+            continue
+        label = f"{path}:{owner.name}: attribute {name!r}"
+        try:
+            number = float(parts[0])
+        except ValueError:
+            raise ValueError(f"{label} is {text!r}; a number is needed, with its unit") from None
+        found[name] = number * si_factor(SI_QUANTITY[unit], parts[1] if parts[1:] else unit, label)
+    return found

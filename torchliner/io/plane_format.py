@@ -63,8 +63,39 @@ class PlaneFormat:
     takes: tuple[str, ...] = ()
 
 
+class Stored:
+    """What all velocity that stays in its files shares; a ``records.StoredVelocity``."""
+
+    shape: tuple[int, ...]  # (..., T)
+    dtype: torch.dtype
+    label: str
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Samples begin .. end - 1 of every probe, m/s, (t, P); in ``out`` if one is given."""
+        raise NotImplementedError
+
+    def rows(self, begin: int, end: int, out: Tensor | None) -> Tensor:
+        """Memory for these samples, (t, P)."""
+        if out is not None:
+            return out[: end - begin]
+        return torch.empty(end - begin, math.prod(self.shape[:-1]), dtype=self.dtype)
+
+    def load(self) -> Tensor:
+        """All of it, (..., T), a view of time-major memory."""
+        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
+        require_memory(
+            self.dtype.itemsize * samples * probes,
+            f"{self.label}, {samples} samples of {probes} probes,",
+            "read it by slabs (lazy=True)",
+        )
+        whole = torch.empty(samples, probes, dtype=self.dtype)
+        for begin, end in slab_bounds(samples, probes):
+            self.read(begin, end, whole[begin:end])
+        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
+
+
 @dataclass
-class FrameVelocity:
+class FrameVelocity(Stored):
     """Velocity that a format reads by slabs; a ``records.StoredVelocity``.
 
     Args:
@@ -92,8 +123,7 @@ class FrameVelocity:
             OSError: the file cannot be read there.
         """
         end = min(end, self.shape[-1])
-        rows, probes = end - begin, math.prod(self.shape[:-1])
-        out = torch.empty(rows, probes, dtype=self.dtype) if out is None else out[:rows]
+        out = self.rows(begin, end, out)
         try:
             values = np.asarray(self.source(begin, end))
         except (OSError, RuntimeError) as error:
@@ -101,14 +131,11 @@ class FrameVelocity:
                 f"{self.label} cannot be read from sample {begin} to {end}: {error}"
             ) from error
         into = out.numpy()
-        np.multiply(values.reshape(rows, probes), self.factor, out=into, casting="same_kind")
+        np.multiply(values.reshape(into.shape), self.factor, out=into, casting="same_kind")
         return out
 
-    def load(self) -> Tensor:
-        """All of it, (..., T), a view of time-major memory."""
-        samples, probes = self.shape[-1], math.prod(self.shape[:-1])
-        require_memory(self.dtype.itemsize * samples * probes, f"{self.label}, {self.shape},")
-        whole = torch.empty(samples, probes, dtype=self.dtype)
-        for begin, end in slab_bounds(samples, probes):
-            self.read(begin, end, whole[begin:end])
-        return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
+
+def exact_type(kind: np.dtype[Any]) -> torch.dtype:
+    """float32 where it holds all values of a type, else float64."""
+    exact = 4 if kind.kind == "f" else 2  # bytes
+    return torch.float32 if kind.itemsize <= exact else torch.float64

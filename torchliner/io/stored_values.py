@@ -54,10 +54,11 @@ class Packing:
     def unpack_floats(self, values: np.ndarray) -> None:
         """In place: stored values, already floats, become those meant, nan where there is none."""
         bad = self.lost(values)
-        if self.factor != 1.0:
-            values *= values.dtype.type(self.factor)
-        if self.offset != 0.0:
-            values += values.dtype.type(self.offset)
+        with np.errstate(over="ignore", invalid="ignore"):  # told with the faults of probes
+            if self.factor != 1.0:
+                values *= values.dtype.type(self.factor)
+            if self.offset != 0.0:
+                values += values.dtype.type(self.offset)
         if bad is not None:
             values[bad] = np.nan
 
@@ -143,7 +144,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
             "they are whole; copy the dataset into one file (h5repack)"
         )
     home = dataset.file.filename
-    if not os.path.samefile(home, path):
+    if dataset.file.driver != "core" and not os.path.samefile(home, path):  # core: in memory
         tell(f"{label} is a link; its values stand in {home}")
     if dataset.is_virtual:
         _require_sources(dataset, label, Path(home).parent)

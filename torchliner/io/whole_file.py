@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import os
 import re
 import socket
@@ -12,6 +13,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -140,17 +142,86 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
         raise OSError(f"{path} cannot be written: {error.strerror}") from error
     os.close(handle)
     try:
-        yield Path(temporary)
-        _dress(temporary, target)
-        os.replace(temporary, target)
-    except BaseException as error:
+        with _told(path, temporary):
+            yield Path(temporary)
+            _dress(temporary, target)
+            os.replace(temporary, target)
+    except BaseException:
         Path(temporary).unlink(missing_ok=True)
-        full = isinstance(error, OSError) and error.errno in FULL
-        at_end = isinstance(error, RuntimeError) and "errno" in str(error)  # HDF5, when it closes
-        if full or at_end or (isinstance(error, OSError) and temporary in str(error)):
-            text = str(error).replace(temporary, str(path))
-            raise OSError(f"{path} cannot be written: {text}") from error
         raise
+
+
+@contextmanager
+def _told(path: str | Path, temporary: str | Path, remedy: str = "") -> Iterator[None]:
+    """Failures to write, of a full disk above all, by the name that the user gave."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        full = isinstance(error, OSError) and error.errno in FULL
+        at_end = "errno" in str(error) and "read" not in str(error)  # HDF5 writes or closes
+        if full or at_end or (isinstance(error, OSError) and str(temporary) in str(error)):
+            text = str(error).replace(str(temporary), str(path))
+            raise OSError(f"{path} cannot be written: {text}{remedy}") from error
+        raise
+
+
+@dataclass
+class Part:
+    """A file that is being written, and how far it is.
+
+    Args:
+        path: of what is written so far.
+        source: words for what is written.
+        done: units of it that are there.
+    """
+
+    path: Path
+    source: str
+    done: int = 0
+
+    @property
+    def mark(self) -> Path:
+        """The file that says how far it is."""
+        return self.path.with_name(f"{self.path.name}-mark")
+
+    def reached(self, done: int) -> None:
+        """Say so in the mark, which is whole or the old one."""
+        self.done = done
+        new = self.mark.with_name(f"{self.mark.name}-new")
+        new.write_text(json.dumps({"source": self.source, "done": done}), encoding="utf-8")
+        os.replace(new, self.mark)
+
+
+@contextmanager
+def part_of(path: str | Path, source: str, *endings: str) -> Iterator[Part]:
+    """A file that is written beside, as FILE.part, and renamed when the block ends well.
+
+    If the block does not, what was marked as written stays, and the next block with the same
+    ``source`` goes on there.
+
+    Args:
+        path, endings: as for ``writable``.
+        source: words that differ for different contents.
+    Raises:
+        ValueError, OSError: as ``writable``; the disk is full.
+    """
+    target = writable(path, *endings)
+    part = Part(target.with_name(f"{target.name}.part"), source)
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        found = json.loads(part.mark.read_text(encoding="utf-8"))
+        if found["source"] == source and part.path.is_file():
+            part.done = int(found["done"])
+    kept = f"; what is written stays in {part.path}: free space and run this again"
+    try:
+        with _told(path, part.path, kept):
+            yield part
+            _dress(str(part.path), target)
+            os.replace(part.path, target)
+    except BaseException:
+        if not part.mark.exists():
+            part.path.unlink(missing_ok=True)
+        raise
+    part.mark.unlink(missing_ok=True)
 
 
 def _dress(temporary: str, target: Path) -> None:

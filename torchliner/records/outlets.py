@@ -33,14 +33,15 @@ OUTLETS = {
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
     "VelocityPlane": {
-        "write": "torchliner.io.plane_file:write_plane",
+        "write": "torchliner.io.plane_writer:write_plane",
+        "from_xarray": "torchliner.io.xarray_plane:from_xarray",
         "plot": "torchliner.report.figures:draw_velocity",
     },
 }
 
 
 def outlet(record: type, way: str) -> Any:
-    """The function that ``write`` or ``plot`` of a record of this kind leads to."""
+    """The function that ``write``, ``plot`` ... of a record of this kind leads to."""
     kind = next(each.__name__ for each in record.__mro__ if each.__name__ in OUTLETS)
     return resolve(OUTLETS[kind][way])
 

@@ -55,7 +55,7 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
 
     Args:
         value: tensor or array; masked values become nan. Where its axes have names, as those of
-            xarray, that called ``time`` is moved to the end and z before x.
+            xarray, that called ``time`` is moved to the end, x behind the others.
         label, name: of the signal and of its record, for messages.
         unit: the unit it must be in.
     Raises:
@@ -97,8 +97,7 @@ def _time_last(value: Any, name: str, unit: str) -> np.ndarray:
             f"{name} has the axes {axes}, none of them 'time'; rename one, or give a plain array, "
             "time last"
         )
-    order = [axis for axis in ("z", "x") if axis in axes] if {*axes} <= {"time", "z", "x"} else (
-        [axis for axis in axes if axis != "time"])  # fmt: skip
+    order = sorted((axis for axis in axes if axis != "time"), key=lambda axis: axis == "x")
     return array.transpose([axes.index(axis) for axis in (*order, "time")])
 
 

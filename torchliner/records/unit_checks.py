@@ -11,6 +11,9 @@ LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
 LOWEST_RATE = 500.0  # Hz
 # m: what a liner's data may span, and lie above it; a boundary layer's displacement.
 LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
+# m: probes this far apart, over so long a plane, see no cell of a liner.
+APART, LONG = 0.05, 1.0
+SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
 LOUDEST = 194.0  # dB: a peak of one atmosphere
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
@@ -39,7 +42,7 @@ def require_flow_and_level(name: str, mach: float | None, level: float | None) -
 
 
 def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
-    """Why numbers of a plane may be in other units than Hz, m and dB.
+    """Why numbers of a plane may be in other units than Hz, m and dB, or not be meant.
 
     Args:
         plane: a ``VelocityPlane``.
@@ -66,7 +69,36 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
         )
         if value < limit
     ]  # fmt: skip
-    return [f"{plane.name}: {text} SI units and dB re 20 uPa rms are needed" for text in found]
+    apart, span = _steps_of(plane.x)
+    if apart > APART and LONG < span <= LONGEST:
+        found.append(f"x runs in steps of {apart:.4g} m over {span:.4g} m; are these mm?")
+    found = [f"{plane.name}: {text} SI units and dB re 20 uPa rms are needed" for text in found]
+    per_period = plane.sampling_rate / frequency if frequency else SAMPLES[0]
+    if not SAMPLES[0] <= per_period <= SAMPLES[1]:
+        found.append(
+            f"{plane.name}: {per_period:.4g} samples a period of {frequency:.6g} Hz; "
+            f"{SAMPLES[0]:g} to {SAMPLES[1]:.0f} are plausible: check sampling rate and frequency"
+        )
+    return found
+
+
+def height_warnings(plane: Any, cell_pitch: float | None) -> list[str]:
+    """Whether a plane lies too high above a liner of that cell pitch (m) to see its cells."""
+    if cell_pitch is None or plane.height is None or plane.height <= cell_pitch:
+        return []
+    return [
+        f"{plane.name} lies {1e3 * plane.height:.4g} mm above the liner, more than its cell pitch "
+        f"of {1e3 * cell_pitch:.4g} mm: the velocity of the cells is hardly seen there"
+    ]
+
+
+def _steps_of(x: Tensor | None) -> tuple[float, float]:
+    """Median step of the places along x, and from the first to the last, m."""
+    if x is None or x.numel() < 2:
+        return 0.0, 0.0
+    places = x.unique()
+    steps = places.diff()
+    return (float(steps.median()) if len(steps) else 0.0), float(places[-1] - places[0])
 
 
 def unit_warnings(

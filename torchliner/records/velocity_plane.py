@@ -13,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import make_plain, require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import Drawn, outlet
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
@@ -82,6 +82,8 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             if value is not None:
                 object.__setattr__(self, label, _velocity_tensor(value, label, self.name))
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if not math.isfinite(self.start):
+            raise ValueError(f"{self.name}: start is {self.start:g} s; it must be finite")
         if 0 in self.velocity.shape or len(self.velocity.shape) == 0:
             raise ValueError(
                 f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least "
@@ -119,6 +121,21 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             raise ValueError(
                 f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"
             )
+
+    @classmethod
+    def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
+        """A plane from a DataArray or Dataset of xarray; what is lazy there stays so.
+
+        Args:
+            data: with dimensions, coordinates and units as CF has them (docs/formats.md).
+            stated: what it does not say, as for ``read_plane`` (variable, velocity_units,
+                length_units, sampling_rate, axes, normal), and fields of this record.
+        Raises:
+            TypeError: neither a DataArray nor a Dataset.
+            ValueError: as ``read_plane``; no velocity fits, or several do.
+        """
+        plane: VelocityPlane = outlet(cls, "from_xarray")(data, **stated)
+        return plane
 
     @property
     def samples(self) -> int:
@@ -168,6 +185,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             velocity=loaded.velocity * velocity,
             streamwise=streamwise,
             sampling_rate=self.sampling_rate * velocity / length,
+            start=self.start * length / velocity,
             **lengths,
         )
 

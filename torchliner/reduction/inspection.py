@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS
+from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.slabs import slab_bounds
-from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
@@ -54,6 +55,8 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     failures: list[str] = []
     _velocity_facts(plane, seen, facts, failures)
     failures += plane_unit_warnings(plane, plane.frequency)
+    if plane.liner in preset_names():
+        failures += height_warnings(plane, load_liner(plane.liner).cell_pitch)
     if plane.frequency is not None:
         periods = facts["periods of the tone"] = plane.frequency * plane.duration
         if periods < FEWEST_PERIODS * (1 - 1e-6):

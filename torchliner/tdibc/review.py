@@ -9,7 +9,7 @@ from torchliner.checks import FEWEST_PERIODS
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.reduction.periodic import FEWEST_BLOCKS, PeriodicPart
 from torchliner.reduction.survey import Survey
 from torchliner.replay.edges import Record
@@ -20,6 +20,7 @@ FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
+EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
 
@@ -71,6 +72,12 @@ def review_record(
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
             )
     notes += plane_unit_warnings(plane, float(frequency.min()))
+    area = plane.area
+    if area is not None and float(area.max()) > EVEN * float(area.min()):
+        notes.append(
+            f"{plane.name}: the areas of the probes differ, {float(area.min()):.3g} to "
+            f"{float(area.max()):.3g} m2; averages weigh probes alike, not by area"
+        )
     per_period = record.sampling_rate / float(frequency.max())
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         notes.append(
@@ -104,15 +111,15 @@ def _whole_cut(record: Record, frequency: float) -> str:
 
 
 def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
-    """Whether liner and data state the same gas."""
+    """Whether liner and data state the same gas, and the plane lies within a cell of it."""
     gas = liner.fluid
     if gas is None:
-        return []
+        return height_warnings(plane, liner.cell_pitch)
     pairs = (
         ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
         ("density", gas.density, plane.fluid.density, "kg/m3"),
     )
-    return [
+    return height_warnings(plane, liner.cell_pitch) + [
         f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
         f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
         "takes the data's)"

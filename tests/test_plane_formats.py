@@ -1,0 +1,378 @@
+"""netCDF-4, netCDF-3, zarr and xarray: the same plane, whatever the names, order and units."""
+
+import pickle
+import re
+import sys
+import warnings
+
+import h5py
+import numpy as np
+import pandas
+import pytest
+import torch
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import netcdf_file
+
+import torchliner as tl
+from torchliner.io.planes import format_of
+from torchliner.units import canonical_unit, si_factor
+
+RATE = 40e3
+VALUES = np.random.default_rng(3).normal(size=(30, 3, 4)).astype("f4")  # (time, z, x)
+X, Z = np.linspace(0.001, 0.004, 4), np.linspace(0.0, 0.01, 3)
+
+
+def dataset(order=("time", "z", "x"), name="v", attrs=None, **coordinates):
+    """A dataset as solvers' exporters write it."""
+    units = {"time": "s", "x": "m", "z": "m"}
+    base = {"time": np.arange(30) / RATE, "z": Z, "x": X} | coordinates
+    about = {"units": "m s**-1"} | (attrs or {})
+    data = xarray.DataArray(VALUES.copy(), dims=("time", "z", "x"), attrs=about)
+    coords = {key: (key, value, {"units": units[key]}) for key, value in base.items()}
+    return xarray.Dataset({name: data.transpose(*order)}, coords)
+
+
+def written(data, path, kind):
+    """The dataset in a file of a kind."""
+    if kind == "netcdf4":
+        data.to_netcdf(path / "a.data", engine="h5netcdf")
+    elif kind == "netcdf3":
+        data.to_netcdf(path / "a.data", engine="scipy")
+    else:
+        data.to_zarr(path / "a.data", consolidated=False)
+    return path / "a.data"
+
+
+def same_plane(found, wanted=VALUES, rtol=1e-6):
+    """Velocity over (z, x), coordinates, rate."""
+    assert np.allclose(found.velocity.numpy(), np.moveaxis(wanted, 0, -1), rtol=rtol)
+    assert np.allclose(found.x, X)
+    assert np.allclose(found.z, Z)
+    assert found.sampling_rate == pytest.approx(RATE, rel=1e-6)
+
+
+KINDS = ("netcdf4", "netcdf3", "zarr")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("order", ["time z x", "x z time", "z time x"])
+def test_any_order_of_axes_is_one_plane(tmp_path, kind, order):
+    """Names and order of the axes do not matter, nor the ending of the file."""
+    path = written(dataset(tuple(order.split())), tmp_path, kind)
+    found, lazy = tl.read_plane(path), tl.read_plane(path, lazy=True)
+    same_plane(found)
+    assert torch.equal(lazy.read(4, 9), found.read(4, 9))
+    assert torch.equal(pickle.loads(pickle.dumps(lazy.velocity)).load(), found.velocity)
+    assert format_of(path).name == {"netcdf4": "HDF5 or netCDF-4", "netcdf3": "netCDF-3"}.get(
+        kind, "zarr"
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_packed_shorts_with_a_fill_value_are_unpacked(tmp_path, kind):
+    """scale_factor, add_offset and _FillValue; a missing value is nan, in slabs too."""
+    data = dataset()
+    data.v[7, 1, 2] = np.nan
+    encoding = {"dtype": "i2", "scale_factor": 1e-3, "add_offset": 0.5, "_FillValue": -32000}
+    data.v.encoding = encoding
+    path = written(data, tmp_path, kind)
+    for lazy in (False, True):
+        found = tl.read_plane(path, lazy=lazy).load().velocity
+        assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
+        wanted = np.moveaxis(data.v.values, 0, -1)
+        assert np.nanmax(np.abs(found.numpy() - wanted)) < 6e-4
+
+
+def test_long_records_keep_their_times(monkeypatch):
+    """Large fields are left where they are, times of any length are not."""
+    monkeypatch.setattr("torchliner.io.netcdf_terms.MOST", 10)
+    same_plane(tl.VelocityPlane.from_xarray(dataset()))
+
+
+def test_a_store_without_its_extra_says_which(tmp_path, monkeypatch):
+    """zarr is optional; the error names what to install."""
+    path = written(dataset(), tmp_path, "zarr")
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ImportError, match=r"a.data is a zarr store; .*torchliner\[xarray\]"):
+        tl.read_plane(path)
+
+
+def test_links_out_of_a_foreign_file_are_said(tmp_path):
+    """A velocity that stands in another file is read, and that file is named."""
+    dataset().to_netcdf(tmp_path / "v.nc", engine="h5netcdf")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"] = np.arange(30) / RATE
+        file["time"].attrs["units"] = "s"
+        file["v"] = h5py.ExternalLink("v.nc", "/v")
+    with pytest.warns(tl.DataWarning) as told:
+        found = tl.read_plane(tmp_path / "a.h5")
+    assert any(re.search(r"a.h5:/v is a link; its values stand in .*v.nc", str(each.message))
+               for each in told)  # fmt: skip
+    assert np.array_equal(found.velocity.numpy(), np.moveaxis(VALUES, 0, -1))
+
+
+def test_groups_dates_and_axes_of_size_1(tmp_path):
+    """A velocity in a group, times as dates since, a height of size 1, mm; all found."""
+    data = dataset(x=1e3 * X).expand_dims(y=[2.5], axis=1)
+    data.y.attrs["units"] = data.x.attrs["units"] = "millimeter"
+    data = data.assign_coords(time=("time", 1e6 + np.arange(30) / RATE,
+                                    {"units": "seconds since 2020-01-01 00:00:00"}))  # fmt: skip
+    data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", group="run/plane")
+    found = tl.read_plane(tmp_path / "a.nc")
+    same_plane(found)
+    assert found.start == 1e6
+    assert found.name.endswith("a.nc:/run/plane/v")
+    same_plane(tl.read_plane(tmp_path / "a.nc", group="run/plane", variable="v"))
+
+
+def test_the_wall_normal_component_is_told_by_its_words():
+    """standard_name and long_name; a normal by the user; else all that fit are listed."""
+    many = dataset(name="v").assign({k: dataset(name=k)[k] + i for i, k in enumerate("uw", 1)})
+    with pytest.raises(ValueError, match=r"3 of its velocities may be normal .* u \(30x3x4, .*v "):
+        tl.VelocityPlane.from_xarray(many)
+    same_plane(tl.VelocityPlane.from_xarray(many, variable="v"))
+    same_plane(tl.VelocityPlane.from_xarray(many, normal="y"))
+    same_plane(tl.VelocityPlane.from_xarray(many, normal="-y"), -VALUES)
+    many.w.attrs["long_name"] = "Wall-normal velocity"
+    same_plane(tl.VelocityPlane.from_xarray(many), VALUES + 2)
+    many.u.attrs["long_name"] = "velocity normal to the wall"
+    with pytest.raises(ValueError, match="2 of its velocities may be normal"):
+        tl.VelocityPlane.from_xarray(many)
+    with pytest.raises(ValueError, match=r"has no variable 'vv' \(did you mean 'v'\?\)"):
+        tl.VelocityPlane.from_xarray(many, variable="vv")
+    alone = dataset(name="u")
+    with pytest.raises(ValueError, match=r"1 of its velocities may be .* u \(30x3x4"):
+        tl.VelocityPlane.from_xarray(alone)
+
+
+def test_upward_air_velocity_has_y_across_the_duct():
+    """z is normal to the wall then; positive downward is turned."""
+    data = dataset(attrs={"standard_name": "upward_air_velocity"}).rename(z="y", v="w")
+    same_plane(tl.VelocityPlane.from_xarray(data))
+    data.w.attrs["positive"] = "down"
+    same_plane(tl.VelocityPlane.from_xarray(data), -VALUES)
+    side = dataset().rename(z="y")
+    with pytest.raises(ValueError, match="y is the height, of which a plane has one; if it runs"):
+        tl.VelocityPlane.from_xarray(side)
+    same_plane(tl.VelocityPlane.from_xarray(side, normal="z"))
+
+
+def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
+    """Schema, fluid, references and attributes: nothing is lost in any kind of file."""
+    wanted = tl.VelocityPlane(
+        np.moveaxis(VALUES, 0, -1).copy(), sampling_rate=RATE, x=X, z=Z, start=0.25, height=1e-3,
+        frequency=1400.0, mach=0.3, liner="onera", source_side="upstream", title="a case",
+        fluid=tl.Fluid(340.0), reference={"true": 1 - 0.5j}, provenance={"run": [1, "b"]},
+        incident_level=130.0,
+    )  # fmt: skip
+    wanted.write(tmp_path / "a.h5")
+    keys = ("frequency", "height", "mach", "liner", "source_side", "title", "fluid", "reference",
+            "provenance", "incident_level", "start")  # fmt: skip
+    with xarray.open_dataset(tmp_path / "a.h5", engine="h5netcdf") as data:
+        data.to_netcdf(tmp_path / "b.nc", engine="scipy")
+        planes = [tl.VelocityPlane.from_xarray(data).load()]
+    planes += [tl.read_plane(tmp_path / name) for name in ("a.h5", "b.nc")]
+    for found in planes:
+        assert {k: getattr(found, k) for k in keys} == {k: getattr(wanted, k) for k in keys}
+        assert torch.equal(found.velocity, wanted.velocity)
+
+
+def test_numbers_of_the_case_as_attributes():
+    """In SI, or with a unit; a field over the plane is no property of the gas."""
+    data = dataset().assign(density=(("time", "z", "x"), VALUES + 1.2, {"units": "kg m-3"}))
+    data.attrs = {"frequency": "1.4 kHz", "mach": 0.3}
+    found = tl.VelocityPlane.from_xarray(data)
+    assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid())
+    data.attrs["frequency"] = "high"
+    with pytest.raises(ValueError, match="attribute 'frequency' is 'high'; a number is needed"):
+        tl.VelocityPlane.from_xarray(data)
+
+
+def test_dates_of_pandas_and_arrays_without_units():
+    """datetime64 is a clock; what has no unit is stated, and not against the file's own words."""
+    data = dataset()
+    dates = pandas.Timestamp("2024-05-01") + pandas.to_timedelta(np.arange(30) / RATE, "s")
+    same_plane(tl.VelocityPlane.from_xarray(data.assign_coords(time=dates)))
+    bare = xarray.DataArray(1e3 * VALUES, dims=("time", "z", "x"))
+    with pytest.raises(ValueError, match="velocity has no units attribute"):
+        tl.VelocityPlane.from_xarray(bare)
+    with pytest.raises(ValueError, match=r"none of its axes is time|no times; give sampling_rate"):
+        tl.VelocityPlane.from_xarray(bare, velocity_units="mm/s")
+    found = tl.VelocityPlane.from_xarray(
+        bare, velocity_units="mm/s", sampling_rate=RATE, x=X, z=Z, frequency=1000.0
+    )
+    same_plane(found, rtol=1e-4)
+    assert found.frequency == 1000.0
+    with pytest.raises(ValueError, match=r"is in m s\*\*-1 by its own words, not in mm/s"):
+        tl.VelocityPlane.from_xarray(data, velocity_units="mm/s")
+
+
+def test_tables_of_pandas_go_through_xarray():
+    """A table is refused with the remedy, and the remedy works."""
+    table = dataset().v.to_series().reset_index()
+    with pytest.raises(TypeError, match=r"set_index.*to_xarray\(\)"):
+        tl.VelocityPlane.from_xarray(table)
+    with pytest.raises(TypeError, match="DataFrame, whose rows and columns have names"):
+        tl.VelocityPlane(dataset().v[:, 0].to_pandas(), sampling_rate=RATE)
+    data = table.set_index(["time", "z", "x"]).to_xarray()
+    same_plane(tl.VelocityPlane.from_xarray(
+        data, variable="v", velocity_units="m/s", length_units="m", sampling_rate=RATE
+    ))  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ["time z x", "x z time", "x time z", "x y time"])
+def test_an_array_with_names_is_taken_by_them(order):
+    """Given to VelocityPlane itself: time last, x before it, whatever the order was."""
+    data = dataset().v.rename(z="y") if "y" in order else dataset().v
+    found = tl.VelocityPlane(data.transpose(*order.split()), sampling_rate=RATE, x=X, z=Z)
+    same_plane(found)
+
+
+def test_a_lazy_dataset_stays_so(tmp_path):
+    """Of dask or a file: nothing is read before a slab is asked for."""
+    path = written(dataset(), tmp_path, "netcdf4")
+    with xarray.open_dataset(path, engine="h5netcdf", chunks={"time": 7}) as data:
+        found = tl.VelocityPlane.from_xarray(data)
+        assert found.stored is not None
+        same_plane(found.load())
+
+
+UNITS = {"velocity": ["m/s", "m s-1", "meter second-1", "m/sec", "metres per second", "m.s^-1",
+                      "m s**-1", "m s⁻¹"],
+         "time": ["s", "seconds", "sec", "second"], "length": ["m", "meter", "metre", "meters"],
+         "density": ["kg/m3", "kg m-3", "kg m^-3", "kg/m^3", "kg m**-3"]}  # fmt: skip
+
+
+@pytest.mark.parametrize("quantity", UNITS)
+def test_units_are_read_as_they_are_spelled(quantity):
+    """One factor for all spellings, and others for others."""
+    assert {si_factor(quantity, unit, "v") for unit in UNITS[quantity]} == {1.0}
+    assert si_factor("velocity", "millimeter/second", "v") == 1e-3
+    assert si_factor("time", "minutes", "t") == 60
+    for wrong in ("M/s", "m/s2", "m", "s/m", "m s", "1/m"):
+        with pytest.raises(ValueError, match="a velocity is needed"):
+            si_factor("velocity", wrong, "v")
+
+
+@given(st.text(max_size=12))
+def test_spelling_is_settled_once(text):
+    """What is canonical stays so."""
+    assert canonical_unit(canonical_unit(text)) == canonical_unit(text) or "-" in text
+
+
+BAD = {
+    "nothing": (b"", OSError, "is empty; it is of no format of planes that is known: "),
+    "text": (b"hello\nworld", OSError, "is text that begins with 'hello'; it is of no format"),
+    "binary": (b"\0\1\2\3", OSError, r"is binary and begins with b'\\x00\\x01"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_what_nobody_recognises_is_described(tmp_path, kind):
+    """With what it looks like, and the formats that were tried."""
+    content, error, message = BAD[kind]
+    (tmp_path / "a.bin").write_bytes(content)
+    with pytest.raises(error, match=f"a.bin {message}.*netCDF-3"):
+        tl.read_plane(tmp_path / "a.bin")
+
+
+def test_folders_options_and_permissions(tmp_path, monkeypatch):
+    """A folder that is no store; an option of no format; a file that may not be read."""
+    with pytest.raises(OSError, match="is an empty folder; it is of no format"):
+        tl.read_plane(tmp_path)
+    path = written(dataset(), tmp_path, "netcdf3")
+    with pytest.raises(ValueError, match="netCDF-3, which says group itself or has none: leave"):
+        tl.read_plane(path, group="run")
+    with pytest.raises(TypeError, match=r"takes no 'varable' \(did you mean 'variable'\?\)"):
+        tl.read_plane(path, varable="v")
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.open", refused)
+    with pytest.raises(OSError, match=r"a.data cannot be read: Permission denied"):
+        tl.read_plane(path)
+
+
+@pytest.mark.parametrize("keep", [0.1, 0.3, 0.6])
+def test_a_truncated_netcdf3_file_is_named(tmp_path, keep):
+    """In the header or in the values; and one that is cut while it is read."""
+    path = written(dataset(), tmp_path, "netcdf3")
+    whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True)
+    path.write_bytes(whole[: int(keep * len(whole))])
+    with pytest.raises((OSError, ValueError), match=r"a.data (is truncated|is damaged)|a.data:"):
+        tl.read_plane(path)
+    with pytest.raises(OSError, match=r"a.data:/v cannot be read from .* the file ends"):
+        lazy.read(0, 30)
+
+
+def test_records_of_several_variables_and_growth(tmp_path):
+    """Unlimited time: records interleave; frames added later are not in a plane opened before."""
+    path = tmp_path / "a.nc"
+    with netcdf_file(path, "w") as file:
+        file.createDimension("time", None)
+        file.createDimension("x", 4)
+        for name, dims, unit in [("time", "time", b"s"), ("x", "x", b"m"), ("p", "time x", b"Pa"),
+                                 ("v", "time x", b"m/s")]:  # fmt: skip
+            file.createVariable(name, "f4", dims.split()).units = unit
+        file.variables["x"][:] = X
+        file.variables["time"][:] = np.arange(30) / RATE
+        file.variables["p"][:] = np.full((30, 4), 7.0)
+        file.variables["v"][:] = VALUES[:, 0]
+    lazy = tl.read_plane(path, lazy=True)
+    with netcdf_file(path, "a") as file:
+        file.variables["time"][30:31] = [30 / RATE]
+        file.variables["v"][30:31] = np.ones((1, 4))
+    assert np.array_equal(lazy.load().velocity.numpy(), VALUES[:, 0].T)
+    assert tl.read_plane(path).samples == 31
+
+
+@pytest.mark.parametrize("kind", ["netcdf4", "netcdf3"])
+def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, kind):
+    """A clear error that names the file, or a plane; no other exception."""
+    clean = written(dataset(), tmp_path_factory.mktemp(kind), kind).read_bytes()
+    path = tmp_path_factory.mktemp(kind) / "m.data"
+
+    @settings(max_examples=60, deadline=None, derandomize=True, database=None)
+    @given(st.integers(0, min(len(clean), 3000) - 1), st.integers(1, 255), st.booleans())
+    def mutate(at, change, cut):
+        content = bytearray(clean[:at] if cut else clean)
+        if not cut:
+            content[at] ^= change
+        path.write_bytes(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                found = tl.read_plane(path)
+            except (OSError, ValueError) as error:
+                assert "m.data" in str(error), error  # noqa: PT017
+            else:
+                assert found.velocity.dtype in (torch.float32, torch.float64)
+
+    mutate()
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(key=st.sampled_from(["units", "scale_factor", "standard_name", "positive", "_FillValue"]),
+       value=st.one_of(st.text(max_size=8), st.floats(), st.integers(-5, 5), st.binary(max_size=4)),
+       where=st.sampled_from(["v", "time", "x"]))  # fmt: skip
+def test_mutated_attributes_are_errors_or_answers(tmp_path_factory, key, value, where):
+    """Of the velocity and of its coordinates."""
+    clean = tmp_path_factory.getbasetemp() / "clean.nc"
+    if not clean.exists():
+        dataset().to_netcdf(clean, engine="h5netcdf")
+    path = tmp_path_factory.mktemp("mutated") / "attributes.nc"
+    path.write_bytes(clean.read_bytes())
+    with h5py.File(path, "r+") as file:
+        try:
+            file[where].attrs[key] = value
+        except (ValueError, TypeError):
+            return
+    try:
+        found = tl.read_plane(path)
+    except (OSError, ValueError) as error:
+        assert "attributes.nc" in str(error), error  # noqa: PT017
+    else:
+        assert found.probe_shape == (3, 4)

@@ -1,0 +1,371 @@
+"""Restarts joined in time, parts of planes, and the conversion that streams and goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_plane_file import make_plane
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.io.plane_join import join_planes
+from torchliner.io.plane_selection import parse_region, scaled, select
+from torchliner.io.plane_writer import write_plane
+from torchliner.io.whole_file import Part
+from torchliner.records.cells import sort_into_cells
+
+RATE = 50e3
+WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)
+
+
+def piece(low, high, **changes):
+    """Samples of the whole, on its clock."""
+    plane = replace(WHOLE, velocity=WHOLE.velocity[..., low:high].clone(), start=0.5 + low / RATE)
+    return replace(plane, **changes)
+
+
+def files(folder, cuts, **changes):
+    """Restarts of one run, one file each; names that do not sort in time."""
+    for number, (low, high) in enumerate(cuts):
+        piece(low, high, **changes).write(folder / f"run_{9 - number}.h5")
+    return str(folder / "run_*.h5")
+
+
+def test_restarts_are_one_plane(tmp_path):
+    """By a glob or a list in any order; lazily too; said in the provenance."""
+    pattern = files(tmp_path, [(0, 20), (20, 45), (45, 60)])
+    found, lazy = tl.read_plane(pattern), tl.read_plane(sorted(tmp_path.iterdir()), lazy=True)
+    assert torch.equal(found.velocity, WHOLE.velocity)
+    assert (found.start, found.sampling_rate) == (0.5, pytest.approx(RATE))
+    for low, high in ((0, 60), (18, 47), (44, 46), (59, 99)):
+        assert torch.equal(lazy.read(low, high), WHOLE.read(low, high))
+    assert [each["samples"] for each in found.provenance["joined"]] == [20, 25, 15]
+    assert found.provenance["overlaps"] == []
+    with pytest.raises(ValueError, match="list of plane files is empty"):
+        tl.read_plane([])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(1, 59), min_size=1, max_size=4), st.integers(0, 5), st.randoms())
+def test_any_cuts_and_overlaps_join_to_the_whole(cuts, more, random):
+    """Whatever the pieces and their order."""
+    borders = [0, *sorted(set(cuts)), 60]
+    pieces = [piece(low, min(60, high + more)) for low, high in pairwise(borders)]
+    random.shuffle(pieces)
+    if more:
+        with pytest.warns(tl.DataWarning, match="stand in .* too, and count once"):
+            found = join_planes(pieces)
+    else:
+        found = join_planes(pieces)
+    assert torch.equal(found.load().velocity, WHOLE.velocity)
+
+
+def test_an_overlap_must_agree_and_is_said(tmp_path):
+    """Equal samples count once; others are refused with place and size; nan equals nan."""
+    with pytest.warns(tl.DataWarning, match=r"5 samples of .*run_8.h5.* stand in .*run_9.h5"):
+        found = tl.read_plane(files(tmp_path, [(0, 30), (25, 60)]))
+    assert torch.equal(found.velocity, WHOLE.velocity)
+    other = piece(25, 60)
+    other.velocity[1, 2, 3] += 0.25
+    with pytest.raises(ValueError, match=r"share 5 samples .* up to 0.25 m/s, most at sample 3"):
+        join_planes([piece(0, 30), other])
+    hole = piece(25, 60)
+    hole.velocity[1, 2, 3] = torch.nan
+    with pytest.raises(ValueError, match="differ by up to inf m/s"):
+        join_planes([piece(0, 30), hole])
+    both = piece(0, 30)
+    both.velocity[1, 2, 28] = torch.nan
+    with pytest.warns(tl.DataWarning, match="count once"):
+        assert bool(join_planes([both, hole]).load().velocity[1, 2, 28].isnan())
+    with pytest.raises(ValueError, match="does the second count from 0 again"):
+        join_planes([piece(0, 30), replace(piece(30, 60), start=0.5)])
+
+
+FAULTS = {
+    "gap": ({}, (35, 60), r"5 samples are missing between velocity, which ends at 0.50058 s, and"),
+    "rate": ({"sampling_rate": 51e3}, (30, 60), "sampled at 50000 and 51000 Hz, two time bases"),
+    "clock": ({"start": 0.5 + 30.4 / RATE}, (30, 60), "begins 30.4 sampling intervals after"),
+    "places": (
+        {"x": [0.0, 0.001, 0.002, 0.004]},
+        (30, 60),
+        "are apart in x by up to 1 mm",
+    ),
+    "no places": ({"x": None}, (30, 60), "one of them states no x"),
+    "case": ({"mach": 0.2}, (30, 60), "not one case: mach is None and 0.2"),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_what_is_not_one_run_is_refused(kind):
+    """Gaps, two clocks, other probes, another case: with numbers."""
+    changes, (low, high), message = FAULTS[kind]
+    with pytest.raises(ValueError, match=message):
+        join_planes([piece(0, 30), piece(low, high, **changes)])
+
+
+def test_other_probes_and_a_glob_of_nothing(tmp_path):
+    """Shapes; and what the folder holds instead."""
+    with pytest.raises(ValueError, match=r"probes have shapes \(3, 4\) and \(2,\)"):
+        join_planes([WHOLE, make_plane((2,), 60, start=0.7)])
+    files(tmp_path, [(0, 60)])
+    with pytest.raises(FileNotFoundError, match=r"ran_\*.h5: no file matches; .* holds run_9.h5"):
+        tl.read_plane(tmp_path / "ran_*.h5")
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 59), st.integers(1, 60), st.integers(1, 7), st.booleans())
+def test_a_stretch_of_time_is_that_of_the_array(tmp_path_factory, low, length, every, lazy):
+    """start, stop and every, in memory and in the file, on the clock of the data."""
+    path = tmp_path_factory.getbasetemp() / "whole.h5"
+    if not path.exists():
+        WHOLE.write(path)
+    high = min(60, low + length)
+    times = {"start": 0.5 + low / RATE, "stop": 0.5 + high / RATE}
+    found = tl.read_plane(path, lazy, **times, every=every)
+    wanted = WHOLE.velocity[..., low:high:every]
+    assert torch.equal(found.load().velocity, wanted)
+    assert found.start == pytest.approx(0.5 + low / RATE)
+    assert found.sampling_rate == pytest.approx(RATE / every)
+    assert torch.equal(select(WHOLE, **times, every=every).velocity, wanted)
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+def test_a_region_keeps_rows_and_columns(tmp_path, lazy):
+    """Of a plane, its coordinates and areas; scattered probes stay scattered."""
+    replace(WHOLE, streamwise=WHOLE.velocity + 1).write(tmp_path / "a.h5")
+    found = tl.read_plane(tmp_path / "a.h5", lazy, region="0.0005:0.0025,:0.01")
+    assert torch.equal(found.load().velocity, WHOLE.velocity[:2, 1:3])
+    assert torch.equal(found.load().streamwise, WHOLE.velocity[:2, 1:3] + 1)
+    assert (found.x.tolist(), found.z.tolist()) == ([0.001, 0.002], [0.0, 0.01])
+    assert found.provenance["selected"] == {"region": "0.0005:0.0025,:0.01"}
+    dots = make_plane((3,), 20, x=[0.3, 0.1, 0.2], z=[0.0, 0.0, 0.5], area=[1.0, 2.0, 3.0])
+    some = select(dots, region=[(0.15, None), (0.1, None)])
+    assert torch.equal(some.velocity, dots.velocity[2:])
+    assert some.area.tolist() == [3.0]
+
+
+def test_scattered_points_are_sorted_into_cells_by_position():
+    """3 x 2 cells of 10 mm: each point in the tile that it lies in, whatever the order."""
+    draw = np.random.default_rng(1)
+    x, z = draw.uniform(0, 0.03, 600), draw.uniform(0, 0.02, 600)
+    plane = tl.VelocityPlane(draw.normal(size=(600, 3)), sampling_rate=RATE, x=x, z=z)
+    cells = sort_into_cells(plane, 0.01)
+    wanted = (z // 0.01 * 3 + x // 0.01).astype(int)
+    assert cells.labels.tolist() == wanted.tolist()
+    assert np.allclose(cells.x, [0.005, 0.015, 0.025] * 2)
+    assert np.allclose(cells.z, [0.005] * 3 + [0.015] * 3)
+
+
+def test_a_frame_of_nan_is_told_and_kept(tmp_path, capsys):
+    """It is no gap in time: which probes and which sample is said."""
+    plane = piece(0, 60)
+    plane.velocity[..., 7] = torch.nan
+    plane.write(tmp_path / "a.h5")
+    assert bool(tl.read_plane(tmp_path / "a.h5").velocity[..., 7].isnan().all())
+    assert main(["info", str(tmp_path / "a.h5")]) == 1
+    assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (
+        capsys.readouterr().out)  # fmt: skip
+
+
+GROW = """
+import h5py, numpy as np, sys
+with h5py.File(sys.argv[1], "r+") as file:
+    for name in ("time", "wall_normal_velocity"):
+        file[name].resize(80, axis=0)
+    file["time"][60:] = 0.5 + np.arange(60, 80) / 5e4
+    file["wall_normal_velocity"][60:] = 7.0
+"""
+
+
+def test_a_file_that_grows_is_that_which_was_opened(tmp_path):
+    """Samples added later are in a plane opened later."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        values = np.moveaxis(WHOLE.velocity.numpy(), -1, 0).reshape(60, 12)
+        for name, data, unit in (("time", 0.5 + np.arange(60) / RATE, "s"),
+                                 ("wall_normal_velocity", values, "m/s")):  # fmt: skip
+            file.create_dataset(name, data=data, maxshape=(None, *data.shape[1:]))
+            file[name].attrs["units"] = unit
+    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
+    before = lazy.read(0, 60)
+    grow = [sys.executable, "-c", GROW, str(tmp_path / "a.h5")]
+    subprocess.run(grow, check=True, env={**os.environ, "HDF5_USE_FILE_LOCKING": "FALSE"})
+    assert torch.equal(lazy.read(0, 99), before)
+    del lazy
+    assert tl.read_plane(tmp_path / "a.h5").samples == 80
+
+
+WRONG = [
+    ({"start": 0.7}, r"no sample from 0.7 s to its end; it runs from 0.5 to 0.50118 s"),
+    ({"stop": 0.4}, r"no sample from its start to 0.4 s"),
+    ({"every": 0}, "every is 0; keep every n-th sample"),
+    ({"region": "1:2"}, r"no probe with x from 1 to 2 m; its x runs from 0 to 0.003 m"),
+    ({"region": "2"}, r"region '2' cannot be read; write X0:X1"),
+    ({"region": "2:1"}, "region '2:1' is upside down: 2 is above 1"),
+    ({"region": "0:1,0:1,0:1"}, "cannot be read; write X0:X1"),
+    ({"region": "a:b"}, "cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("what", "message"), WRONG)
+def test_what_selects_nothing_is_refused(what, message):
+    """With what there is."""
+    with pytest.raises(ValueError, match=message):
+        select(WHOLE, **what)
+
+
+def test_a_region_needs_coordinates():
+    """Which none are guessed."""
+    with pytest.raises(ValueError, match="states no x, so that no region of it is known"):
+        select(make_plane(), region="0:1")
+    assert parse_region(":,-0.1:0") == [(None, None), (-0.1, 0.0)]
+
+
+def test_other_scales_stay_in_the_file(tmp_path):
+    """As in memory, to the bit, and the velocity is read by slabs."""
+    WHOLE.write(tmp_path / "a.h5")
+    lazy, wanted = tl.read_plane(tmp_path / "a.h5", lazy=True), WHOLE.scaled(2.0, 4.0)
+    found = scaled(lazy, 2.0, 4.0)
+    assert found.stored is not None
+    assert torch.equal(found.load().velocity, wanted.velocity)
+    assert (found.start, found.sampling_rate) == (wanted.start, pytest.approx(wanted.sampling_rate))
+    assert torch.equal(found.x, wanted.x)
+
+
+@pytest.mark.parametrize("level", [0, 1, 9])
+def test_a_write_that_was_broken_off_goes_on(tmp_path, level, monkeypatch):
+    """What is marked is not read again; the file is that of a run without a break."""
+    plane = make_plane((40,), 3000, dtype=torch.float32, streamwise=None)
+    plane.write(tmp_path / "source.h5")
+    lazy = tl.read_plane(tmp_path / "source.h5", lazy=True)
+    monkeypatch.setattr("torchliner.io.plane_writer.MARKED", 1)
+    monkeypatch.setattr("torchliner.io.plane_writer._bounds", lambda p, v, m, low: [
+        (at, min(at + 256, 3000)) for at in range(low, 3000, 256)])  # fmt: skip
+    out, reads = tmp_path / "out.h5", []
+
+    def broken(done):
+        if sum(reads) > 1000 * 160:
+            raise KeyboardInterrupt
+        reads.append(done)
+
+    with pytest.raises(KeyboardInterrupt):
+        write_plane(lazy, out, level, source="a", progress=broken)
+    assert not out.exists()
+    assert (tmp_path / "out.h5.part").exists()
+    done = []
+    write_plane(lazy, out, level, source="a", progress=done.append)
+    assert done[0] >= 900 * 160
+    assert sum(done) == 3000 * 160
+    write_plane(lazy, tmp_path / "whole.h5", level)
+    for name in ("wall_normal_velocity", "time"):
+        with h5py.File(out) as one, h5py.File(tmp_path / "whole.h5") as two:
+            assert np.array_equal(one[name][()], two[name][()])
+    assert {p.name for p in tmp_path.iterdir()} == {"out.h5", "source.h5", "whole.h5"}
+
+
+@pytest.mark.parametrize("kind", ["other source", "damaged", "other values"])
+def test_a_part_of_something_else_is_written_anew(tmp_path, kind):
+    """Nothing of it reaches the new file."""
+    plane, out = make_plane((4,), 600, dtype=torch.float32), tmp_path / "out.h5"
+    part = Part(tmp_path / "out.h5.part", "a")
+    replace(plane, velocity=plane.velocity * 0 + 7).write(tmp_path / "other.h5")
+    (tmp_path / "other.h5").rename(part.path)
+    part.reached(300)
+    if kind == "damaged":
+        part.path.write_bytes(part.path.read_bytes()[:500])
+    if kind == "other source":
+        write_plane(plane, out, source="b")
+    else:
+        with pytest.warns(tl.DataWarning, match=r"out.h5.part does not hold what it says"):
+            write_plane(plane, out, source="a")
+    assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+    assert [p.name for p in tmp_path.iterdir()] == ["out.h5"]
+
+
+def test_a_full_disk_says_what_stays(tmp_path, monkeypatch):
+    """The part, if any of it was marked; an old file is as it was."""
+    plane, out = make_plane((40,), 3000, dtype=torch.float32), tmp_path / "out.h5"
+    out.write_bytes(b"old")
+    write, count = h5py.Dataset.__setitem__, []
+
+    def full(self, *arguments):
+        count.append(1)
+        if len(count) > 2:
+            raise OSError(28, "No space left on device")
+        write(self, *arguments)
+
+    monkeypatch.setattr("torchliner.io.plane_writer.MARKED", 1)
+    monkeypatch.setattr("torchliner.io.plane_writer.NARROW", 256 * 40)
+    monkeypatch.setattr(h5py.Dataset, "__setitem__", full)
+    with pytest.raises(OSError, match=r"out.h5 cannot be written: .*No space.* stays in .*part"):
+        write_plane(plane, out, source="a")
+    monkeypatch.undo()
+    assert out.read_bytes() == b"old"
+    write_plane(plane, out, source="a")
+    assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+
+
+def test_memory_and_levels_are_checked(tmp_path):
+    """A limit below a slab; no such level of gzip."""
+    with pytest.raises(ValueError, match="below one slab"):
+        write_plane(WHOLE, tmp_path / "a.h5", memory="1MB")
+    with pytest.raises(ValueError, match="compress is 12; gzip has levels 1 to 9"):
+        write_plane(WHOLE, tmp_path / "a.h5", 12)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_convert_takes_any_format(tmp_path, capsys):
+    """Restarts joined and selected; nothing is stated that the files say."""
+    pattern = files(tmp_path, [(0, 20), (20, 60)])
+    words = ["convert", pattern, "-o", str(tmp_path / "out.h5"), "--start", "0.5002",
+             "--every", "2", "--region", "0.0005:0.0025", "--compress", "--quiet"]  # fmt: skip
+    assert main(words) == 0
+    assert "MB/s" in capsys.readouterr().out
+    found = tl.read_plane(tmp_path / "out.h5")
+    assert torch.equal(found.velocity, WHOLE.velocity[:, 1:3, 10::2])
+    assert main(["info", pattern, "--json"]) == 0
+    assert '"format": "HDF5 or netCDF-4"' in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "none_*.h5")]) == 2
+    assert "none_*.h5: no such file" in capsys.readouterr().err
+
+
+def test_commands_see_the_part_that_is_asked_for(tmp_path, capsys):
+    """The same options everywhere planes are read; moments have no parts."""
+    plane = replace(make_plane((4,), 2000), x=[0.0, 0.001, 0.002, 0.003], frequency=1000.0,
+                    liner="polito")  # fmt: skip
+    plane.write(tmp_path / "a.h5")
+    part, whole = (tmp_path / name for name in ("m.h5", "w.h5"))
+    end = ["--quiet", "--no-intervals"]
+    assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(part), "--stop", "0.02", *end]) == 0
+    assert tl.read_moments(part).sums.plan.samples == 1000
+    assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(whole), *end]) == 0
+    capsys.readouterr()
+    assert main(["educe", str(whole), "--stop", "0.02", *end]) == 2
+    assert "holds moments, of which there is no part: leave out --stop" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_conversion_goes_on_to_the_same_file(tmp_path):
+    """kill -9 at any moment, ten times; the file is that of a run without."""
+    plane = make_plane((2000,), 40000, dtype=torch.float32)
+    plane.write(tmp_path / "a.h5")
+    words = [sys.executable, "-m", "torchliner", "convert", str(tmp_path / "a.h5"), "--quiet"]
+    subprocess.run([*words, "-o", str(tmp_path / "whole.h5")], check=True)
+    out = tmp_path / "out.h5"
+    for number in range(10):
+        child = subprocess.Popen([*words, "-o", str(out)], stdout=subprocess.DEVNULL)
+        time.sleep(1.5 + 0.13 * number)
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+    subprocess.run([*words, "-o", str(out)], check=True)
+    assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "out.h5", "whole.h5"]

@@ -1,0 +1,171 @@
+"""Restarts of one run as one plane: ordered in time, overlaps compared, gaps refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import tell
+from torchliner.io.plane_format import Stored
+from torchliner.records import VelocityPlane
+from torchliner.records.same_case import STATED, require_same_case
+from torchliner.records.slabs import slab_bounds
+
+OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the first
+SAME_PLACE = 1e-6  # m
+SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
+
+
+@dataclass
+class JoinedVelocity(Stored):
+    """Velocity whose samples stand in several files.
+
+    Args:
+        pieces: first sample of each, in order, and its velocity, in memory or in its file.
+        shape: of the whole, (..., T).
+    """
+
+    pieces: list[tuple[int, VelocityPlane]]
+    shape: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.dtype = max((piece.velocity.dtype for _, piece in self.pieces),
+                         key=lambda dtype: dtype.itemsize)  # fmt: skip
+        self.label = f"{self.pieces[0][1].name} and {len(self.pieces) - 1} more"
+        for name in ("tile_rows", "tile_bytes"):
+            found = max(getattr(piece.velocity, name, 0) for _, piece in self.pieces)
+            setattr(self, name, max(found, 1) if name == "tile_rows" else found)
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Samples begin .. end - 1 of every probe, m/s, (t, P), each from the first that has it."""
+        end = min(end, self.shape[-1])
+        out = self.rows(begin, end, out)
+        place = begin
+        for first, piece in self.pieces:
+            last = min(first + piece.samples, end)
+            if first <= place < last:
+                own, into = piece.stored, out[place - begin : last - begin]
+                if own is not None and own.dtype == self.dtype:
+                    own.read(place - first, last - first, into)
+                else:
+                    into.copy_(piece.read(place - first, last - first))
+                place = last
+        return out
+
+
+def join_planes(planes: Sequence[VelocityPlane]) -> VelocityPlane:
+    """One plane of the pieces of one run, by the times that they state.
+
+    Args:
+        planes: in any order; one is given back as it is.
+    Raises:
+        ValueError: other probes, another case or sampling rate; a gap; an overlap with other
+            values; two clocks.
+    Warns:
+        DataWarning: samples that stand in two files with the same values.
+    """
+    ordered = sorted(planes, key=lambda plane: plane.start)
+    first = ordered[0]
+    if len(ordered) == 1:
+        return first
+    for other in ordered[1:]:
+        _require_one_run(first, other)
+    # The common rate is that of the longest piece: its stamps are rounded least.
+    rate = max(ordered, key=lambda plane: plane.samples).sampling_rate
+    places = [_place(first, other, rate) for other in ordered]
+    notes = []
+    end, owner = places[0] + first.samples, 0
+    for i in range(1, len(ordered)):
+        if places[i] > end:
+            _refuse_gap(ordered[owner], ordered[i], places[i] - end, rate)
+        if places[i] < end:
+            notes.append(_compare(ordered[owner], ordered[i], places[i] - places[owner]))
+        if places[i] + ordered[i].samples > end:
+            end, owner = places[i] + ordered[i].samples, i
+    pieces = list(zip(places, ordered, strict=True))
+    tell(notes, depth=2)
+    streams: Any = None
+    if all(each.streamwise is not None for each in ordered):
+        streams = JoinedVelocity([(at, replace(p, velocity=p.streamwise)) for at, p in pieces],
+                                 (*first.probe_shape, end))  # fmt: skip
+    joined = [{"file": each.name, "start": each.start, "samples": each.samples}
+              for each in ordered]  # fmt: skip
+    return replace(
+        first,
+        velocity=JoinedVelocity(pieces, (*first.probe_shape, end)),
+        streamwise=streams,
+        sampling_rate=rate,
+        name=f"{first.name} and {len(ordered) - 1} more",
+        provenance={**first.provenance, "joined": joined, "overlaps": notes},
+    )
+
+
+def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
+    """Same probes, case and rate."""
+    both = f"{first.name} and {other.name} cannot be joined"
+    if other.probe_shape != first.probe_shape:
+        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and "
+                         f"{other.probe_shape}")  # fmt: skip
+    for name in ("x", "z"):
+        mine, theirs = getattr(first, name), getattr(other, name)
+        if (mine is None) != (theirs is None):
+            raise ValueError(f"{both}: one of them states no {name}")
+        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
+            raise ValueError(
+                f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm"
+            )
+    drift = abs(other.sampling_rate / first.sampling_rate - 1) * max(first.samples, other.samples)
+    if drift > OFF:
+        raise ValueError(
+            f"{both}: they are sampled at {first.sampling_rate:.9g} and {other.sampling_rate:.9g} "
+            "Hz, two time bases; resample one, or give the files one by one"
+        )
+    names = (*STATED, "height", "frequency")
+    require_same_case(first, other, names, "restarts of one run state the same")
+
+
+def _place(first: VelocityPlane, other: VelocityPlane, rate: float) -> int:
+    """Sample of the whole at which a piece begins."""
+    exact = (other.start - first.start) * rate
+    if abs(exact - round(exact)) > OFF:
+        raise ValueError(
+            f"{other.name} begins {exact:.6g} sampling intervals after {first.name}, at "
+            f"{other.start:.9g} s, between the samples of its clock: two time bases; shift one"
+        )
+    return round(exact)
+
+
+def _refuse_gap(before: VelocityPlane, after: VelocityPlane, gap: int, rate: float) -> None:
+    end = before.start + (before.samples - 1) / before.sampling_rate
+    raise ValueError(
+        f"{gap} samples are missing between {before.name}, which ends at {end:.9g} s, and "
+        f"{after.name}, which begins at {after.start:.9g} s (one sample is {1 / rate:.6g} s); give "
+        "the file between them, or each side on its own"
+    )
+
+
+def _compare(before: VelocityPlane, after: VelocityPlane, shift: int) -> str:
+    """What is said of samples in both; they must be equal, nan where the other has nan."""
+    samples = min(before.samples - shift, after.samples)
+    worst, at, largest = 0.0, 0, 0.0
+    for begin, end in slab_bounds(samples, before.probes):
+        one, two = before.read(begin + shift, end + shift), after.read(begin, end)
+        wide = one.to(torch.float64), two.to(torch.float64)
+        off = (wide[0] - wide[1]).abs().nan_to_num(0.0)
+        off[wide[0].isnan() != wide[1].isnan()] = torch.inf
+        largest = max(largest, float(wide[0].abs().nan_to_num(0.0).max()))
+        if float(off.max()) > worst:
+            worst, at = float(off.max()), begin + int(off.amax(1).argmax())
+    if worst > SAME_VALUE * largest:
+        same = " (both begin at the same time: does the second count from 0 again?)"
+        raise ValueError(
+            f"{before.name} and {after.name} share {samples} samples but not their values: they "
+            f"differ by up to {worst:.4g} m/s, most at sample {at} of the second, "
+            f"{after.start + at / after.sampling_rate:.9g} s"
+            f"{same if shift == 0 else ''}; leave one out, or cut it with start and stop"
+        )
+    return f"{samples} samples of {after.name} stand in {before.name} too, and count once"

@@ -1,0 +1,166 @@
+"""Planes from files of any format: recognised by content, joined in time, selected, loaded."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from torchliner.file_checks import require_regular
+from torchliner.io.arrays import read_array
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.plane_join import join_planes
+from torchliner.io.plane_selection import select
+from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
+from torchliner.records import VelocityPlane
+from torchliner.units import si_factor
+
+HEAD = 4096  # bytes by which a file is recognised
+MAGIC = "*?["
+COORDINATES = ("x", "z")  # that any format takes from the user
+
+
+def read_plane(
+    path: str | Path | Sequence[str | Path],
+    lazy: bool = False,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    every: int = 1,
+    region: Sequence[tuple[float | None, float | None]] | str | None = None,
+    **stated: Any,
+) -> VelocityPlane:
+    """Read the velocity plane of a file, of any format of ``names.PLANE_FORMATS``.
+
+    Args:
+        path: file or folder; or a list or a glob ("run_*.nc") of the restarts of one run, which
+            are joined in time.
+        lazy: leave the velocity in the file, to be read by slabs as it is used.
+        start, stop: s, on the clock of the file; samples from ``start`` on, before ``stop``.
+        every: keep every n-th sample in time.
+        region: (low, high) of x and, where wanted, of z, m, None for no limit; or text "0:0.1" or
+            "0:0.1,-0.01:0.01".
+        stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
+            variable, group, axes, velocity_units, length_units, sampling_rate, normal, x, z,
+            points.
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
+            glob that matches nothing.
+        TypeError: an option of another name.
+        ValueError: something is missing, has a wrong shape or no or
+            wrong units; times are not uniform; files do not join; nothing is selected. The
+            message names FILE:/variable.
+    Warns:
+        DataWarning: values stand in another file; samples of several files overlap.
+    """
+    known = [each.name for each in fields(PlaneRequest)]
+    for name in stated:
+        if name not in known:
+            raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
+    request = PlaneRequest(**stated)
+    planes = [open_plane(each, request) for each in paths_of(path)]
+    plane = select(join_planes(planes), start, stop, every, region)
+    return plane if lazy else plane.load()
+
+
+def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
+    """The files that a path, a list or a glob names.
+
+    Raises:
+        FileNotFoundError: a glob matches nothing.
+        ValueError: an empty list.
+    """
+    if not isinstance(path, str | os.PathLike):
+        found = [one for each in path for one in paths_of(each)]
+        if not found:
+            raise ValueError("the list of plane files is empty; name at least one")
+        return found
+    text = os.fspath(path)
+    if not any(mark in text for mark in MAGIC) or os.path.lexists(text):
+        return [Path(path)]
+    matched = sorted(glob.glob(text, recursive=True))
+    if not matched:
+        folder = Path(text).parent
+        there = sorted(p.name for p in folder.iterdir())[:5] if folder.is_dir() else []
+        raise FileNotFoundError(
+            f"{text}: no file matches; {folder} "
+            + (f"holds {', '.join(there)} ..." if there else "is empty or not there")
+        )
+    return [Path(each) for each in matched]
+
+
+def format_of(path: str | Path) -> PlaneFormat:
+    """The first format that recognises a file or folder.
+
+    Raises:
+        FileNotFoundError, OSError: no such file, a device; it cannot be read; no format recognises
+            it: what it looks like and the formats are listed.
+    """
+    path = Path(path)
+    head = b""
+    if not path.is_dir():
+        require_regular(path)
+        try:
+            with path.open("rb") as file:
+                head = file.read(HEAD)
+        except OSError as error:
+            raise OSError(f"{path} cannot be read: {error.strerror}") from error
+    formats: list[PlaneFormat] = [resolve(home) for home in PLANE_FORMATS.values()]
+    for each in formats:
+        if each.recognises(path, head):
+            return each
+    raise OSError(
+        f"{path} {_looks_like(path, head)}; it is of no format of planes that is known: "
+        f"{', '.join(each.name for each in formats)}"
+    )
+
+
+def _looks_like(path: Path, head: bytes) -> str:
+    """What a file that nobody recognises begins with."""
+    if path.is_dir():
+        names = sorted(each.name for each in path.iterdir())
+        return f"is a folder of {len(names)} files ({', '.join(names[:3])} ...)" if names else (
+            "is an empty folder")  # fmt: skip
+    if not head:
+        return "is empty"
+    if b"\0" in head:
+        return f"is binary and begins with {head[:8]!r}"
+    return f"is text that begins with {head.splitlines()[0][:60].decode(errors='replace')!r}"
+
+
+def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of one file or folder, its velocity left there.
+
+    Raises:
+        As ``format_of`` and the format; ValueError: something is stated that the format does not
+        take.
+    """
+    found = format_of(path)
+    given = [each.name for each in fields(request) if getattr(request, each.name) is not None]
+    own = [name for name in COORDINATES if name in given and name not in found.takes]
+    for name in given:
+        if name not in (*found.takes, *COORDINATES):
+            raise ValueError(
+                f"{path} is {found.name}, which says {name} itself or has none: leave out "
+                f"{name}=..."
+            )
+    plane: VelocityPlane = found.open(Path(path), request)
+    return replace(plane, **{
+        name: stated_coordinate(getattr(request, name), request.length_units, name) for name in own
+    })  # fmt: skip
+
+
+def stated_coordinate(where: Any, unit: str | None, name: str) -> Any:
+    """Coordinates, m, from an array or FILE or FILE:VARIABLE.
+
+    Raises:
+        ValueError: the unit is not stated; as ``read_array``.
+    """
+    factor = si_factor("length", unit, f"{name}: length_units=..., which")
+    if isinstance(where, str | os.PathLike):
+        file, _, inside = os.fspath(where).partition(":")
+        where = read_array(file, inside or None)
+    return factor * where if hasattr(where, "shape") else [factor * each for each in where]
