@@ -19,7 +19,7 @@ from torchliner.flow_profiles.mean_flow import Array
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.reduction.survey import moments
+from torchliner.reduction.inspection import time_moments
 
 FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8
@@ -244,7 +244,7 @@ def _imprints(
     if plane.streamwise is not None:
         name = f"{plane.name}, streamwise"
         stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
-        first, square = moments(stream)
+        first, square = time_moments(stream)
         variance = (square - first**2).clamp(min=0).reshape(plane.probe_shape)
         profiles[2] = _over_z(variance) ** 0.5
     try:

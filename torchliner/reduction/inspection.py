@@ -18,7 +18,7 @@ from torchliner.reduction.moments import Moments
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import Wanted, read_once
-from torchliner.reduction.survey import Survey, moments
+from torchliner.reduction.survey import Survey
 from torchliner.signals.blocks import Blocks
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
@@ -177,7 +177,7 @@ def _range(values: Tensor) -> str:
 
 def _rms(plane: VelocityPlane) -> float:
     """Of all probes; along z, then along x, as squares."""
-    mean, square = moments(plane)
+    mean, square = time_moments(plane)
     variance = (square - mean**2).reshape(plane.probe_shape)
     along_x = variance.nanmean(0) if variance.ndim == 2 else variance
     return float(along_x.clamp(min=0).mean().sqrt())
@@ -204,3 +204,14 @@ def _spectrum_peak(plane: VelocityPlane) -> float:
         power += (lines.abs() ** 2).mean(1)
     line = int(power[1:].argmax()) + 1 if length > 2 else 0
     return line * plane.sampling_rate / length
+
+
+def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), by slabs in float64."""
+    total = torch.zeros(plane.probes, dtype=torch.float64)
+    square = torch.zeros_like(total)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().to(torch.float64)
+        total += slab.sum(0)
+        square += (slab**2).sum(0)
+    return total / plane.samples, square / plane.samples

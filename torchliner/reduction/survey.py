@@ -11,8 +11,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.records import VelocityPlane
-from torchliner.records.slabs import slab_bounds
 from torchliner.reduction.block_sums import BlockSums
 from torchliner.reduction.coherence import SegmentLines, ToneCoherence
 from torchliner.reduction.eager import Lines
@@ -330,14 +328,3 @@ class SurveySums:
         linear, square = (torch.stack(each) for each in zip(*self.means, strict=True))
         line = torch.complex(*linear[:, 1:].chunk(2, dim=1))
         return VelocityBlocks(linear[:, 0], square, line.movedim(1, 2))
-
-
-def moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
-    """Time mean of v and of v squared, m/s and m2/s2, each (P,), by slabs in float64."""
-    total = torch.zeros(plane.probes, dtype=torch.float64)
-    square = torch.zeros_like(total)
-    for begin, end in slab_bounds(plane.samples, plane.probes):
-        slab = plane.read(begin, end).cpu().to(torch.float64)
-        total += slab.sum(0)
-        square += (slab**2).sum(0)
-    return total / plane.samples, square / plane.samples

@@ -299,8 +299,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
     title = case_title(ordered[0]) or "educed impedance"
     words = interval_words(ordered[0])
-    kinds = zip(("dashed", "dotted"), _others(ordered[0]), strict=False)
-    lines = ", ".join(f"{kind}: {order}" for kind, order in kinds)
+    kinds = zip(("dashed: ", "dotted: "), _others(ordered[0]), strict=False)
+    lines = ", ".join(map("".join, kinds))
     title += f"; solid: {ordered[0].order}, {lines}\nshaded: middle half of the "
     title += f"probes; bars: {words}" if words else "probes"
     return finish(figure, path, title, legend=4)
@@ -323,8 +323,8 @@ def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
 
 
 def _caption(result: ImpedanceMap, frequency_index: int) -> str:
-    frequency = f"{float(result.frequency[frequency_index]):g} Hz"
-    parts = [result.title or height_label(result.height), frequency]
+    parts = [result.title or height_label(result.height),
+             f"{float(result.frequency[frequency_index]):g} Hz"]  # fmt: skip
     liner = result.choices.get("liner", {})
     if isinstance(liner, dict) and liner.get("name"):
         hard = result.choices.get("surface") == "hard wall"

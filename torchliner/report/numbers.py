@@ -17,8 +17,8 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.records.impedance_map import ENDS
+from torchliner.reduction.inspection import time_moments
 from torchliner.reduction.moments import Moments
-from torchliner.reduction.survey import moments
 from torchliner.replay.kernels import BAND
 from torchliner.report.table import Column, Table
 
@@ -144,7 +144,7 @@ def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
             seen = record.sums.survey.part(plane.probes)
             mean, square = seen.mean, seen.mean_square
         else:
-            mean, square = moments(
+            mean, square = time_moments(
                 VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
             )
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
