@@ -299,9 +299,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
     title = case_title(ordered[0]) or "educed impedance"
     words = interval_words(ordered[0])
-    kinds = zip(("dashed: ", "dotted: "), _others(ordered[0]), strict=False)
-    lines = ", ".join(map("".join, kinds))
-    title += f"; solid: {ordered[0].order}, {lines}\nshaded: middle half of the "
+    kinds = map("".join, zip(("dashed: ", "dotted: "), _others(ordered[0]), strict=False))
+    title += f"; solid: {ordered[0].order}, {', '.join(kinds)}\nshaded: middle half of the "
     title += f"probes; bars: {words}" if words else "probes"
     return finish(figure, path, title, legend=4)
 
@@ -318,13 +317,13 @@ def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
     """What several results share: the title up to the height, the frequency, the null test."""
     title = case_title(results[0]) or "educed impedance"
     hard = any(result.choices.get("surface") == "hard wall" for result in results)
-    frequency = float(results[0].frequency[frequency_index])
-    return f"{title}{' (null test)' if hard else ''}, {frequency:g} Hz"
+    note = " (null test)" if hard else ""
+    return f"{title}{note}, {float(results[0].frequency[frequency_index]):g} Hz"
 
 
 def _caption(result: ImpedanceMap, frequency_index: int) -> str:
-    parts = [result.title or height_label(result.height),
-             f"{float(result.frequency[frequency_index]):g} Hz"]  # fmt: skip
+    frequency = float(result.frequency[frequency_index])
+    parts = [result.title or height_label(result.height), f"{frequency:g} Hz"]
     liner = result.choices.get("liner", {})
     if isinstance(liner, dict) and liner.get("name"):
         hard = result.choices.get("surface") == "hard wall"
