@@ -14,21 +14,9 @@ from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.moments import Moments
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.figure import (
-    COLOURS,
-    MARKERS,
-    ONE_ROW,
-    PARTS,
-    WIDTH,
-    Figure,
-    draw_band,
-    draw_curve,
-    finish,
-    impedance_panels,
-    label_axes,
-    panels_of,
-    styled,
-    subplots,
-)
+    COLOURS, MARKERS, ONE_ROW, PARTS, WIDTH, Figure, draw_band, draw_curve, finish,
+    impedance_panels, label_axes, panels_of, styled, subplots,
+)  # fmt: skip
 from torchliner.report.numbers import (
     Curves,
     against_height,
@@ -280,8 +268,9 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
         for i, result in enumerate(ordered):
             numbers = impedance_over_frequency(result)
             colour, kilohertz = COLOURS[i], numbers.at / 1e3
-            name = numbers.label or "educed"
-            axis.plot(kilohertz, numbers.values[part], color=colour, label=name)
+            axis.plot(
+                kilohertz, numbers.values[part], color=colour, label=numbers.label or "educed"
+            )
             drawn.append(numbers.values[part])
             for other, style in zip(_others(result), ("--", ":"), strict=False):
                 axis.plot(kilohertz, numbers.values[f"{part}, {other}"], style, color=colour)
@@ -317,8 +306,8 @@ def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
     """What several results share: the title up to the height, the frequency, the null test."""
     title = case_title(results[0]) or "educed impedance"
     hard = any(result.choices.get("surface") == "hard wall" for result in results)
-    note = " (null test)" if hard else ""
-    return f"{title}{note}, {float(results[0].frequency[frequency_index]):g} Hz"
+    frequency = float(results[0].frequency[frequency_index])
+    return f"{title}{' (null test)' * hard}, {frequency:g} Hz"
 
 
 def _caption(result: ImpedanceMap, frequency_index: int) -> str:
@@ -326,6 +315,6 @@ def _caption(result: ImpedanceMap, frequency_index: int) -> str:
     parts = [result.title or height_label(result.height), f"{frequency:g} Hz"]
     liner = result.choices.get("liner", {})
     if isinstance(liner, dict) and liner.get("name"):
-        hard = result.choices.get("surface") == "hard wall"
-        parts.append(f"{'null test,' if hard else 'liner'} model {liner['name']}")
+        null = result.choices.get("surface") == "hard wall"
+        parts.append(f"{'null test,' if null else 'liner'} model {liner['name']}")
     return "; ".join(filter(None, parts))
