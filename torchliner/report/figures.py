@@ -14,8 +14,20 @@ from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.moments import Moments
 from torchliner.report.alongside import alongside_surfaces, draw_alongside
 from torchliner.report.figure import (
-    COLOURS, MARKERS, ONE_ROW, PARTS, WIDTH, Figure, draw_band, draw_curve, finish,
-    impedance_panels, label_axes, panels_of, styled, subplots,
+    COLOURS,
+    MARKERS,
+    ONE_ROW,
+    PARTS,
+    WIDTH,
+    Figure,
+    draw_band,
+    draw_curve,
+    finish,
+    impedance_panels,
+    label_axes,
+    panels_of,
+    styled,
+    subplots,
 )  # fmt: skip
 from torchliner.report.numbers import (
     Curves,
@@ -224,9 +236,9 @@ def draw_velocity(
 ) -> Any:  # fmt: skip
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
     several = list(planes) if isinstance(planes, Sequence) else [planes]
-    profiles = [
-        velocity_along_x(one) for one in sorted(several, key=lambda p: _case(p).height or 0)
-    ]
+    cases = [each.plane if isinstance(each, Moments) else each for each in several]
+    rising = sorted(range(len(several)), key=lambda i: cases[i].height or 0)
+    profiles = [velocity_along_x(several[i]) for i in rising]
     labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": "$v'_{rms}$ (m s$^{-1}$)",
               "u' rms (m/s)": "$u'_{rms}$ (m s$^{-1}$)"}  # fmt: skip
     kept = [name for name in labels if any(name in profile.values for profile in profiles)]
@@ -238,11 +250,7 @@ def draw_velocity(
         label_axes(axis, "$x$ (mm)", labels[name])
         if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
-    return finish(figure, path, case_title(_case(several[0])), ONE_ROW, axes)
-
-
-def _case(record: VelocityPlane | Moments) -> VelocityPlane:
-    return record.plane if isinstance(record, Moments) else record
+    return finish(figure, path, case_title(cases[0]), ONE_ROW, axes)
 
 
 @styled
