@@ -16,6 +16,7 @@ FACTORS: dict[str, dict[str, float]] = {
                  "km/s": 1e3, "ft/s": 0.3048},
     "velocity squared": {"m2/s2": 1.0, "m2 s-2": 1.0},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "area": {"m2": 1.0, "mm2": 1e-6, "cm2": 1e-4},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},
@@ -89,7 +90,7 @@ PLAUSIBLE = {
     "velocity": (-1e6, 1e6), "length": (-1e5, 1e5), "time": (-1e9, 1e9), "frequency": (0.0, 1e9),
     "level": (-1e3, 1e3), "phase": (-1e6, 1e6), "density": (0.0, 1e5), "pressure": (-1e12, 1e12),
     "viscosity": (0.0, 1e3), "temperature": (0.0, 1e4),
-    "impedance": (-1e6, 1e6),
+    "impedance": (-1e6, 1e6), "area": (0.0, 1e10),
 }  # fmt: skip
 
 

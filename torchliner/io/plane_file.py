@@ -19,13 +19,7 @@ from torchliner.io.axes import (
     read_clock,
 )
 from torchliner.io.cf import VELOCITY, find_axes, find_coordinates, find_velocity, sign_of
-from torchliner.io.hdf5 import (
-    get_dataset,
-    is_there,
-    open_file,
-    place,
-    text_attribute,
-)
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
 from torchliner.io.hdf5_velocity import H5Velocity
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables
@@ -36,7 +30,7 @@ KIND = FileKind(
     "torchliner plane 1", "velocity plane",
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
 )  # fmt: skip
-STREAMWISE = "streamwise_velocity"
+STREAMWISE, AREA = "streamwise_velocity", "area"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
          "displacement_thickness": "m"}  # fmt: skip
@@ -112,6 +106,7 @@ def plane_from(
         sampling_rate=rate,
         start=first,
         streamwise=stream,
+        area=read_si(group, AREA, "m2", path) if ours and is_there(group, AREA, path) else None,
         name=label,
         **find_coordinates(group, axes, request, path, strict=ours),
         **case,

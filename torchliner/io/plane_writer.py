@@ -15,9 +15,9 @@ import torch
 from torchliner.checks import tell
 from torchliner.io.axes import write_case, write_coordinates, write_times
 from torchliner.io.cf import VELOCITY
-from torchliner.io.hdf5 import attach_scales, tiles
+from torchliner.io.hdf5 import attach_scales, tiles, write_variable
 from torchliner.io.hdf5_velocity import numpy_kind
-from torchliner.io.plane_file import KIND, NUMBERS, STREAMWISE
+from torchliner.io.plane_file import AREA, KIND, NUMBERS, STREAMWISE
 from torchliner.io.whole_file import HDF5, Part, part_of
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import SLAB_ROWS, bounds_of, bytes_of, read_ahead, rows_per_slab
@@ -93,6 +93,9 @@ def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
         dataset = file.create_dataset(name, shape, kind, **storage)
         dataset.attrs["units"] = "m/s"
         attach_scales(dataset, file, ("time", *dims))
+    if plane.area is not None:
+        shares = plane.area.reshape(shape[1:]).cpu().numpy()
+        write_variable(file, AREA, shares, "m2", dims).attrs["long_name"] = "area of each probe"
     file[VELOCITY].attrs["positive"] = "away from the liner"
     write_case(file, plane, NUMBERS)
 
