@@ -47,6 +47,8 @@ GROUPS = {
         "info": "describe and check a velocity plane",
         "convert": "write a plane file from simulation files or plain arrays",
         "reduce": "moments of a plane: any liner later, without the data",
+        "run": "a campaign: many planes, liners and choices, as far as not done yet",
+        "follow": "impedance and its interval while a plane is being written",
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}

@@ -65,7 +65,7 @@ def reduce_whole(
 
 def moments_in_slices(
     plane: VelocityPlane, request: Request, *, client: Any = None, kept: Kept | None = None,
-    progress: Progress | None = None,
+    progress: Progress | None = None, ahead: int | None = None,
 ) -> Moments:  # fmt: skip
     """As ``moments``, in the bits that any number of workers gives.
 
@@ -74,7 +74,8 @@ def moments_in_slices(
         request: as for ``moments``.
         client: of dask.distributed; None: slices one after another, here.
         kept: where parts are looked for before they are made, and left afterwards.
-        progress: called with numbers of samples done, at most 2 T in all.
+        progress: called with numbers of samples done, 2 T in all.
+        ahead: slices under way at once; default two for each thread of the workers.
     Raises:
         ValueError: as ``moments``; the plane is in memory.
         OSError, ImportError: a worker cannot read; it says which, and which path.
@@ -89,7 +90,7 @@ def moments_in_slices(
     spans = spans_of(plane, asked.blocks.borders)
     # Neighbouring samples, and faults that some slices alone have, are seen by the whole alone.
     if len(spans) == 1 or chosen.drive == "running-rms" or chosen.missing == "exclude":
-        (found,) = _in_order(client, reduce_whole, (plane, request), [()])
+        (found,) = _in_order(client, reduce_whole, (plane, request), [()], ahead)
         tell(() if client is None else found.notes)
         if progress is not None:
             progress(2 * plane.samples)
@@ -97,10 +98,12 @@ def moments_in_slices(
     whole = dataclasses.replace(plane, streamwise=None)
 
     def read(number: int, work: Callable[..., MomentsPart], known: Any) -> MomentsPart:
-        return _joined(_parts(client, work, (whole, known), spans, number, kept, progress))
+        return _joined(_parts(client, work, (whole, known), spans, number, kept, progress, ahead))
 
     first = sum_parts([read(1, first_part, request)])
     if len(first.sums.groups) == 2 + (first.sums.periodic is not None):
+        if progress is not None:
+            progress(plane.samples)
         return first
     # The second reading asks how many groups there are, not for what is in them.
     names: Any = (None,) * len(first.sums.groups)
@@ -124,11 +127,12 @@ def spans_of(plane: VelocityPlane, borders: Sequence[int]) -> list[Span]:
 def _parts(
     client: Any, work: Callable[..., MomentsPart], shared: tuple[VelocityPlane, Any],
     spans: list[Span], reading: int, kept: Kept | None, progress: Progress | None,
+    ahead: int | None,
 ) -> Iterator[MomentsPart]:  # fmt: skip
     """Of all slices in the order of time, those that are kept without work."""
     there = [kept is not None and kept.has(reading, span) for span in spans]
     missing = [(span,) for span, is_there in zip(spans, there, strict=True) if not is_there]
-    made = _in_order(client, _slice, (work, *shared), missing)
+    made = _in_order(client, _slice, (work, *shared), missing, ahead)
     for span, is_there in zip(spans, there, strict=True):
         if kept is not None and is_there:
             part = kept.load(reading, span)
@@ -156,7 +160,11 @@ def _joined(parts: Iterator[MomentsPart]) -> MomentsPart:
 
 
 def _in_order(
-    client: Any, work: Callable[..., Any], shared: tuple[Any, ...], tasks: Iterable[tuple[Any, ...]]
+    client: Any,
+    work: Callable[..., Any],
+    shared: tuple[Any, ...],
+    tasks: Iterable[tuple[Any, ...]],
+    ahead: int | None,
 ) -> Iterator[Any]:
     """``work(*shared, *task)`` of each task, in their order, with some under way ahead of it."""
     if client is None:
@@ -164,7 +172,8 @@ def _in_order(
         return
     # As results of tasks: sent once, and made again where the workers that held them are lost.
     held = [client.submit(_same, each, pure=False) for each in shared]
-    left, ahead, waiting = iter(tasks), 2 * max(1, sum(client.nthreads().values())), deque[Any]()
+    ahead = ahead or 2 * max(1, sum(client.nthreads().values()))
+    left, waiting = iter(tasks), deque[Any]()
     try:
         while True:
             for task in islice(left, ahead - len(waiting)):
