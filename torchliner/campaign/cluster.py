@@ -43,17 +43,18 @@ def open_cluster(where: str | None) -> Iterator[Any]:
         raise ImportError(
             f"a cluster needs dask.distributed ({error}); pip install 'torchliner[cluster]'"
         ) from error
-    settings = {f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in MALLOC.items()}
+    settings: dict[str, Any] = {
+        f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in MALLOC.items()
+    }
     # What a second reading must know of the first takes some MB, sent once.
     settings["distributed.admin.large-graph-warning-threshold"] = "1GB"
     settings["distributed.comm.timeouts.connect"] = f"{PATIENCE}s"
     with dask.config.set(settings), ExitStack() as stack:
         place: Any = where
         if local:
-            # Nothing but tasks of one thread: neither the dashboard's port nor a limit of memory,
-            # which would stop workers that read through the page cache.
+            # Any port, so that several can be; a limit of memory would count the page cache.
             place = stack.enter_context(distributed.LocalCluster(
-                n_workers=int(count), threads_per_worker=1, dashboard_address=None,
+                n_workers=int(count), threads_per_worker=1, dashboard_address="127.0.0.1:0",
                 memory_limit=0, silence_logs="ERROR",
             ))  # fmt: skip
         yield stack.enter_context(_client(place, where))

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from torchliner.campaign.inputs import open_plane
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
@@ -50,12 +48,19 @@ class Standing:
 class Frames:
     """Samples of a plane that grows, or of files that come into a folder, in the order of names.
 
-    A file is read as far as it goes; one that cannot be read yet is waited for while it is the last.
+    A file is read as far as it goes. The last one may be in the middle of a change: it is tried
+    again, and ``error`` says what was wrong.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.error: Exception | None = None
         self._done: dict[Path, int] = {}  # samples taken of each file
+
+    @property
+    def liner(self) -> str:
+        """That the first file names."""
+        return open_plane(self._files()[0]).liner
 
     def _files(self) -> list[Path]:
         inside = sorted(self.path.iterdir()) if self.path.is_dir() else []
@@ -67,14 +72,15 @@ class Frames:
         Raises:
             OSError, ValueError: a file cannot be read that others follow; one became shorter.
         """
-        files = self._files()
+        files, self.error = self._files(), None
         for path in files:
             seen = self._done.get(path, 0)
             try:
                 plane = open_plane(path)
-            except (OSError, ValueError):
-                if path != files[-1] or seen:
+            except (OSError, ValueError) as error:
+                if path != files[-1]:
                     raise
+                self.error = error
                 return
             if plane.samples < seen:
                 raise OSError(f"{path} had {seen} samples and has {plane.samples}; it was replaced")
@@ -164,12 +170,6 @@ class Following:
             raise ValueError(f"{self.frames.path}: no samples have come")
         return self.going.moments()
 
-    @property
-    def reached(self) -> bool:
-        """Whether every interval is as small as wished."""
-        rows = self.standing() if self.until else []
-        return bool(rows) and all(row.half_width <= (self.until or 0) for row in rows)
-
 
 def follow(
     following: Following, tell: Callable[[list[Standing]], None], *, every: float, idle: float,
@@ -185,14 +185,19 @@ def follow(
         sleep: waits.
     Returns:
         Whether the wished half-width was reached.
+    Raises:
+        OSError, ValueError: the last file could not be read for so long; as ``Frames.new``.
     """
-    last = time.monotonic()
+    waited = 0.0
     while True:
         if following.update():
-            last = time.monotonic()
+            waited = 0.0
             tell(rows := following.standing())
             if rows and following.until and all(r.half_width <= following.until for r in rows):
                 return True
-        elif time.monotonic() - last >= idle:
+        elif waited >= idle:
+            if following.frames.error is not None:
+                raise following.frames.error
             return False
         sleep(every)
+        waited += every

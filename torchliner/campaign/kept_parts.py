@@ -68,8 +68,9 @@ class KeptParts:
             _allow_classes()
             found = torch.load(path, weights_only=True)
         except Exception as error:
+            words = str(error).splitlines()[0][:80]
             raise ValueError(
-                f"{path} is no part of moments ({error}); delete it: it is summed again"
+                f"{path} is no part of moments ({words}); delete it: it is summed again"
             ) from error
         if not isinstance(found, MomentsPart):
             raise ValueError(

@@ -230,10 +230,10 @@ def _map_rows(unit: Unit, found: ImpedanceMap, seconds: float) -> Rows:
             for end, value in zip(("low", "high"), bounds, strict=True)
             for part, side in (("resistance", "real"), ("reactance", "imag"))
         }  # fmt: skip
-        closes = "" if found.closure is None else found.closure.words(found.order, i)
+        closes = "-" if found.closure is None else found.closure.words(found.order, i)
         rows.append(_row(
             unit, height=found.height, source_side=found.source_side, order=found.order,
-            frequency=f, resistance=z.real, reactance=z.imag, closure=closes,
+            frequency=f, resistance=z.real, reactance=z.imag, closure=closes.removesuffix("-"),
             notes=len(found.notes), status=DONE, seconds=round(seconds, 3), **ends,
         ))  # fmt: skip
     return rows

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
-from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
+from torchliner.cli.options import (
+    CLUSTER,
+    closure_code,
+    frequency_option,
+    progress_bar,
+    shared,
+    stated,
+)
 from torchliner.names import SOURCE_SIDES
 
 if TYPE_CHECKING:
@@ -34,12 +41,14 @@ OPTIONS = {
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
+    | CLUSTER
     | shared("--figures", "--json", "--quiet", "--strict"),
 } | choice_options(ALL)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
+    from torchliner.campaign.cluster import open_cluster
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
@@ -59,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     stated_by_user = stated(options, ("incident_level", "source_side"))
     records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
     planes = planes_of(records)
-    found = _educed(options, records, wall or pressure)
+    with open_cluster(options.cluster) as client:
+        found = _educed(options, records, wall or pressure, client)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
     for path, result in zip(outputs, found, strict=False):
@@ -71,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _educed(
-    options: argparse.Namespace, records: list[VelocityPlane | Moments], pressure: Any
+    options: argparse.Namespace, records: list[VelocityPlane | Moments], pressure: Any, client: Any
 ) -> list[ImpedanceMap]:
     """The map of each plane; planes of one liner share levels and kernels."""
     from torchliner.liners.catalogue import load_liner
@@ -88,7 +98,8 @@ def _educed(
         ) as step:
             several = educe(
                 [records[i] for i in members], load_liner(name), options.frequency,
-                pressure=pressure, progress=step, reflected=options.reflected, **choices,
+                pressure=pressure, progress=step, reflected=options.reflected,
+                client=client, **choices,
             )  # fmt: skip
         found |= dict(zip(members, several, strict=True))
     return [found[i] for i in range(len(records))]

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from torchliner.cli.choice_options import choice_options, chosen_from
+from torchliner.cli.files import preset_named
 from torchliner.cli.options import frequency_option, number, print_json, shared
 from torchliner.names import ORDERS
 
@@ -31,15 +32,16 @@ HEADING = "samples    record s  f Hz      Z               half-width  needed s  
 
 def run(options: argparse.Namespace) -> int:
     """A row each time samples have come; 1 if the half-width was not reached."""
-    from torchliner.campaign.follow import Following, follow
+    from torchliner.campaign.follow import Following, Frames, follow
     from torchliner.liners.catalogue import load_liner
 
     for name in ("every", "idle", "until"):
         value = getattr(options, name)
         if value is not None and value <= 0:
             raise ValueError(f"--{name} is {value:g}; it is above 0")
+    liner = options.liner or preset_named(Frames(options.plane).liner, options.plane)
     following = Following(
-        options.plane, load_liner(options.liner or _named(options.plane)), options.frequency,
+        options.plane, load_liner(liner), options.frequency,
         until=options.until, **chosen_from(options, CHOICES),
     )  # fmt: skip
     if not options.json:
@@ -59,14 +61,6 @@ def run(options: argparse.Namespace) -> int:
         if options.output is not None and following.going is not None and following.going.units:
             following.moments().write(options.output)
     return 0 if reached or options.until is None else 1
-
-
-def _named(path: Any) -> str:
-    """The liner that the first file names."""
-    from torchliner.campaign.follow import Frames
-    from torchliner.cli.files import preset_named
-
-    return preset_named(next((piece.liner for piece in Frames(path).new()), ""), path)
 
 
 def _line(row: Any) -> str:

@@ -36,15 +36,14 @@ def run(options: argparse.Namespace) -> int:
         from torchliner.report.figure import require_matplotlib
 
         require_matplotlib()
+    summary = _plan_text(planned, units=False)
     total = sum(2 * unit.samples for unit in planned.to_read.values())
     with (
         open_cluster(options.cluster) as client,
         progress_bar(total, options.campaign.name, options) as bar,
     ):
         rows = run_campaign(campaign, client=client, progress=bar)
-    text = (
-        f"{_plan_text(planned, units=False)}\nresults in {campaign.output}, index.csv and index.nc"
-    )
+    text = f"{summary}\nresults in {campaign.output}, index.csv and index.nc"
     show_results(options, lambda: f"{index_text(rows)}\n{text}", lambda: rows)
     return 1 if failures(rows) else 0
 
