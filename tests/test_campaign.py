@@ -50,7 +50,9 @@ CHILD = f"""
 import sys, warnings
 warnings.simplefilter("ignore")
 import torchliner.tdibc.slices as slices
-slices.SLICE_VALUES = {SAMPLES * PROBES // SLICES}
+from torchliner.campaign.kept_parts import KeptParts
+slices.SLICE_VALUES, slices.JOINED = {SAMPLES * PROBES // SLICES}, 1
+KeptParts.due = lambda _: True
 from torchliner.cli.main import main
 sys.exit(main(["run", *sys.argv[1:], "--quiet"]))
 """
@@ -67,6 +69,8 @@ def write_plane(path: Path, seed: int) -> None:
 def campaign(tmp_path, monkeypatch):
     """Two planes, two orders: four units of two frequencies, three slices a plane."""
     monkeypatch.setattr(slices, "SLICE_VALUES", SAMPLES * PROBES // SLICES)
+    monkeypatch.setattr(slices, "JOINED", 1)
+    monkeypatch.setattr(KeptParts, "due", lambda _: True)
     for seed, name in enumerate(("a/one.h5", "b.h5")):
         write_plane(tmp_path / name, seed)
     (tmp_path / "c.toml").write_text(TOML)
@@ -189,10 +193,10 @@ def test_an_interrupt_is_clean_and_costs_one_slice(capsys, campaign, readings, m
     readings.clear()
     save = KeptParts.save
 
-    def save_or_stop(self, reading, span, part):
+    def save_or_stop(self, reading, part):
         if len(readings) == 8:  # in the first reading of the second plane
             raise KeyboardInterrupt
-        save(self, reading, span, part)
+        save(self, reading, part)
 
     monkeypatch.setattr(KeptParts, "save", save_or_stop)
     code, _, err = run(capsys, "run", str(campaign), "--quiet")

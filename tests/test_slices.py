@@ -49,6 +49,13 @@ def client():
         yield found
 
 
+@pytest.fixture
+def often(small, monkeypatch):
+    """What is known is kept after each slice."""
+    monkeypatch.setattr(slices, "JOINED", 1)
+    monkeypatch.setattr(KeptParts, "due", lambda _: True)
+
+
 def same_bits(one, other) -> bool:
     """Of two records of moments, but for nothing."""
     pairs = [
@@ -121,26 +128,52 @@ def test_a_whole_record_of_parts_has_a_file(tmp_path, file, small, liner):
      {"drive": "rms"}, {"order": "velocity first"}],
     ids=str,
 )  # fmt: skip
-def test_parts_are_kept_to_the_bit(tmp_path, file, small, monkeypatch, choices):
-    """Of what a part may hold nothing is lost in its file, and nothing is read again."""
+def test_parts_are_kept_to_the_bit(tmp_path, file, often, monkeypatch, choices):
+    """Of what a part may hold nothing is lost in its file; the last slice alone is read again."""
     plane, kept = tl.read_plane(file, lazy=True), KeptParts(tmp_path / "parts")
     request = Request(cell_pitch=0.01, choices=choices)
-    first = moments_in_slices(plane, request, kept=kept)
-    monkeypatch.setattr(slices, "first_part", None)
-    monkeypatch.setattr(slices, "second_part", None)
+    seen = []
+    first = moments_in_slices(plane, request, kept=kept, progress=seen.append)
+    assert sum(seen) == 2 * SAMPLES
+    for name in ("first_part", "second_part"):
+        whole = getattr(slices, name)
+        monkeypatch.setattr(
+            slices,
+            name,
+            lambda plane, span, known, w=whole: seen.append(span) or w(plane, span, known),
+        )
+    seen.clear()
     assert same_bits(moments_in_slices(plane, request, kept=kept), first)
-    assert len(list(kept.folder.iterdir())) == 5 * first.readings
+    assert len(seen) == first.readings
+    assert len(list(kept.folder.iterdir())) == first.readings
 
 
-def test_a_part_that_is_none_is_refused(tmp_path, file, small):
+def test_a_part_that_is_none_is_refused(tmp_path, file, often):
     """Other bytes, and pickles that would run something."""
     plane, kept = tl.read_plane(file, lazy=True), KeptParts(tmp_path)
-    moments_in_slices(plane, Request(cell_pitch=0.01), kept=kept)
-    path = next(tmp_path.iterdir())
+    path = tmp_path / "reading1.part"
     for content in (b"nothing", torch.ones(2), {"run": os.system}):
         path.write_bytes(content) if isinstance(content, bytes) else torch.save(content, path)
-        with pytest.raises(ValueError, match=rf"(?s){path.name}.*delete it: it is summed again"):
+        with pytest.raises(ValueError, match=r"(?s)reading1\.part.*delete it: it is summed again"):
             moments_in_slices(plane, Request(cell_pitch=0.01), kept=kept)
+
+
+def test_keeping_takes_its_share_at_most(tmp_path, monkeypatch, file):
+    """Once a minute, and after fifty times what it took."""
+    clock = [0.0]
+    monkeypatch.setattr("torchliner.campaign.kept_parts.time.monotonic", lambda: clock[0])
+    kept, saved = KeptParts(tmp_path), []
+
+    def save(part, path):
+        saved.append(clock[0])
+        clock[0] += 2.0
+        path.touch()
+
+    monkeypatch.setattr(torch, "save", save)
+    for _ in range(400):
+        clock[0] += 1.0
+        kept.save(1, None)
+    assert saved == [60.0, 162.0, 264.0, 366.0]
 
 
 def test_data_do_not_travel(liner):

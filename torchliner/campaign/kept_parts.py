@@ -1,10 +1,11 @@
-"""Parts of records that are not whole yet, so that what was summed is not summed again."""
+"""What is summed of records that are not whole yet, so that it is not summed again."""
 
 from __future__ import annotations
 
 import functools
 import importlib
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import torch
 
 from torchliner.io.whole_file import written_whole
 from torchliner.reduction.parts import MomentsPart
-from torchliner.tdibc.slices import Span
 
+EVERY = 60.0  # s
+SHARE = 0.02  # of the time
 CLASSES = (  # that a part is made of; nothing else is taken from such a file
     "torchliner.fluid:Fluid",
     "torchliner.records.cells:Cells",
@@ -45,25 +47,33 @@ def _allow_classes() -> None:
 
 
 class KeptParts:
-    """Parts as files of a folder, each there as a whole or not at all."""
+    """The part of a record that is summed so far, a file for each reading, whole or not there.
+
+    It is as large as the moments; so it is written once a minute at most, and seldom enough that
+    it takes no more than ``SHARE`` of the time.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.took = 0.0  # s, the last time
+        self.last = time.monotonic()
 
-    def _path(self, reading: int, span: Span) -> Path:
-        return self.folder / f"reading{reading}_from{span[0]:012d}_{span[1]}.part"
+    def _path(self, reading: int) -> Path:
+        return self.folder / f"reading{reading}.part"
 
-    def has(self, reading: int, span: Span) -> bool:
-        """Whether ``save`` was given a part of this reading."""
-        return self._path(reading, span).exists()
+    def due(self) -> bool:
+        """Whether it is time to write."""
+        return time.monotonic() - self.last >= max(EVERY, self.took / SHARE)
 
-    def load(self, reading: int, span: Span) -> MomentsPart:
-        """It.
+    def load(self, reading: int) -> MomentsPart | None:
+        """What was kept of a reading; None if there is nothing.
 
         Raises:
             ValueError: the file holds something else.
         """
-        path = self._path(reading, span)
+        path = self._path(reading)
+        if not path.exists():
+            return None
         try:
             _allow_classes()
             found = torch.load(path, weights_only=True)
@@ -78,15 +88,20 @@ class KeptParts:
             )
         return found
 
-    def save(self, reading: int, span: Span, part: MomentsPart) -> None:
-        """Keep a part.
+    def save(self, reading: int, part: MomentsPart) -> None:
+        """Keep a part if it is time.
 
         Raises:
             OSError: the disk is full, the folder is write-protected.
         """
+        if not self.due():
+            return
+        start = time.monotonic()
         self.folder.mkdir(parents=True, exist_ok=True)
-        with written_whole(self._path(reading, span)) as temporary:
+        with written_whole(self._path(reading)) as temporary:
             torch.save(part, temporary)
+        self.last = time.monotonic()
+        self.took = self.last - start
 
     def clear(self) -> None:
         """Delete what is not needed any more."""

@@ -7,7 +7,9 @@ sum has the same bits whoever does the work, and whoever is lost on the way.
 from __future__ import annotations
 
 import dataclasses
+import io
 import os
+import pickle
 import socket
 import warnings
 from collections import deque
@@ -15,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice, pairwise
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 
 from torchliner.checks import DataWarning, tell
@@ -35,18 +38,14 @@ Span = tuple[int, int]  # first sample, and how many
 
 
 class Kept(Protocol):
-    """Where the parts of an unfinished record stay."""
+    """Where what is known of an unfinished record stays."""
 
-    def has(self, reading: int, span: Span) -> bool:
-        """Whether ``save`` was given a part of this reading, 1 or 2."""
+    def load(self, reading: int) -> MomentsPart | None:
+        """The slices that are summed so far, from the first one on, of reading 1 or 2."""
         ...
 
-    def load(self, reading: int, span: Span) -> MomentsPart:
-        """It."""
-        ...
-
-    def save(self, reading: int, span: Span, part: MomentsPart) -> None:
-        """Keep a part."""
+    def save(self, reading: int, part: MomentsPart) -> None:
+        """Keep them, if that is due: in the place of what was kept of this reading."""
         ...
 
 
@@ -73,7 +72,7 @@ def moments_in_slices(
         plane: still in its file, under a path that every worker can open.
         request: as for ``moments``.
         client: of dask.distributed; None: slices one after another, here.
-        kept: where parts are looked for before they are made, and left afterwards.
+        kept: what is known already, and is from time to time.
         progress: called with numbers of samples done, 2 T in all.
         ahead: slices under way at once; default two for each thread of the workers.
     Raises:
@@ -98,7 +97,19 @@ def moments_in_slices(
     whole = dataclasses.replace(plane, streamwise=None)
 
     def read(number: int, work: Callable[..., MomentsPart], known: Any) -> MomentsPart:
-        return _joined(_parts(client, work, (whole, known), spans, number, kept, progress, ahead))
+        found = None if kept is None else kept.load(number)
+        done = 0 if found is None else found.end
+        if progress is not None:
+            progress(done)
+        tasks = [(span,) for span in spans if span[0] >= done]
+        parts = _in_order(client, _slice, (work, whole, known), tasks, ahead)
+        # From the left, as the last bits of blocks that slices share ask for.
+        while more := list(islice(_told(parts, progress), JOINED)):
+            found = joined(more if found is None else [found, *more])
+            if kept is not None and found.end < plane.samples:
+                kept.save(number, found)
+        assert found is not None
+        return found
 
     first = sum_parts([read(1, first_part, request)])
     if len(first.sums.groups) == 2 + (first.sums.periodic is not None):
@@ -124,24 +135,10 @@ def spans_of(plane: VelocityPlane, borders: Sequence[int]) -> list[Span]:
     return [(low, high - low) for low, high in pairwise(sorted(places | {0, samples}))]
 
 
-def _parts(
-    client: Any, work: Callable[..., MomentsPart], shared: tuple[VelocityPlane, Any],
-    spans: list[Span], reading: int, kept: Kept | None, progress: Progress | None,
-    ahead: int | None,
-) -> Iterator[MomentsPart]:  # fmt: skip
-    """Of all slices in the order of time, those that are kept without work."""
-    there = [kept is not None and kept.has(reading, span) for span in spans]
-    missing = [(span,) for span, is_there in zip(spans, there, strict=True) if not is_there]
-    made = _in_order(client, _slice, (work, *shared), missing, ahead)
-    for span, is_there in zip(spans, there, strict=True):
-        if kept is not None and is_there:
-            part = kept.load(reading, span)
-        else:
-            part = next(made)
-            if kept is not None:
-                kept.save(reading, span, part)
+def _told(parts: Iterator[MomentsPart], progress: Progress | None) -> Iterator[MomentsPart]:
+    for part in parts:
         if progress is not None:
-            progress(span[1])
+            progress(part.end - part.first)
         yield part
 
 
@@ -149,14 +146,6 @@ def _slice(
     work: Callable[..., MomentsPart], plane: VelocityPlane, known: Any, span: Span
 ) -> MomentsPart:
     return work(plane, span, known)
-
-
-def _joined(parts: Iterator[MomentsPart]) -> MomentsPart:
-    """Added from the left, a few at a time."""
-    found = next(parts)
-    while more := list(islice(parts, JOINED)):
-        found = joined([found, *more])
-    return found
 
 
 def _in_order(
@@ -182,7 +171,7 @@ def _in_order(
                 )
             if not waiting:
                 return
-            yield _result(waiting.popleft())
+            yield unpacked(_result(waiting.popleft()))
     finally:
         client.cancel([*waiting, *held])
 
@@ -203,6 +192,34 @@ def _result(future: Any) -> Any:
         ) from error
 
 
+class _Pickler(pickle.Pickler):
+    """Tensors as arrays, which travel without a copy."""
+
+    def reducer_override(self, value: Any) -> Any:
+        """See ``pickle``."""
+        if isinstance(value, torch.Tensor):
+            return _tensor, (value.detach().cpu().numpy(),)
+        return NotImplemented
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(values if values.flags.writeable else values.copy())
+
+
+def packed(value: Any) -> tuple[bytes, list[np.ndarray]]:
+    """Anything, its large arrays apart."""
+    buffers: list[pickle.PickleBuffer] = []
+    with io.BytesIO() as file:
+        _Pickler(file, protocol=5, buffer_callback=buffers.append).dump(value)  # type: ignore[arg-type]
+        return file.getvalue(), [np.frombuffer(each.raw(), np.uint8) for each in buffers]
+
+
+def unpacked(parcel: tuple[bytes, list[np.ndarray]]) -> Any:
+    """What was ``packed``."""
+    head, arrays = parcel
+    return pickle.loads(head, buffers=arrays)
+
+
 def on_worker(version: str, work: Callable[..., Any], *arguments: Any) -> Any:
     """A task on a worker: in one thread, in silence; what it cannot read is said with its name.
 
@@ -218,6 +235,6 @@ def on_worker(version: str, work: Callable[..., Any], *arguments: Any) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # they are among the notes
-            return work(*arguments)
+            return packed(work(*arguments))
     except (OSError, ImportError) as error:
         raise type(error)(f"{place}: {error}") from error
