@@ -31,10 +31,10 @@ from torchliner.tdibc.slices import moments_in_slices, spans_of
 ORDER = "probes first"  # one reading
 
 
-def clocks(client: Any) -> float:
-    """CPU seconds of this process and of the workers."""
+def clocks(client: Any) -> tuple[float, float]:
+    """CPU seconds of this process, and of the workers."""
     others = {} if client is None else client.run(time.process_time)
-    return time.process_time() + sum(others.values())
+    return time.process_time(), sum(others.values())
 
 
 def row(name: str, path: Path, client: Any, request: Request) -> Moments:
@@ -42,10 +42,12 @@ def row(name: str, path: Path, client: Any, request: Request) -> Moments:
     plane = tl.read_plane(path, lazy=True)
     start, before = time.perf_counter(), clocks(client)
     found = moments_in_slices(plane, request, client=client)
-    wall, busy = time.perf_counter() - start, clocks(client) - before
+    wall = time.perf_counter() - start
+    own, others = (after - earlier for after, earlier in zip(clocks(client), before, strict=True))
     size = path.stat().st_size
-    print(f"{name:28s} {wall:6.2f} s  CPU {busy:6.2f} s  {size / wall / 1e9:5.2f} GB/s, "
-          f"{1e9 * busy / (size / 4):5.2f} ns CPU a sample", flush=True)  # fmt: skip
+    rate, cost = size / wall / 1e9, 4e9 * (own + others) / size
+    print(f"{name:28s} {wall:6.2f} s  CPU {own:6.2f} s, workers {others:6.2f} s  "
+          f"{rate:5.2f} GB/s, {cost:5.2f} ns CPU a sample", flush=True)  # fmt: skip
     return found
 
 

@@ -20,7 +20,16 @@ PAGES = [
     ROOT / "README.md",
     *(
         ROOT / "docs" / f"{n}.md"
-        for n in ("formats", "calibration", "ldv", "ldv_line", "duct", "wall_pressure", "moments")
+        for n in (
+            "formats",
+            "calibration",
+            "ldv",
+            "ldv_line",
+            "duct",
+            "wall_pressure",
+            "moments",
+            "campaigns",
+        )
     ),
 ]
 

@@ -6,7 +6,13 @@ import argparse
 from typing import Any
 
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import only_liner, read_records, show_results, write_text
+from torchliner.cli.files import (
+    only_liner,
+    read_records,
+    seen_from_anywhere,
+    show_results,
+    write_text,
+)
 from torchliner.cli.options import CLUSTER, order_option, shared
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
@@ -54,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
-    both = read_records(paths)
+    both = read_records(seen_from_anywhere(options, paths))
     liner = only_liner(options.liner, both, paths)
     if options.cluster is not None:
         both = _reduced(both, liner, options)

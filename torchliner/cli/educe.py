@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
+from torchliner.cli.files import (
+    liner_names,
+    planes_of,
+    read_records,
+    seen_from_anywhere,
+    show_results,
+    with_facts,
+)
 from torchliner.cli.options import (
     CLUSTER,
     closure_code,
@@ -66,7 +73,9 @@ def run(options: argparse.Namespace) -> int:
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
-    records = [with_facts(each, stated_by_user) for each in read_records(options.planes)]
+    records = [
+        with_facts(each, stated_by_user) for each in read_records(seen_from_anywhere(options))
+    ]
     planes = planes_of(records)
     with open_cluster(options.cluster) as client:
         found = _educed(options, records, wall or pressure, client)

@@ -77,6 +77,14 @@ def read_planes(paths: Sequence[Path], *, lazy: bool = True) -> list[VelocityPla
     return [read_plane(path, lazy=lazy) for path in paths]
 
 
+def seen_from_anywhere(
+    options: argparse.Namespace, paths: Sequence[Path] | None = None
+) -> list[Path]:
+    """Planes by paths that workers in other folders can open, if there are any."""
+    named = options.planes if paths is None else paths
+    return list(named) if options.cluster is None else [path.absolute() for path in named]
+
+
 def read_records(paths: Sequence[Path]) -> list[VelocityPlane | Moments]:
     """Planes, or the moments that planes were reduced to."""
     from torchliner.io.moments_file import holds_moments, read_moments

@@ -9,10 +9,10 @@ from typing import Any
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import preset_named
 from torchliner.cli.options import frequency_option, number, print_json, shared
-from torchliner.names import ORDERS
+from torchliner.names import GROWING_ORDERS
 
 CHOICES = ("phase", "order", "interval", "no_intervals", "dtype", "memory")
-ORDER = ("--order", (ORDERS[:2], "of averaging; default probes first"))
+ORDER = ("--order", (GROWING_ORDERS, "of averaging; default probes first"))
 OPTIONS = {
     "": {
         "plane PLANE": "plane file that grows, or folder into which files come, read in the order "

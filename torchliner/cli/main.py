@@ -47,7 +47,7 @@ GROUPS = {
         "info": "describe and check a velocity plane",
         "convert": "write a plane file from simulation files or plain arrays",
         "reduce": "moments of a plane: any liner later, without the data",
-        "run": "a campaign: many planes, liners and choices, as far as not done yet",
+        "run": "a campaign: planes, liners, choices; what is done is kept",
         "follow": "impedance and its interval while a plane is being written",
     },
 }

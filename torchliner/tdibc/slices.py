@@ -32,6 +32,8 @@ from torchliner.tdibc.requested import Request, requested, without_velocity
 from torchliner.version import __version__
 
 SLICE_VALUES = 1 << 27  # velocities: about a second of work, and 0.5 GB in float32
+FEW = 8  # slices; of more of them each is longer, so that what it leaves is 1 % of it:
+LONG = 20_000  # samples, for some 200 samples' worth of moments
 JOINED = 8  # slices added at once: all that is held
 
 Span = tuple[int, int]  # first sample, and how many
@@ -127,7 +129,7 @@ def spans_of(plane: VelocityPlane, borders: Sequence[int]) -> list[Span]:
     samples that are summed at once; whole tiles of the file at least."""
     samples = plane.samples
     longest = max(1, samples // getattr(plane.stored, "tile_rows", 1))
-    count = min(longest, -(-samples * plane.probes // SLICE_VALUES))
+    count = min(longest, -(-samples * plane.probes // SLICE_VALUES), max(FEW, samples // LONG))
     if count < len(borders):
         places = {min(borders, key=lambda b: abs(b * count - i * samples)) for i in range(1, count)}
     else:
