@@ -78,6 +78,15 @@ def campaign(tmp_path, monkeypatch):
 
 
 @pytest.fixture
+def smallest(campaign):
+    """One unit of it, at one frequency, without error bars."""
+    order = 'order = ["probes first", "coherent first"]'
+    text = TOML.replace('"a/*.h5", ', "").replace('"1400:1600:200"', "1400")
+    campaign.write_text(text.replace(order, 'order = "probes first"\ninterval = false'))
+    return campaign
+
+
+@pytest.fixture
 def readings(monkeypatch):
     """Slices that are read, as they are."""
     seen = []
@@ -144,12 +153,12 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     assert [float(r["resistance"]) for r in table] == [r["resistance"] for r in rows]
 
 
-def test_the_index_opens_in_xarray(capsys, campaign):
+def test_the_index_opens_in_xarray(capsys, smallest):
     """As a data set over rows."""
     xarray = pytest.importorskip("xarray")
-    done(capsys, campaign)
+    done(capsys, smallest)
     with xarray.open_dataset(
-        campaign.parent / "c_results" / "index.nc", engine="h5netcdf"
+        smallest.parent / "c_results" / "index.nc", engine="h5netcdf"
     ) as found:
         assert found.resistance.attrs["units"] == "1"
         assert set(found.status.values) == {"done"}
@@ -280,22 +289,22 @@ title = "a slit"
     assert row["closure"].endswith(("closes", "open", "fails"))
 
 
-def test_pictures_if_asked_for(capsys, campaign, unrendered):
+def test_pictures_if_asked_for(capsys, smallest, unrendered):
     """A folder a unit."""
-    campaign.write_text("figures = true\n" + TOML)
-    done(capsys, campaign)
-    folder = campaign.parent / "c_results" / "figures" / "b__polito__order=probes-first"
-    assert (folder / "spectrum.png").exists()
+    smallest.write_text("figures = true\n" + smallest.read_text())
+    done(capsys, smallest)
+    folder = smallest.parent / "c_results" / "figures" / "b__polito"
+    assert (folder / "along_x.png").exists()
 
 
-def test_two_runs_do_not_collide(capsys, campaign):
+def test_two_runs_do_not_collide(capsys, smallest):
     """The second is told who holds the folder; a lock that is left means nothing."""
-    output = campaign.parent / "c_results"
+    output = smallest.parent / "c_results"
     with locked(output):
-        code, _, err = done(capsys, campaign)
+        code, _, err = done(capsys, smallest)
         assert code == 2
         assert re.search(r"c_results is in use by another run \(process \d+ on ", err)
-    assert done(capsys, campaign)[0] == 0
+    assert done(capsys, smallest)[0] == 0
     assert (output / ".lock").exists()
 
 
@@ -328,26 +337,26 @@ def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
     assert words in told.replace("a/one.h5", "one")
 
 
-def test_other_indices_are_not_written_over(capsys, campaign):
+def test_other_indices_are_not_written_over(capsys, smallest):
     """Of a newer version, or of something else."""
-    done(capsys, campaign)
-    path = campaign.parent / "c_results" / "index.nc"
+    done(capsys, smallest)
+    path = smallest.parent / "c_results" / "index.nc"
     for schema, words in (("torchliner campaign 2", "has the format 'torchliner campaign 2'"),
                           ("mine", "is no index of a campaign")):  # fmt: skip
         with h5py.File(path, "r+") as file:
             file.attrs["schema"] = schema
-        code, _, err = done(capsys, campaign)
+        code, _, err = done(capsys, smallest)
         assert (code, words in err, "name another --output" in err) == (2, True, True), err
 
 
-def test_where_nothing_can_be_written(capsys, campaign, monkeypatch):
+def test_where_nothing_can_be_written(capsys, smallest, monkeypatch):
     """A folder that is write-protected; a disk that is full, of which each unit tells."""
-    (campaign.parent / "file").write_text("")
-    code, _, err = done(capsys, campaign, "--output", campaign.parent / "file" / "results")
+    (smallest.parent / "file").write_text("")
+    code, _, err = done(capsys, smallest, "--output", smallest.parent / "file" / "results")
     assert (code, "is there and no folder" in err) == (2, True)
     real = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: mode == os.R_OK and real(path, mode))
-    code, _, err = done(capsys, campaign)
+    code, _, err = done(capsys, smallest)
     assert (code, "is write-protected" in err) == (2, True)
     monkeypatch.setattr(os, "access", real)
 
@@ -358,11 +367,11 @@ def test_where_nothing_can_be_written(capsys, campaign, monkeypatch):
 
     replace = os.replace
     monkeypatch.setattr(whole_file.os, "replace", full)
-    code, rows, _ = done(capsys, campaign)
+    code, rows, _ = done(capsys, smallest)
     assert code == 1
     assert all("cannot be written: [Errno 28] No space left" in row["error"] for row in rows)
     monkeypatch.setattr(whole_file.os, "replace", replace)
-    assert done(capsys, campaign)[0] == 0
+    assert done(capsys, smallest)[0] == 0
 
 
 @given(
