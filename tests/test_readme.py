@@ -30,6 +30,7 @@ PAGES = [
             "moments",
             "results",
             "package",
+            "campaigns",
         )
     ),
 ]

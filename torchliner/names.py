@@ -35,6 +35,7 @@ DTYPES = ("float32", "float64")
 # Of averaging: Y over probes; v over a cell and then Y; or what of v is coherent with the tone over
 # the cell, then Y over probes.
 ORDERS = ("probes first", "velocity first", "coherent first")
+GROWING_ORDERS = ORDERS[:2]  # of a record that goes on: the third is known at its end alone
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers

@@ -6,8 +6,14 @@ import argparse
 from typing import Any
 
 from torchliner.cli.choice_options import choice_options, chosen_from
-from torchliner.cli.files import only_liner, read_records, show_results, write_text
-from torchliner.cli.options import order_option, shared
+from torchliner.cli.files import (
+    only_liner,
+    read_records,
+    seen_from_anywhere,
+    show_results,
+    write_text,
+)
+from torchliner.cli.options import CLUSTER, order_option, shared
 from torchliner.cli.plane_options import plane_options
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
@@ -36,6 +42,7 @@ OPTIONS = {
         "--figure PICTURE": "draw the predictions there",
     }
     | order_option("velocity first")
+    | CLUSTER
     | shared("--liner", "--json", "--quiet"),
 } | choice_options(CHOICES) | plane_options()  # fmt: skip
 
@@ -54,8 +61,10 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
-    both = read_records(paths, options)
+    both = read_records(seen_from_anywhere(options, paths), options)
     liner = only_liner(options.liner, both, paths)
+    if options.cluster is not None:
+        both = _reduced(both, liner, options)
     planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
     if options.closure and options.reference is not None:
         raise ValueError("--closure needs no --reference; leave one of them out")
@@ -85,6 +94,21 @@ def run(options: argparse.Namespace) -> int:
         figure=lambda path: report.draw_predictions(panels, "", path),
     )
     return 1 if found.on_bound or found.unseen else 0
+
+
+def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> list[Any]:
+    """The moments of all planes, summed by workers."""
+    from torchliner.campaign.cluster import open_cluster
+    from torchliner.reduction.moments import Moments
+    from torchliner.tdibc.reduce import moments
+
+    choices = {"order": options.order} | chosen_from(options, CHOICES)
+    with open_cluster(options.cluster) as client:
+        return [
+            each if isinstance(each, Moments)
+            else moments(each, cell_pitch=liner.cell_pitch, client=client, **choices)
+            for each in records
+        ]  # fmt: skip
 
 
 def _references(texts: list[str]) -> Any:

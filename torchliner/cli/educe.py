@@ -8,8 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
-from torchliner.cli.files import liner_names, planes_of, read_records, show_results, with_facts
-from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
+from torchliner.cli.files import (
+    liner_names,
+    planes_of,
+    read_records,
+    seen_from_anywhere,
+    show_results,
+    with_facts,
+)
+from torchliner.cli.options import (
+    CLUSTER,
+    closure_code,
+    frequency_option,
+    progress_bar,
+    shared,
+    stated,
+)
 from torchliner.cli.plane_options import plane_options
 from torchliner.names import RESULT_ENDINGS, SOURCE_SIDES
 
@@ -37,12 +51,14 @@ OPTIONS = {
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
+    | CLUSTER
     | shared("--figures", "--json", "--quiet", "--strict"),
 } | choice_options(ALL) | plane_options()  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
+    from torchliner.campaign.cluster import open_cluster
     from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
@@ -61,12 +77,16 @@ def run(options: argparse.Namespace) -> int:
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
-    records = [with_facts(each, stated_by_user) for each in read_records(options.planes, options)]
+    records = [
+        with_facts(each, stated_by_user)
+        for each in read_records(seen_from_anywhere(options), options)
+    ]
     planes = planes_of(records)
     count = math.inf if options.incident else len(options.frequency or [0])
     for path, plane in zip(outputs, planes, strict=False):
         require_result(path, count, plane.x is not None or plane.z is not None)
-    found = _educed(options, records, wall or pressure)
+    with open_cluster(options.cluster) as client:
+        found = _educed(options, records, wall or pressure, client)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
     for path, result in zip(outputs, found, strict=False):
@@ -78,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _educed(
-    options: argparse.Namespace, records: list[VelocityPlane | Moments], pressure: Any
+    options: argparse.Namespace, records: list[VelocityPlane | Moments], pressure: Any, client: Any
 ) -> list[ImpedanceMap]:
     """The map of each plane; planes of one liner share levels and kernels."""
     from torchliner.liners.catalogue import load_liner
@@ -95,7 +115,8 @@ def _educed(
         ) as step:
             several = educe(
                 [records[i] for i in members], load_liner(name), options.frequency,
-                pressure=pressure, progress=step, reflected=options.reflected, **choices,
+                pressure=pressure, progress=step, reflected=options.reflected,
+                client=client, **choices,
             )  # fmt: skip
         found |= dict(zip(members, several, strict=True))
     return [found[i] for i in range(len(records))]

@@ -80,6 +80,14 @@ def read_planes(
     return [read_plane(path, lazy=lazy, **reading(options)) for path in paths]
 
 
+def seen_from_anywhere(
+    options: argparse.Namespace, paths: Sequence[Path] | None = None
+) -> list[Path]:
+    """Planes by paths that workers in other folders can open, if there are any."""
+    named = options.planes if paths is None else paths
+    return list(named) if options.cluster is None else [path.absolute() for path in named]
+
+
 def read_records(
     paths: Sequence[Path], options: argparse.Namespace
 ) -> list[VelocityPlane | Moments]:

@@ -50,6 +50,8 @@ GROUPS = {
         "info": "describe and check a velocity plane",
         "convert": "write a plane file from files of any format",
         "reduce": "moments of a plane: any liner later, without the data",
+        "run": "a campaign: planes, liners, choices; what is done is kept",
+        "follow": "impedance and its interval while a plane is being written",
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}

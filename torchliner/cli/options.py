@@ -15,20 +15,9 @@ from typing import Any
 
 from torchliner import names
 from torchliner.cli.parser import Parser
+from torchliner.ranges import frequencies
 
 LARGEST = 1 << 53  # of whole numbers that a float64 holds
-MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
-
-
-def frequencies(text: str) -> list[float]:
-    """One frequency, or LOW:HIGH:STEP with both ends; argparse reports a ValueError itself."""
-    numbers = [float(part) for part in text.split(":")]
-    if len(numbers) == 1:
-        return numbers
-    low, high, step = numbers
-    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
-        raise ValueError(text)
-    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
 
 
 def number(text: str) -> float:
@@ -92,6 +81,10 @@ SHARED: dict[str, Any] = {
     "--quiet": "no progress bar, no warnings",
     "--strict": "exit code 1 where closure fails for the answer",
 }
+CLUSTER = {
+    "--cluster WHERE": "workers that read the planes: local:N, N processes here; tcp://HOST:PORT "
+                       "of a dask scheduler, or its .json file; default: none, this process",
+}  # fmt: skip
 CASE: dict[str, Any] = {
     "--frequency HZ": "tone in Hz",
     "--incident-level DB": "of the incident wave, dB re 20 uPa rms",

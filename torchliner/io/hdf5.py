@@ -44,18 +44,24 @@ def hold_open(path: str | Path) -> h5py.File:
     require_regular(path)
     rehearse(path)
     try:
-        try:
-            return h5py.File(path, "r", locking=False, rdcc_nbytes=CHUNK_CACHE)
-        except OSError as error:
-            if "locking" not in str(error):
-                raise
-            # The same process holds it open with locking; HDF5 wants the flags to agree.
-            return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE)
+        return _opened(path, locking=False)
     except OSError as error:
         kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
         if isinstance(error, PermissionError):
             kind = "cannot be read"
         raise OSError(f"{path} {kind}: {error}") from error
+
+
+def _opened(path: Path, **settings: Any) -> h5py.File:
+    try:
+        return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE, **settings)
+    except OSError as error:
+        # The same process holds it open with locking; HDF5 wants the flags to agree.
+        if "locking" in str(error) and settings:
+            return _opened(path)
+        if "already open for write" in str(error) and "swmr" not in settings:
+            return _opened(path, swmr=True, **settings)  # by one who lets others read
+        raise
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:

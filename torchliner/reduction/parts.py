@@ -106,14 +106,17 @@ def joined(parts: Sequence[MomentsPart]) -> MomentsPart:
                 f"{before.first} to {before.end - 1} and {part.first} to {part.end - 1}; each "
                 "sample of the record is in one part"
             )
-    numbers = start.wanted.plan.numbers(start.first, rising[-1].end)
+    plan, end = start.wanted.plan, rising[-1].end
+    # A whole record has its rest, empty or not.
+    whole = (start.first, end) == (0, plan.samples)
+    numbers = range(plan.rest + 1) if whole else plan.numbers(start.first, end)
     sums = tuple(_joined_sums([part.sums[i] for part in rising], numbers)
                  for i in range(len(start.sums)))  # fmt: skip
     surveys = tuple(copy.deepcopy(each) for each in start.surveys)
     for part in rising[1:]:
         for own, other in zip(surveys, part.surveys, strict=True):
             own.follow(other)
-    return dataclasses.replace(start, end=rising[-1].end, surveys=surveys, sums=sums)
+    return dataclasses.replace(start, end=end, surveys=surveys, sums=sums)
 
 
 def _joined_sums(parts: Sequence[SpeedSums], numbers: range) -> SpeedSums:

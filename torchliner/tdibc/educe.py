@@ -19,6 +19,8 @@ from torchliner.tdibc.engines import tone_sums
 from torchliner.tdibc.prepare import prepare
 from torchliner.tdibc.prepared import Prepared, Progress
 from torchliner.tdibc.replayed import Replayed
+from torchliner.tdibc.requested import Request
+from torchliner.tdibc.slices import moments_in_slices
 
 
 @in_full_precision
@@ -31,6 +33,7 @@ def educe(
     reflected: str | Path | None = None,
     pressure: Any = None,
     progress: Progress | None = None,
+    client: Any = None,
     **choices: Any,
 ) -> Any:
     """Impedance map of a plane: a known wave replayed through a liner driven by |v(t)|.
@@ -53,6 +56,7 @@ def educe(
         pressure: ``PressureRecord`` of the same run, or ``MicrophoneLine`` along the wall, that
             closure is checked with; default the ``incident_level`` that the plane states.
         progress: called with numbers of samples done, 2 T a plane in all.
+        client: of dask.distributed, whose workers read the planes, as in ``moments``.
         choices: see ``torchliner.tdibc.choices.Choices``.
     Returns:
         The map, on the probe axes of the plane, with cell and liner averages in both orders; a
@@ -83,6 +87,13 @@ def educe(
     liner = as_liner(liner)
     chosen = Choices(**choices)
     _check_signal_output(chosen, reference_phase, reflected, len(planes))
+    if client is not None:
+        request = Request(liner, frequency, choices=choices)
+        planes = [
+            each if isinstance(each, Moments) else moments_in_slices(
+                each, request, client=client, progress=progress)
+            for each in planes
+        ]  # fmt: skip
     found = []
     for prepared in prepare(planes, liner, frequency, chosen, progress):
         if chosen.incident is not None:

@@ -24,7 +24,7 @@ from torchliner.reduction.speed_sums import GroupMoments, SpeedSums
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.blocks import MOST_BLOCKS, Blocks
 from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.reduce import AnyLiner, without_velocity
+from torchliner.tdibc.requested import AnyLiner, without_velocity
 
 ENDLESS = 1 << 40  # samples
 

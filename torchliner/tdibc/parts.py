@@ -23,7 +23,7 @@ from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepared import Progress
 from torchliner.tdibc.reading import refuse_bad_probes, wanted_of
-from torchliner.tdibc.reduce import AnyLiner, requested, without_velocity
+from torchliner.tdibc.requested import AnyLiner, Request, requested, without_velocity
 from torchliner.tdibc.review import review_coherent, review_survey
 
 
@@ -62,11 +62,28 @@ def moments_part(
     if given is not None:
         if liner is not None or frequency is not None or choices or cell_pitch is not None:
             raise ValueError("given moments know liner, frequency and choices; leave these out")
-        return _second_part(plane, first_sample, given, progress)
+        _require_of(plane, given)
+        whole = _placed(plane, first_sample, given.sums.plan.samples)
+        return second_part(whole, (first_sample, plane.samples), given, progress)
     if of_samples is None:
         raise ValueError("of_samples is needed: the samples of the whole record")
     whole = _placed(plane, first_sample, of_samples)
-    asked, model, chosen, basis = requested(whole, liner, frequency, cell_pitch, choices)
+    request = Request(liner, frequency, cell_pitch, choices)
+    return first_part(whole, (first_sample, plane.samples), request, progress)
+
+
+def first_part(
+    whole: VelocityPlane, span: tuple[int, int], request: Request, progress: Progress | None = None
+) -> MomentsPart:
+    """First reading of some samples of a record.
+
+    Args:
+        whole: the record, of which ``span`` can be read.
+        span: the first of these samples, and how many.
+        request: as for the whole record.
+        progress: called with numbers of samples done.
+    """
+    asked, model, chosen, basis = requested(whole, request)
     if chosen.drive == "running-rms":
         raise ValueError(
             "drive 'running-rms' looks across the ends of a part; reduce the whole record at once"
@@ -77,19 +94,18 @@ def moments_part(
         wanted_of(asked, model, chosen, basis, backward), true_extremes=False
     )
     cells = sort_into_cells(whole, model.cell_pitch)
-    used = torch.ones(plane.probes, dtype=torch.bool)
+    used = torch.ones(whole.probes, dtype=torch.bool)
     while True:
         held = cells.kept(used)
-        velocity = _velocity_of(whole, held, used, (first_sample, plane.samples), chosen)
+        velocity = _velocity_of(whole, held, used, span, chosen)
         surveys, sums = read_part(velocity, wanted, progress)
         good = used & (surveys[0].bad == 0).cpu()
         if bool(good.all()) or bool((good == used).all()):
             break
-        refuse_bad_probes(plane, surveys[0], good, chosen)
+        refuse_bad_probes(whole, surveys[0], good, chosen)
         used = good  # once more without them, whose cells they spoil
-    end = first_sample + plane.samples
     return MomentsPart(
-        without_velocity(whole), first_sample, end, wanted, held, used, tuple(surveys),
+        without_velocity(whole), span[0], sum(span), wanted, held, used, tuple(surveys),
         tuple(sums), {name: getattr(chosen, name) for name in SETTINGS}, model.cell_pitch,
     )  # fmt: skip
 
@@ -117,15 +133,13 @@ def _velocity_of(
     return velocity
 
 
-def _second_part(
-    plane: VelocityPlane, first: int, given: Moments, progress: Progress | None
+def second_part(
+    whole: VelocityPlane, span: tuple[int, int], given: Moments, progress: Progress | None = None
 ) -> MomentsPart:
-    """Moments of the groups that ``given`` lacks."""
+    """Moments of the groups that ``given`` lacks, of the same samples as ``first_part``."""
     sums, settings = given.sums, given.settings
-    _require_of(plane, given)
-    whole = _placed(plane, first, sums.plan.samples)
     chosen = Choices(**settings)
-    velocity = _velocity_of(whole, sums.cells, sums.used, (first, plane.samples), chosen)
+    velocity = _velocity_of(whole, sums.cells, sums.used, span, chosen)
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, sums.survey, 1, sums.periodic)
     if len(sums.groups) == len(drive.widths):
         raise ValueError(
@@ -139,7 +153,7 @@ def _second_part(
         keeps_blocks=keeps,
     )  # fmt: skip
     return MomentsPart(
-        without_velocity(whole), first, first + plane.samples, wanted, sums.cells, sums.used, (),
+        without_velocity(whole), span[0], sum(span), wanted, sums.cells, sums.used, (),
         tuple(more), settings, given.cell_pitch,
     )  # fmt: skip
 

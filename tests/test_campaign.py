@@ -1,0 +1,428 @@
+"""torchliner run: what is done, done again, taken up again, and refused."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
+from hypothesis import given
+from hypothesis import strategies as st
+from test_cli import run
+
+import torchliner as tl
+from torchliner.campaign import run as campaign_run
+from torchliner.campaign.campaign_file import choice_sets, read_campaign, unique_names
+from torchliner.campaign.index import COLUMNS
+from torchliner.campaign.inputs import fingerprint
+from torchliner.campaign.kept_parts import KeptParts
+from torchliner.campaign.lock import locked
+from torchliner.io import whole_file
+from torchliner.tdibc import slices
+
+PAGE = DATA.parent / "docs" / "campaigns.md"
+SAMPLES, PROBES = 900, 6
+SLICES = 3  # a plane
+TOML = """
+title = "a test"
+frequencies = ["1400:1600:200"]
+
+[[planes]]
+files = ["a/*.h5", "b.h5"]
+liner = "polito"
+
+[choices]
+order = ["probes first", "coherent first"]
+"""
+CHILD = f"""
+import sys, warnings
+warnings.simplefilter("ignore")
+import torchliner.tdibc.slices as slices
+from torchliner.campaign.kept_parts import KeptParts
+slices.SLICE_VALUES, slices.JOINED = {SAMPLES * PROBES // SLICES}, 1
+KeptParts.due = lambda _: True
+from torchliner.cli.main import main
+sys.exit(main(["run", *sys.argv[1:], "--quiet"]))
+"""
+
+
+def write_plane(path: Path, seed: int) -> None:
+    path.parent.mkdir(exist_ok=True)
+    tone = torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(SAMPLES))
+    v = (turbulence((PROBES, SAMPLES), seed=seed) + 2 * tone).float()
+    plane_of(v, x=2e-3 * torch.arange(PROBES), height=1e-3 * (1 + seed)).write(path)
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """Two planes, two orders: four units of two frequencies, three slices a plane."""
+    monkeypatch.setattr(slices, "SLICE_VALUES", SAMPLES * PROBES // SLICES)
+    monkeypatch.setattr(slices, "JOINED", 1)
+    monkeypatch.setattr(KeptParts, "due", lambda _: True)
+    for seed, name in enumerate(("a/one.h5", "b.h5")):
+        write_plane(tmp_path / name, seed)
+    (tmp_path / "c.toml").write_text(TOML)
+    return tmp_path / "c.toml"
+
+
+@pytest.fixture
+def smallest(campaign):
+    """One unit of it, at one frequency, without error bars."""
+    order = 'order = ["probes first", "coherent first"]'
+    text = TOML.replace('"a/*.h5", ', "").replace('"1400:1600:200"', "1400")
+    campaign.write_text(text.replace(order, 'order = "probes first"\ninterval = false'))
+    return campaign
+
+
+@pytest.fixture
+def readings(monkeypatch):
+    """Slices that are read, as they are."""
+    seen = []
+    for name in ("first_part", "second_part"):
+        whole = getattr(slices, name)
+        spy = lambda plane, span, known, whole=whole: (  # noqa: E731
+            seen.append((plane.name, span)) or whole(plane, span, known)
+        )
+        monkeypatch.setattr(slices, name, spy)
+    return seen
+
+
+def done(capsys, *words: object) -> tuple[int, list[dict], str]:
+    """Exit code, rows, errors."""
+    code, out, err = run(capsys, "run", *map(str, words), "--json", "--quiet")
+    return code, json.loads(out) if out else [], err
+
+
+def table_of(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """Of all files of results: bytes, of the index and its parts all but the seconds."""
+    found: dict[str, object] = {}
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and p.name[0] != "."):
+        name = str(path.relative_to(folder))
+        if path.suffix == ".json":
+            found[name] = [{**row, "seconds": 0} for row in json.loads(path.read_text())]
+        elif name == "index.csv":
+            found[name] = [{**row, "seconds": 0} for row in table_of(path)]
+        elif name == "index.nc":
+            with h5py.File(path) as file:
+                found[name] = {key: file[key][()].tolist() for key in file if key != "seconds"}
+        else:
+            found[name] = path.read_bytes()
+    return found
+
+
+def test_a_campaign_is_its_eductions(capsys, campaign):
+    """Each unit is what ``educe`` gives, a row a frequency; the index holds the same twice."""
+    code, rows, _ = done(capsys, campaign)
+    assert code == 0
+    assert len(rows) == 2 * 2 * 2
+    folder = campaign.parent / "c_results"
+    (row,) = (r for r in rows if r["unit"] == "one__polito__order=coherent-first"
+              and r["frequency"] == 1600)  # fmt: skip
+    plane, liner = tl.read_plane(campaign.parent / "a" / "one.h5"), tl.load_liner("polito")
+    wanted = tl.educe(plane, liner, [1400, 1600], order="coherent first")
+    assert row["resistance"] == pytest.approx(float(wanted.answer[1].real), abs=1e-4)
+    assert row["reactance_high"] == pytest.approx(
+        wanted.bounds_of_liner("coherent first", 1)[1].imag, abs=1e-3
+    )
+    assert (row["height"], row["file"], row["status"]) == (1e-3, "a/one.h5", "done")
+    found = tl.read_map(folder / "maps" / f"{row['unit']}.h5")
+    assert complex(found.answer[1]) == complex(row["resistance"], row["reactance"])
+    assert (folder / "lines" / f"{row['unit']}_1600Hz.csv").exists()
+    with h5py.File(folder / "index.nc") as file:
+        assert set(COLUMNS) <= set(file)
+        assert file["unit"].asstr()[()].tolist() == [r["unit"] for r in rows]
+        assert file["resistance"][()].tolist() == [r["resistance"] for r in rows]
+        assert all(file[name].attrs["long_name"] for name in COLUMNS)
+    table = table_of(folder / "index.csv")
+    assert [float(r["resistance"]) for r in table] == [r["resistance"] for r in rows]
+
+
+def test_the_index_opens_in_xarray(capsys, smallest):
+    """As a data set over rows."""
+    xarray = pytest.importorskip("xarray")
+    done(capsys, smallest)
+    with xarray.open_dataset(
+        smallest.parent / "c_results" / "index.nc", engine="h5netcdf"
+    ) as found:
+        assert found.resistance.attrs["units"] == "1"
+        assert set(found.status.values) == {"done"}
+
+
+def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch):
+    """Liners, frequencies and orders read no data; a plane that changed is read alone."""
+    toml = TOML.replace("order =", "interval = false\norder =")
+    campaign.write_text(toml)
+    done(capsys, campaign)
+    assert len(readings) == 2 * 2 * SLICES  # order ``coherent first`` takes two
+    output = campaign.parent / "c_results"
+    before = {path: path.stat().st_mtime_ns for path in (output / "maps").iterdir()}
+    readings.clear()
+    code, out, _ = run(capsys, "run", str(campaign), "--dry-run")
+    assert out.endswith("4 units: 4 up to date; 0 planes to read, 0 GB\n")
+    done(capsys, campaign)
+    assert {path: path.stat().st_mtime_ns for path in (output / "maps").iterdir()} == before
+    more = toml.replace('["1400:1600:200"]', "[1400, 1500]").replace('liner = "polito"', "")
+    campaign.write_text(f'liners = ["polito", "mine.toml"]\n{more}')
+    polito = campaign.parent / "mine.toml"
+    run(capsys, "liner", "polito", "--copy", str(polito))
+    code, rows, _ = done(capsys, campaign)
+    assert (code, len(rows), readings) == (0, 16, [])
+    liner = polito.read_text()
+    polito.write_text(re.sub(r"porosity = .*", "porosity = 0.1", liner, count=1))
+    assert {u["unit"].split("__")[1] for u in json.loads(
+        run(capsys, "run", str(campaign), "--dry-run", "--json")[1]) if u["state"] == "from moments"
+    } == {"mine"}  # fmt: skip
+    write_plane(campaign.parent / "b.h5", 7)
+    done(capsys, campaign)
+    assert {name for name, _ in readings} == {"b.h5"}
+    readings.clear()
+    monkeypatch.setattr("torchliner.campaign.units.__version__", "9.9")
+    _, out, _ = run(capsys, "run", str(campaign), "--dry-run")
+    assert "8 reads data; 2 planes" in out
+
+
+def test_an_interrupt_is_clean_and_costs_one_slice(capsys, campaign, readings, monkeypatch):
+    """No half file, no lock; what was summed is not summed again; the files are the same."""
+    wanted = campaign.parent / "wanted"
+    done(capsys, campaign, "--output", wanted)
+    readings.clear()
+    save = KeptParts.save
+
+    def save_or_stop(self, reading, part):
+        if len(readings) == 8:  # in the first reading of the second plane
+            raise KeyboardInterrupt
+        save(self, reading, part)
+
+    monkeypatch.setattr(KeptParts, "save", save_or_stop)
+    code, _, err = run(capsys, "run", str(campaign), "--quiet")
+    assert (code, err) == (130, "torchliner: interrupted\n")
+    output = campaign.parent / "c_results"
+    assert not list(output.rglob(".torchliner-*"))
+    monkeypatch.setattr(KeptParts, "save", save)
+    readings.clear()
+    code, rows, _ = done(capsys, campaign)
+    assert (code, len(rows)) == (0, 8)
+    assert len(readings) == 2 * 2 * SLICES - 7
+    assert contents(output) == contents(wanted)
+
+
+def killed_and_resumed(campaign: Path, kills: int, seed: int) -> tuple[int, int]:
+    """How often it was killed, and how often that left something half done; then it ends."""
+    draw = random.Random(seed)
+    words = [sys.executable, "-c", CHILD, str(campaign), "--output", str(campaign.parent / "b")]
+    killed = halfway = 0
+    while killed < kills:
+        child = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+        lock = campaign.parent / "b" / ".lock"
+        while not lock.exists() and child.poll() is None:  # imports are not worth a kill
+            time.sleep(0.02)
+        try:
+            child.wait(draw.uniform(0, 1.5))
+        except subprocess.TimeoutExpired:
+            os.kill(child.pid, signal.SIGKILL)
+            child.wait()
+        killed += 1
+        halfway += not (campaign.parent / "b" / "index.nc").exists()
+    assert subprocess.run(words, stdout=subprocess.DEVNULL, check=False).returncode == 0
+    return killed, halfway
+
+
+@pytest.mark.parametrize(
+    "kills", [pytest.param(20, marks=pytest.mark.slow), pytest.param(2)], ids=str
+)
+def test_kill_9_at_any_moment(capsys, campaign, kills):
+    """Files byte for byte as of an uninterrupted run, the index but for its seconds."""
+    done(capsys, campaign, "--output", campaign.parent / "a_results")
+    _, halfway = killed_and_resumed(campaign, kills, seed=kills)
+    assert halfway
+    assert contents(campaign.parent / "b") == contents(campaign.parent / "a_results")
+
+
+def test_a_failing_unit_stops_no_other(capsys, campaign):
+    """It stands in the index with its error, is tried again, and the exit code is 1."""
+    (campaign.parent / "a" / "broken.h5").write_bytes(b"no HDF5")
+    v = turbulence((PROBES, SAMPLES)).float()
+    v[2, 5] = torch.nan
+    plane_of(v).write(campaign.parent / "a" / "faulty.h5")
+    code, rows, _ = done(capsys, campaign)
+    assert code == 1
+    failed = {row["unit"]: row["error"] for row in rows if row["status"] == "failed"}
+    assert "is not an HDF5" in failed.pop("broken")
+    assert len(failed) == 2
+    assert all("hold" in text and "nan or inf" in text for text in failed.values())
+    assert sum(row["status"] == "done" for row in rows) == 8
+    table = table_of(campaign.parent / "c_results" / "index.csv")
+    assert [r["resistance"] for r in table if r["status"] == "failed"] == ["", "", ""]
+    write_plane(campaign.parent / "a" / "faulty.h5", 3)
+    (campaign.parent / "a" / "broken.h5").unlink()
+    code, rows, _ = done(capsys, campaign)
+    assert (code, len(rows)) == (0, 12)
+
+
+def test_a_pressure_record_stands_beside(capsys, tmp_path):
+    """In situ impedances in the map, closure in the index, pictures where they are asked for."""
+    (tmp_path / "c.toml").write_text(f"""
+[[planes]]
+files = "{DATA}/slit_n130_y0.5mm.h5"
+in_situ = "{DATA}/pressure_n130.h5"
+title = "a slit"
+""")
+    code, (row,), _ = done(capsys, tmp_path / "c.toml")
+    assert code == 0
+    found = tl.read_map(tmp_path / "c_results" / "maps" / f"{row['unit']}.h5")
+    assert found.alongside
+    assert found.title == "a slit"
+    assert row["closure"].endswith(("closes", "open", "fails"))
+
+
+def test_pictures_if_asked_for(capsys, smallest, unrendered):
+    """A folder a unit."""
+    smallest.write_text("figures = true\n" + smallest.read_text())
+    done(capsys, smallest)
+    folder = smallest.parent / "c_results" / "figures" / "b__polito"
+    assert (folder / "along_x.png").exists()
+
+
+def test_two_runs_do_not_collide(capsys, smallest):
+    """The second is told who holds the folder; a lock that is left means nothing."""
+    output = smallest.parent / "c_results"
+    with locked(output):
+        code, _, err = done(capsys, smallest)
+        assert code == 2
+        assert re.search(r"c_results is in use by another run \(process \d+ on ", err)
+    assert done(capsys, smallest)[0] == 0
+    assert (output / ".lock").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (TOML.replace("title", "titel"), "titel: no such key (did you mean 'title'?)"),
+        (TOML.replace("liner =", "lner ="), "planes.0.lner: no such key (did you mean 'liner'?)"),
+        (TOML.replace("order =", "ordr ="), "choices.ordr: no such key (did you mean 'order'?)"),
+        (TOML.replace("coherent", "cohrent"), "(did you mean 'coherent first'?)"),
+        (TOML.replace("1400:1600:200", "14oo"), "frequencies"),
+        (TOML.replace("a/*.h5", "a/*.hdf"), "planes.files = 'a/*.hdf' matches nothing in"),
+        (TOML.replace("a/*.h5", "n/*.h5"), "there is no such folder as"),
+        (TOML.replace("a/*.h5", "*.h5"), "b.h5 is named twice"),
+        (TOML.replace("liner =", "height = -1\nsource_side = 'left'\nliner ="),
+         "has 2 mistake(s)"),
+        (TOML.replace("[[planes]]", "[planes]"), "planes"),
+        (TOML.replace('liner = "polito"', ""), "one names no liner; state liner in [[planes]]"),
+        (TOML.replace("polito", "polyto"), "did you mean 'polito'"),
+        (TOML.replace("liner =", "variable = 'v'\nliner ="), "variable cannot be stated of this"),
+        (TOML.replace("order =", "engine = 'unfold'\norder ="), "choices.engine: no such key"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
+    """Before anything is done, or in the rows of the planes that they concern."""
+    campaign.write_text(text)
+    code, rows, err = done(capsys, campaign)
+    assert code in (1, 2)
+    told = err + " ".join(row["error"] for row in rows)
+    assert words in told.replace("a/one.h5", "one")
+
+
+def test_other_indices_are_not_written_over(capsys, smallest):
+    """Of a newer version, or of something else."""
+    done(capsys, smallest)
+    path = smallest.parent / "c_results" / "index.nc"
+    for schema, words in (("torchliner campaign 2", "has the format 'torchliner campaign 2'"),
+                          ("mine", "is no index of a campaign")):  # fmt: skip
+        with h5py.File(path, "r+") as file:
+            file.attrs["schema"] = schema
+        code, _, err = done(capsys, smallest)
+        assert (code, words in err, "name another --output" in err) == (2, True, True), err
+
+
+def test_where_nothing_can_be_written(capsys, smallest, monkeypatch):
+    """A folder that is write-protected; a disk that is full, of which each unit tells."""
+    (smallest.parent / "file").write_text("")
+    code, _, err = done(capsys, smallest, "--output", smallest.parent / "file" / "results")
+    assert (code, "is there and no folder" in err) == (2, True)
+    real = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: mode == os.R_OK and real(path, mode))
+    code, _, err = done(capsys, smallest)
+    assert (code, "is write-protected" in err) == (2, True)
+    monkeypatch.setattr(os, "access", real)
+
+    def full(source, target):
+        if ".parts" in str(target):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return replace(source, target)
+
+    replace = os.replace
+    monkeypatch.setattr(whole_file.os, "replace", full)
+    code, rows, _ = done(capsys, smallest)
+    assert code == 1
+    assert all("cannot be written: [Errno 28] No space left" in row["error"] for row in rows)
+    monkeypatch.setattr(whole_file.os, "replace", replace)
+    assert done(capsys, smallest)[0] == 0
+
+
+@given(
+    st.dictionaries(st.sampled_from("abcd"), st.lists(st.integers(0, 9), min_size=1, max_size=3))
+)
+def test_choices_are_combined(stated):
+    """Every combination once, those of one value alike in all."""
+    found = choice_sets(stated)
+    count = 1
+    for values in stated.values():
+        count *= len(values)
+    assert len(found) == count
+    assert all(set(one) == set(stated) for one in found)
+    assert choice_sets({"band": [300, 3000], "interval": False}) == [
+        {"band": [300, 3000], "interval": None}
+    ]
+
+
+@given(st.lists(st.tuples(*[st.sampled_from("ab")] * 3), min_size=1, max_size=8, unique=True))
+def test_names_tell_planes_apart(parts):
+    """Whatever folders share their names."""
+    paths = [Path("/", *part[:2], f"{part[2]}.h5") for part in parts]
+    assert len(set(unique_names(paths))) == len(paths)
+
+
+def test_a_fingerprint_sees_both_ends(tmp_path):
+    """And the time of change, and every file of a folder."""
+    path = tmp_path / "data.bin"
+    path.write_bytes(bytes(3 << 20))
+    os.utime(path, ns=(1, 1))
+    seen = {fingerprint(path), fingerprint(tmp_path)}
+    for place in (0, (3 << 20) - 1):
+        content = bytearray(3 << 20)
+        content[place] = 1
+        path.write_bytes(content)
+        os.utime(path, ns=(1, 1))
+        seen |= {fingerprint(path), fingerprint(tmp_path)}
+    os.utime(path, ns=(1, 2))
+    seen |= {fingerprint(path), fingerprint(tmp_path)}
+    assert len(seen) == 8
+
+
+def test_the_example_of_the_page_runs(capsys, tmp_path, monkeypatch):
+    """As printed, in the folder of the shipped data."""
+    example = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    (tmp_path / "data").symlink_to(DATA)
+    (tmp_path / "campaign.toml").write_text(example)
+    code, rows, err = done(capsys, tmp_path / "campaign.toml")
+    assert code == 0, err
+    units = {row["unit"] for row in rows}
+    assert len(units) == len(read_campaign(tmp_path / "campaign.toml").cases) * 2
+    assert campaign_run.failures(rows) == 0

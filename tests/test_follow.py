@@ -1,0 +1,192 @@
+"""torchliner follow: planes that are being written."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from conftest import FREQUENCY, RATE, plane_of, turbulence
+from test_cli import run
+
+import torchliner as tl
+from torchliner.campaign.follow import Following, Frames, follow
+
+PROBES, SAMPLES = 4, 2400  # 80 periods
+
+
+@pytest.fixture(scope="module")
+def velocity() -> torch.Tensor:
+    tone = torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(SAMPLES))
+    return (turbulence((PROBES, SAMPLES), seed=3) + 3 * tone).float()
+
+
+def piece(velocity, low: int, high: int) -> tl.VelocityPlane:
+    x = 2e-3 * torch.arange(PROBES)
+    return plane_of(velocity[:, low:high], x=x, liner="polito")
+
+
+class Solver:
+    """Does the next of its steps at each look of the follower, in the place of sleep."""
+
+    def __init__(self, *steps) -> None:
+        self.steps, self.looks = list(steps), 0
+
+    def __call__(self, _seconds: float) -> None:
+        self.looks += 1
+        if self.steps:
+            self.steps.pop(0)()
+
+
+def followed(path, *steps, until=None, **choices):
+    """Standings at each change, and whether the wish was reached."""
+    found: list = []
+    following = Following(path, tl.load_liner("polito"), until=until, **choices)
+    reached = follow(following, found.append, every=1.0, idle=3.0, sleep=Solver(*steps))
+    return found, reached, following
+
+
+def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
+    """Z as ``educe`` has it of the same whole periods; the wider of both half-widths."""
+    piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
+    ((row,),), _, _ = followed(tmp_path / "plane.h5")
+    wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), order="probes first")
+    assert row.impedance == pytest.approx(complex(wanted.answer[0]), abs=1e-4)
+    low, high = wanted.bounds_of_liner("probes first")
+    assert row.half_width == pytest.approx(
+        max(high.real - low.real, high.imag - low.imag) / 2,
+        rel=0.3,  # blocks of other lengths
+    )
+    assert row.samples == SAMPLES
+    assert math.isnan(row.needed)
+
+
+def test_files_that_come_into_a_folder(tmp_path, velocity):
+    """Each adds what it holds; the sum is that of the whole; a file in the making is waited for."""
+    solver = [lambda i=i: piece(velocity, 600 * i, 600 * i + 600).write(tmp_path / f"v{i}.h5")
+              for i in range(1, 4)]  # fmt: skip
+    solver.insert(1, lambda: (tmp_path / "v2.h5").write_bytes(b"half"))
+    piece(velocity, 0, 600).write(tmp_path / "v0.h5")
+    found, _, following = followed(tmp_path, *solver)
+    assert [rows[0].samples for rows in found] == [600, 1200, 1800, 2400]
+    whole = tl.GrowingMoments(piece(velocity, 0, SAMPLES), cell_pitch=0.01)
+    assert following.moments().sums.groups[0].totals[0].sum() == pytest.approx(
+        float(whole.moments().sums.groups[0].totals[0].sum())
+    )
+    widths = [rows[0].half_width for rows in found]
+    assert widths[-1] < widths[0]
+
+
+def test_the_time_until_a_wish_goes_as_its_square(tmp_path, velocity):
+    """Half the half-width takes four times the record; what is reached ends it."""
+    piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
+    ((row,),), _, _ = followed(tmp_path / "plane.h5")
+    ((half,),), reached, _ = followed(tmp_path / "plane.h5", until=row.half_width / 2)
+    assert half.needed == pytest.approx(4 * row.duration)
+    assert not reached
+    assert followed(tmp_path / "plane.h5", until=1.01 * row.half_width)[1]
+
+
+WRITER = """
+import sys, h5py, numpy as np
+path, samples = sys.argv[1], int(sys.argv[2])
+v = np.load(path + ".npy")
+with h5py.File(path, "w", libver="latest") as file:
+    time = file.create_dataset("time", data=np.arange(600) / 42e3, maxshape=(None,), chunks=(256,))
+    data = file.create_dataset("wall_normal_velocity", data=v[:600], maxshape=(None, v.shape[1]),
+                               chunks=(256, v.shape[1]))
+    x = 2e-3 * np.arange(v.shape[1])
+    for name, values, unit in (("x", x, "m"), ("frequency", 1400.0, "Hz")):
+        file[name] = values
+        file[name].attrs["units"] = unit
+    time.attrs["units"], data.attrs["units"] = "s", "m/s"
+    for axis, name in enumerate(("time", "x")):
+        file[name].make_scale(name)
+        data.dims[axis].attach_scale(file[name])
+    file.swmr_mode = True
+    print(flush=True)
+    for end in range(1200, samples + 1, 600):
+        sys.stdin.readline()
+        data.resize(end, axis=0)
+        data[end - 600:] = v[end - 600:end]
+        data.flush()
+        sys.stdin.readline()
+        time.resize(end, axis=0)
+        time[end - 600:] = np.arange(end - 600, end) / 42e3
+        time.flush()
+        print(flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_a_file_that_another_process_writes(tmp_path, velocity):
+    """SWMR: read while it is open, at moments when velocity is ahead of its times as well."""
+    path = tmp_path / "plane.h5"
+    np.save(f"{path}.npy", velocity.T.numpy())
+    with subprocess.Popen([sys.executable, "-c", WRITER, str(path), "1800"], text=True,
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as solver:  # fmt: skip
+        solver.stdout.readline()
+
+        def step(answers: bool):
+            def go():
+                print(file=solver.stdin, flush=True)
+                return solver.stdout.readline() if answers else None
+
+            return go
+
+        found, _, following = followed(path, *[step(False), step(True)] * 2)
+        print(file=solver.stdin, flush=True)
+    assert [rows[0].samples for rows in found] == [600, 1200, 1800]
+    whole = tl.GrowingMoments(
+        piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch
+    )
+    mine, theirs = (each.moments().sums.groups[0].totals for each in (following.going, whole))
+    assert torch.equal(mine, theirs)
+
+
+def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
+    """A last file that stays unreadable; one that others follow at once; one that was replaced."""
+    (tmp_path / "v0.h5").write_bytes(b"half")
+    with pytest.raises(OSError, match=r"v0\.h5 is not an HDF5"):
+        followed(tmp_path)
+    piece(velocity, 0, 600).write(tmp_path / "v1.h5")
+    with pytest.raises(OSError, match=r"v0\.h5 is not an HDF5"):
+        list(Frames(tmp_path).new())
+    frames = Frames(tmp_path / "v1.h5")
+    assert sum(each.samples for each in frames.new()) == 600
+    piece(velocity, 0, 300).write(tmp_path / "v1.h5")
+    with pytest.raises(OSError, match="had 600 samples and has 300; it was replaced"):
+        list(frames.new())
+    with pytest.raises(ValueError, match="no samples have come"):
+        Following(tmp_path, tl.load_liner("polito")).moments()
+
+
+def test_the_command(capsys, tmp_path, velocity, monkeypatch):
+    """A row, exit code by --until, moments at the end and on Ctrl-C."""
+    plane, output = str(tmp_path / "plane.h5"), tmp_path / "m.h5"
+    piece(velocity, 0, SAMPLES).write(plane)
+    words = ["follow", plane, "--idle", "0.1", "--every", "0.05", "-o", str(output)]
+    code, out, err = run(capsys, *words)
+    assert (code, err) == (0, "")
+    heading, line = out.splitlines()
+    assert heading.startswith("samples")
+    assert line.split()[0] == str(SAMPLES)
+    assert tl.read_moments(output).plane.samples == SAMPLES
+    assert run(capsys, *words, "--until", "1e-4")[0] == 1
+    code, out, _ = run(capsys, *words, "--until", "9", "--json", "--liner", "polito")
+    assert (code, json.loads(out)["samples"]) == (0, SAMPLES)
+    output.unlink()
+
+    def stop(_seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(follow, "__kwdefaults__", {"sleep": stop})
+    code, _, err = run(capsys, *words)
+    assert (code, err) == (130, "torchliner: interrupted\n")
+    assert tl.read_moments(output).plane.samples == SAMPLES
+    code, _, err = run(capsys, "follow", plane, "--every", "0")
+    assert (code, "--every is 0; it is above 0" in err) == (2, True)

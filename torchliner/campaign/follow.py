@@ -1,0 +1,203 @@
+"""A plane that is still being written: its map, its interval, and how long until that is small."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torchliner.campaign.inputs import open_plane
+from torchliner.io.whole_file import HDF5
+from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
+from torchliner.reduction.moments import Moments
+from torchliner.reduction.sources import in_full_precision
+from torchliner.signals.bootstrap import can_resample
+from torchliner.tdibc.growing import GrowingMoments
+
+PIECE_VALUES = 1 << 24  # velocities that are read at once
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is known at a moment.
+
+    Args:
+        samples, duration: of the whole blocks so far; s of the record.
+        frequency: Hz.
+        impedance: of the whole liner.
+        half_width: of its statistical interval, the wider of resistance and reactance; nan where
+            there are too few blocks.
+        needed: duration at which that is as small as wished, s: it falls as 1/sqrt(duration).
+        remaining: s of waiting until then, at the rate at which samples have come; nan where
+            unknown.
+    """
+
+    samples: int
+    duration: float
+    frequency: float
+    impedance: complex
+    half_width: float
+    needed: float
+    remaining: float
+
+
+class Frames:
+    """Samples of a plane that grows, or of files that come into a folder, in the order of names.
+
+    A file is read as far as it goes. The last one may be in the middle of a change: it is tried
+    again, and ``error`` says what was wrong.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.error: Exception | None = None
+        self._done: dict[Path, int] = {}  # samples taken of each file
+
+    @property
+    def liner(self) -> str:
+        """That the first file names."""
+        return open_plane(self._files()[0]).liner
+
+    def _files(self) -> list[Path]:
+        inside = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        return [each for each in inside if each.suffix.lower() in HDF5] or [self.path]
+
+    def new(self) -> Iterator[VelocityPlane]:
+        """What has come since, piece by piece, with all that is stated of the plane.
+
+        Raises:
+            OSError, ValueError: a file cannot be read that others follow; one became shorter.
+        """
+        files, self.error = self._files(), None
+        for path in files:
+            seen = self._done.get(path, 0)
+            try:
+                plane = open_plane(path)
+            except (OSError, ValueError) as error:
+                if path != files[-1]:
+                    raise
+                self.error = error
+                return
+            if plane.samples < seen:
+                raise OSError(f"{path} had {seen} samples and has {plane.samples}; it was replaced")
+            rows = max(1, PIECE_VALUES // plane.probes)
+            for begin in range(seen, plane.samples, rows):
+                slab = plane.read(begin, min(begin + rows, plane.samples))
+                velocity = slab.T.reshape(*plane.probe_shape, -1)
+                about = {key: value for key, value in vars(plane).items() if key != "velocity"}
+                self._done[path] = begin + len(slab)
+                yield VelocityPlane(velocity, **about | {"streamwise": None})
+
+
+class Following:
+    """Moments that are updated as frames come.
+
+    Args:
+        path: plane file that grows, or folder of files.
+        liner: model.
+        frequency: Hz; default the tone of the plane.
+        until: half-width that is wished for.
+        choices: of ``GrowingMoments``.
+    """
+
+    def __init__(
+        self, path: Path, liner: LinerModel, frequency: Any = None, *, until: float | None = None,
+        **choices: Any,
+    ) -> None:  # fmt: skip
+        self.frames, self.liner, self.frequency = Frames(path), liner, frequency
+        self.until, self.choices = until, choices
+        self.going: GrowingMoments | None = None
+        self.rate = math.nan  # samples of the record a second of waiting
+        self._first: tuple[float, int] | None = None  # clock and samples when they were first seen
+        self._samples = 0
+
+    @in_full_precision
+    def update(self) -> int:
+        """Take what has come; how many samples."""
+        before = self._samples
+        for piece in self.frames.new():
+            if self.going is None:
+                self.going = GrowingMoments(
+                    piece, cell_pitch=self.liner.cell_pitch, frequency=self.frequency,
+                    **self.choices,
+                )  # fmt: skip
+            else:
+                self.going.update(piece.velocity)
+            self._samples += piece.samples
+        now = time.monotonic()
+        if self._first is None:
+            self._first = (now, self._samples) if self._samples else None
+        elif self._samples > self._first[1] and now > self._first[0]:
+            self.rate = (self._samples - self._first[1]) / (now - self._first[0])
+        return self._samples - before
+
+    def standing(self) -> list[Standing]:
+        """At each frequency; none before the first blocks are whole."""
+        if self.going is None or self.going.units < 4:  # periods, the fewest of a record
+            return []
+        found = self.going.educe(self.liner, self.frequency, **self._at_reading())
+        plane = self.moments().plane
+        duration = plane.samples / plane.sampling_rate
+        rows = []
+        for i, (f, z) in enumerate(
+            zip(found.frequency.tolist(), found.answer.tolist(), strict=True)
+        ):
+            bounds = found.bounds_of_liner(found.order, i)
+            width = math.nan
+            if bounds is not None:
+                width = max(bounds[1].real - bounds[0].real, bounds[1].imag - bounds[0].imag) / 2
+            needed = duration * (width / self.until) ** 2 if self.until else math.nan
+            left = max(0.0, needed - duration) * plane.sampling_rate / self.rate
+            rows.append(Standing(plane.samples, duration, f, z, width, needed, left))
+        return rows
+
+    def _at_reading(self) -> dict[str, Any]:
+        chosen = {key: value for key, value in self.choices.items() if key != "order"}
+        assert self.going is not None
+        return chosen if can_resample(self.going.units) else chosen | {"interval": None}
+
+    def moments(self) -> Moments:
+        """Of the whole blocks so far.
+
+        Raises:
+            ValueError: there are none.
+        """
+        if self.going is None:
+            raise ValueError(f"{self.frames.path}: no samples have come")
+        return self.going.moments()
+
+
+def follow(
+    following: Following, tell: Callable[[list[Standing]], None], *, every: float, idle: float,
+    sleep: Callable[[float], None] = time.sleep,
+) -> bool:  # fmt: skip
+    """Wait for frames, until the interval is small enough or none have come for a while.
+
+    Args:
+        following: is updated.
+        tell: called with each new standing.
+        every: s between two looks.
+        idle: s without new samples that end it.
+        sleep: waits.
+    Returns:
+        Whether the wished half-width was reached.
+    Raises:
+        OSError, ValueError: the last file could not be read for so long; as ``Frames.new``.
+    """
+    waited = 0.0
+    while True:
+        if following.update():
+            waited = 0.0
+            tell(rows := following.standing())
+            if rows and following.until and all(r.half_width <= following.until for r in rows):
+                return True
+        elif waited >= idle:
+            if following.frames.error is not None:
+                raise following.frames.error
+            return False
+        sleep(every)
+        waited += every

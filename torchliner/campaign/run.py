@@ -1,0 +1,257 @@
+"""A campaign from its planes to maps, tables and an index, as often as it takes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from torchliner.campaign.campaign_file import Campaign
+from torchliner.campaign.index import (
+    DONE,
+    FAILED,
+    full_row,
+    require_readable_index,
+    write_index_files,
+)
+from torchliner.campaign.kept_parts import KeptParts
+from torchliner.campaign.lock import locked
+from torchliner.campaign.units import Unit, units_of
+from torchliner.checks import DataWarning
+from torchliner.in_situ_method.beside_maps import with_in_situ
+from torchliner.io.moments_file import read_moments
+from torchliner.io.pressure_file import read_pressure
+from torchliner.io.whole_file import printable, writable_folder, written_whole
+from torchliner.records import ImpedanceMap
+from torchliner.report.numbers import impedance_along_x
+from torchliner.report.pictures import draw_pictures
+from torchliner.tdibc.educe import educe
+from torchliner.tdibc.prepared import Progress
+from torchliner.tdibc.slices import moments_in_slices
+from torchliner.version import __version__
+
+MOST_PLANES = 32  # whose slices are under way at once
+Rows = list[dict[str, Any]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What is to be done.
+
+    Args:
+        units: all that could be made out.
+        failed: rows of planes that could not be opened.
+        current: units whose results stand.
+    """
+
+    units: tuple[Unit, ...]
+    failed: tuple[dict[str, Any], ...]
+    current: frozenset[str]
+
+    def state(self, unit: Unit) -> str:
+        """In words."""
+        if unit.name in self.current:
+            return "up to date"
+        return "from moments" if _moments_path(unit).exists() else "reads data"
+
+    @property
+    def to_read(self) -> dict[str, Unit]:
+        """A unit for each file of moments that is missing."""
+        return {u.moments: u for u in self.units if self.state(u) == "reads data"}
+
+
+def plan(campaign: Campaign) -> Plan:
+    """Units of a campaign, and which of them stand. Nothing is written.
+
+    Raises:
+        ValueError: two units of one name; an index of another version.
+    """
+    require_readable_index(campaign.output)
+    units: list[Unit] = []
+    failed: Rows = []
+    for case in campaign.cases:
+        try:
+            units += units_of(case, campaign)
+        except Exception as error:
+            failed.append(full_row(unit=case.name, file=case.shown, status=FAILED,
+                                   error=_words(error)))  # fmt: skip
+    names = [unit.name for unit in units]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{campaign.path}: two units are called {twice}; rename a liner's file")
+    current = frozenset(unit.name for unit in units if _kept_rows(unit) is not None)
+    return Plan(tuple(units), tuple(failed), current)
+
+
+def run_campaign(
+    campaign: Campaign, *, client: Any = None, progress: Progress | None = None
+) -> Rows:
+    """Do what is not done yet, and write the index.
+
+    Args:
+        campaign: of ``read_campaign``.
+        client: of dask.distributed, whose workers read the planes; None: all of it here.
+        progress: called with numbers of samples read, 2 T for each of ``Plan.to_read``.
+    Returns:
+        Rows of the index; a unit that failed stands there with its error.
+    Raises:
+        OSError: the folder cannot be written, or another run is at work in it.
+        ValueError: as ``plan``.
+    """
+    writable_folder(campaign.output)
+    with locked(campaign.output), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # in the maps, and counted in the index
+        found = plan(campaign)
+        rows: Rows = []
+        with _reduced(found, client, progress) as ready:
+            for unit in found.units:
+                try:
+                    kept = _kept_rows(unit)
+                    if kept is None:
+                        ready(unit)
+                        kept = _educed(unit)
+                    rows += kept
+                except Exception as error:
+                    rows.append(_row(unit, status=FAILED, error=_words(error)))
+        rows += found.failed
+        _clear_parts(found)
+        write_index_files(rows, campaign.output, campaign.title, __version__)
+        return rows
+
+
+@contextlib.contextmanager
+def _reduced(
+    found: Plan, client: Any, progress: Progress | None
+) -> Iterator[Callable[[Unit], object]]:
+    """What makes sure that the moments of a unit are there."""
+    if client is None:
+
+        def reduce_now(unit: Unit) -> None:
+            if not _moments_path(unit).exists():
+                _reduce(unit, progress)
+
+        yield reduce_now
+        return
+    threads = sum(client.nthreads().values())
+    at_once = max(1, min(MOST_PLANES, threads, len(found.to_read)))
+    ahead = max(2, -(-2 * threads // at_once))
+    pool = ThreadPoolExecutor(at_once)
+    futures = {
+        name: pool.submit(_reduce, unit, progress, client, ahead)
+        for name, unit in found.to_read.items()
+    }
+    try:
+        yield lambda unit: unit.moments not in futures or futures[unit.moments].result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _reduce(
+    unit: Unit, progress: Progress | None, client: Any = None, ahead: int | None = None
+) -> None:
+    """The moments of a unit's plane; parts stay until these are whole."""
+    path = _moments_path(unit)
+    kept = KeptParts(path.with_suffix(".parts"))
+    known = moments_in_slices(
+        unit.plane(), unit.request, client=client, kept=kept, progress=progress, ahead=ahead
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    known.write(path)
+    kept.clear()
+
+
+def _clear_parts(found: Plan) -> None:
+    """Delete parts that no unfinished plane needs: of other choices, or left by a killed run."""
+    for folder in found.units[0].campaign.output.glob("moments/*.parts") if found.units else ():
+        if folder.stem not in found.to_read:
+            KeptParts(folder).clear()
+
+
+def _moments_path(unit: Unit) -> Path:
+    return unit.campaign.output / "moments" / f"{unit.moments}.h5"
+
+
+def _rows_path(unit: Unit) -> Path:
+    return unit.campaign.output / "units" / f"{unit.name}.json"
+
+
+def _map_path(unit: Unit) -> Path:
+    return unit.campaign.output / "maps" / f"{unit.name}.h5"
+
+
+def _kept_rows(unit: Unit) -> Rows | None:
+    """Of the index, if they are those of this unit as it is now."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        rows = [full_row(**row) for row in json.loads(_rows_path(unit).read_text("utf-8"))]
+        if _map_path(unit).exists() and all(row["hash"] == unit.hash for row in rows):
+            return rows
+    return None
+
+
+def _educed(unit: Unit) -> Rows:
+    """Map, lines, figures and rows of a unit; the rows last, which say that all is there."""
+    start = time.perf_counter()
+    output, case = unit.campaign.output, unit.case
+    known = read_moments(_moments_path(unit))
+    plane = dataclasses.replace(known.plane, **case.facts, name=case.shown)
+    pressure = None if case.in_situ is None else read_pressure(case.in_situ)
+    frequency = list(unit.campaign.frequencies) or None
+    found: ImpedanceMap = educe(
+        dataclasses.replace(known, plane=plane), unit.model, frequency, pressure=pressure,
+        **unit.choices,
+    )  # fmt: skip
+    if pressure is not None:
+        (found,) = with_in_situ([found], [plane], pressure)
+    for folder in ("maps", "lines", "units"):
+        (output / folder).mkdir(exist_ok=True)
+    found.write(_map_path(unit))
+    for i, f in enumerate(found.frequency.tolist()):
+        impedance_along_x(found, i).write_csv(output / "lines" / f"{unit.name}_{f:g}Hz.csv")
+    if unit.campaign.figures:
+        draw_pictures([found], [plane], output / "figures" / unit.name)
+    rows = _map_rows(unit, found, time.perf_counter() - start)
+    with written_whole(_rows_path(unit)) as temporary:
+        temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    return rows
+
+
+def _map_rows(unit: Unit, found: ImpedanceMap, seconds: float) -> Rows:
+    rows = []
+    for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
+        bounds = found.bounds_of_liner(found.order, i)
+        ends = {} if bounds is None else {
+            f"{part}_{end}": getattr(value, side)
+            for end, value in zip(("low", "high"), bounds, strict=True)
+            for part, side in (("resistance", "real"), ("reactance", "imag"))
+        }  # fmt: skip
+        closes = "-" if found.closure is None else found.closure.words(found.order, i)
+        rows.append(_row(
+            unit, height=found.height, source_side=found.source_side, order=found.order,
+            frequency=f, resistance=z.real, reactance=z.imag, closure=closes.removesuffix("-"),
+            notes=len(found.notes), status=DONE, seconds=round(seconds, 3), **ends,
+        ))  # fmt: skip
+    return rows
+
+
+def _row(unit: Unit, **known: Any) -> dict[str, Any]:
+    about = {"unit": unit.name, "file": unit.case.shown, "liner": Path(unit.liner).stem,
+             "choices": json.dumps(unit.choices, sort_keys=True), "hash": unit.hash}  # fmt: skip
+    return full_row(**about, **{key: v for key, v in known.items() if v is not None})
+
+
+def _words(error: Exception) -> str:
+    """One line of an error."""
+    text = " ".join(printable(str(error)).split())
+    expected = isinstance(error, (ValueError, OSError, ImportError, TypeError, RuntimeError))
+    return text if text and expected else f"{type(error).__name__}: {text}"
+
+
+def failures(rows: Sequence[dict[str, Any]]) -> int:
+    """How many of them failed."""
+    return sum(row["status"] == FAILED for row in rows)

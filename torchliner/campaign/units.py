@@ -1,0 +1,132 @@
+"""Units of a campaign: a plane with a liner and choices, and what tells whether it is done."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torchliner.campaign.campaign_file import Campaign, Case
+from torchliner.campaign.inputs import digest, fingerprint, open_plane
+from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.liners.model import LinerModel
+from torchliner.names import ORDERS, PHASE_RULES
+from torchliner.records import VelocityPlane
+from torchliner.reduction.moments import SETTINGS
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.requested import Request
+from torchliner.toml_files import parse_toml, read_text
+from torchliner.version import __version__
+
+REDUCED = (*SETTINGS, "phase", "missing", "allow_short", "device", "dtype", "memory")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What is educed by itself.
+
+    Args:
+        name: of its files.
+        case, campaign: that it is of.
+        liner: preset or path.
+        model: it.
+        choices: of ``educe``.
+        hash: of everything that its results depend on.
+        request: of the moments that it is educed from, which other units may share.
+        moments: their file's name, without ending.
+        samples, bytes: of the plane's velocity.
+    """
+
+    name: str
+    case: Case
+    campaign: Campaign
+    liner: str
+    model: LinerModel
+    choices: Mapping[str, Any]
+    hash: str
+    request: Request
+    moments: str
+    samples: int
+    bytes: int
+
+    def plane(self) -> VelocityPlane:
+        """Its velocity still in the file."""
+        return stated_plane(self.case)
+
+
+def stated_plane(case: Case) -> VelocityPlane:
+    """A plane with the facts of the campaign's file, called as that file calls it."""
+    plane = open_plane(case.path, case.request)
+    return dataclasses.replace(plane, **case.facts, name=case.shown)
+
+
+def units_of(case: Case, campaign: Campaign) -> list[Unit]:
+    """Every liner with every set of choices.
+
+    Raises:
+        OSError, ValueError: the plane, a liner or a pressure record cannot be read.
+    """
+    plane, data = stated_plane(case), fingerprint(case.path)
+    if not case.liners and plane.liner not in preset_names():
+        fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
+        raise ValueError(
+            f"{case.shown} {fault}; state liner in [[planes]], or liners: "
+            f"{', '.join(preset_names())}, or a .toml or .csv file"
+        )
+    beside = None if case.in_situ is None else fingerprint(case.in_situ)
+    facts, asked = sorted(case.facts.items()), campaign.frequencies
+    order = (
+        ORDERS[2] if any(Choices(**one).order == ORDERS[2] for one, _ in campaign.choices) else None
+    )
+    found = []
+    for liner in case.liners or (plane.liner,):
+        model, content = _loaded(liner)
+        for choices, varied in campaign.choices:
+            request = _reduction(plane, model, asked, choices, order)
+            reduced = (data, sorted(case.request.items()), plane.frequency, _plain(request),
+                       content if request.liner else "", __version__)  # fmt: skip
+            every = (reduced, facts, content, asked, sorted(choices.items()), beside,
+                     campaign.figures)  # fmt: skip
+            words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
+            found.append(Unit(
+                "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words), case, campaign,
+                liner, model, choices, digest(*every), request, f"{case.name}-{digest(*reduced)}",
+                plane.samples, plane.velocity.dtype.itemsize * plane.samples * plane.probes,
+            ))  # fmt: skip
+    return found
+
+
+def _reduction(
+    plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...],
+    choices: Mapping[str, Any], order: str | None,
+) -> Request:  # fmt: skip
+    """Moments that serve as many units as can share them: those of any liner, if it is smooth in
+    |v|; of the order that contains the others; at the tone unless other rows are needed."""
+    chosen = Choices(**choices)
+    kept = {name: value for name, value in choices.items() if name in REDUCED}
+    kept["order"] = order or ORDERS[0]
+    if chosen.order != ORDERS[2]:
+        kept.pop("oncoming_rms", None)
+    if chosen.interval is None:
+        kept["interval"] = None
+    at_asked = chosen.phase != next(iter(PHASE_RULES)) or chosen.wall_filter is not None
+    frequency = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
+    if model.speed_max is not None:
+        return Request(model, frequency, None, kept)
+    return Request(None, frequency, model.cell_pitch, kept)
+
+
+def _plain(request: Request) -> Any:
+    return request.frequency, request.cell_pitch, sorted(request.choices.items())
+
+
+def _loaded(liner: str) -> tuple[LinerModel, str]:
+    """A liner, and a digest of all it was made of."""
+    model, paths = load_liner(liner), [Path(liner)] if Path(liner).suffix else []
+    if paths and paths[0].suffix.lower() == ".toml":
+        table = parse_toml(read_text(paths[0]), paths[0]).get("file")
+        paths += [paths[0].parent / table] if table else []
+    return model, digest(sorted(model.describe().items()), *(p.read_bytes() for p in paths))
