@@ -190,7 +190,11 @@ def test_what_is_no_whole_file_is_refused(tmp_path, kind, damage, error, message
     path = tmp_path / "a.h5"
     make().write(path)
     whole = path.read_bytes()
-    content = {"text": b"time,v\n0,1\n", "empty": b"", "truncated": whole[: len(whole) // 2]}
+    content = {
+        "text": b"velocity of the plane\n",
+        "empty": b"",
+        "truncated": whole[: len(whole) // 2],
+    }
     path.write_bytes(content.get(damage, whole))
     path = {"missing": tmp_path / "b.h5", "folder": tmp_path}.get(damage, path)
     with pytest.raises(error, match=message):

@@ -311,7 +311,7 @@ def test_span_and_cells_are_resampled(liner):
     liner = liner.replace(cell_pitch=None)  # rows of probes within a cell would not be alike
     gained = []
     for seed in range(4):
-        rows, columns = [1e-3 * i for i in range(8)], [0, 1, 2, 3]
+        rows, columns = [1e-3 * i for i in range(8)], [0, 1e-3, 2e-3, 3e-3]
         plane = plane_of(turbulence((8, 4, 40 * 30), seed=seed), z=rows, x=columns)
         time = tl.educe(plane, liner).uncertainty
         span = tl.educe(plane, liner, resample="time-span").uncertainty

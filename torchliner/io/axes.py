@@ -32,10 +32,11 @@ UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
 FLUID = numbers(FLUID_UNITS)
+PLACES = {"x": "streamwise coordinate", "z": "spanwise coordinate"}
 
 
 def write_coordinates(
-    file: h5py.File, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
+    file: h5py.Group, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
     line: bool = True,
 ) -> tuple[str, ...]:  # fmt: skip
     """Coordinate variables and dimensions of probes.
@@ -52,7 +53,8 @@ def write_coordinates(
     if len(shape) == 2:
         for name, count in zip(("z", "x"), shape, strict=True):
             if name in known:
-                write_variable(file, name, known[name], "m", (name,))
+                row = write_variable(file, name, known[name], "m", (name,))
+                row.attrs["long_name"] = PLACES[name]
             else:
                 write_index(file, name, count)
         return ("z", "x")
@@ -62,7 +64,8 @@ def write_coordinates(
     elif shape:
         write_index(file, "probe", shape[0])
     for name, values in known.items():
-        write_variable(file, name, values if shape else values.item(), "m", dims)
+        row = write_variable(file, name, values if shape else values.item(), "m", dims)
+        row.attrs["long_name"] = PLACES[name]
     return dims
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -184,8 +185,10 @@ class SurveySums:
         end = begin + len(slab)
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
         pieces = self.plan.pieces(begin, end, weighed=False)
-        numbers = list(dict.fromkeys(block for *_, block in pieces))
-        pieces = [(low, high, numbers.index(block)) for low, high, block in pieces]
+        # In runs: what lies before the first block bears the number of what lies behind the last.
+        runs = [list(run) for _, run in itertools.groupby(pieces, key=lambda piece: piece[2])]
+        pieces = [(low, high, i) for i, run in enumerate(runs) for low, high, _ in run]
+        numbers = [run[0][2] for run in runs]
         sums = self.current.new_zeros(len(numbers), *self.current.shape)
         squares = self.square.new_zeros(len(numbers), *self.square.shape)
         lines = Lines(pieces, rows, sums, squares, self.smallest, self.largest)
