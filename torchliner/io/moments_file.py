@@ -25,11 +25,12 @@ from torchliner.io.tables import FileKind, Table, cartesian, read_variables, rea
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.reduction.basis import Basis
+from torchliner.reduction.block_sums import VelocityBlocks
 from torchliner.reduction.moments import Moments, PlaneSums, ReducedVelocity
 from torchliner.reduction.periodic import Harmonics, PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
-from torchliner.reduction.survey import Survey, VelocityBlocks
+from torchliner.reduction.survey import Survey
 
 STEM = "torchliner moments "
 KIND = FileKind(

@@ -1,9 +1,11 @@
-"""Sums of v over one block, which parts of a record may share."""
+"""Sums of v over one block, which parts of a record may share, and means over all of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 
@@ -29,3 +31,23 @@ class BlockSums:
         return BlockSums(
             self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares
         )
+
+
+@dataclass(frozen=True)
+class VelocityBlocks:
+    """Means over S blocks of the record.
+
+    Args:
+        mean: of v, m/s, (S, P).
+        mean_square: of v, m2/s2, (S, P).
+        line: of v e^{-j omega t}, m/s, complex128, (S, P, F).
+    """
+
+    mean: Tensor
+    mean_square: Tensor
+    line: Tensor
+
+    @classmethod
+    def join(cls, parts: Sequence[VelocityBlocks]) -> VelocityBlocks:
+        """Groups of columns side by side."""
+        return cls(*(torch.cat([getattr(p, n) for p in parts], dim=1) for n in vars(parts[0])))

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import bounds_of
+from torchliner.reduction.block_sums import VelocityBlocks
 from torchliner.reduction.periodic import PeriodicPart
-from torchliner.reduction.survey import Survey, VelocityBlocks
+from torchliner.reduction.survey import Survey
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import BLOCK, line_sums, waves
 

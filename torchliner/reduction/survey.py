@@ -12,32 +12,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.reduction.block_sums import BlockSums
+from torchliner.reduction.block_sums import BlockSums, VelocityBlocks
 from torchliner.reduction.coherence import SegmentLines, ToneCoherence
 from torchliner.reduction.eager import Lines
 from torchliner.reduction.periodic import PeriodicSums
 from torchliner.reduction.plan import PassPlan
 from torchliner.signals.tones import line_sums, waves
-
-
-@dataclass(frozen=True)
-class VelocityBlocks:
-    """Means over S blocks of the record.
-
-    Args:
-        mean: of v, m/s, (S, P).
-        mean_square: of v, m2/s2, (S, P).
-        line: of v e^{-j omega t}, m/s, complex128, (S, P, F).
-    """
-
-    mean: Tensor
-    mean_square: Tensor
-    line: Tensor
-
-    @classmethod
-    def join(cls, parts: Sequence[VelocityBlocks]) -> VelocityBlocks:
-        """Groups of columns side by side."""
-        return cls(*(torch.cat([getattr(p, n) for p in parts], dim=1) for n in vars(parts[0])))
 
 
 @dataclass(frozen=True)
