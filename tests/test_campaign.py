@@ -263,7 +263,7 @@ def test_a_failing_unit_stops_no_other(capsys, campaign):
     code, rows, _ = done(capsys, campaign)
     assert code == 1
     failed = {row["unit"]: row["error"] for row in rows if row["status"] == "failed"}
-    assert "is not an HDF5" in failed.pop("broken")
+    assert "is of no format of planes" in failed.pop("broken")
     assert len(failed) == 2
     assert all("hold" in text and "nan or inf" in text for text in failed.values())
     assert sum(row["status"] == "done" for row in rows) == 8
@@ -326,7 +326,7 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace("[[planes]]", "[planes]"), "planes"),
         (TOML.replace('liner = "polito"', ""), "one names no liner; state liner in [[planes]]"),
         (TOML.replace("polito", "polyto"), "did you mean 'polito'"),
-        (TOML.replace("liner =", "variable = 'v'\nliner ="), "variable cannot be stated of this"),
+        (TOML.replace("liner =", "variable = 'v'\nliner ="), "has no variable 'v'"),
         (TOML.replace("order =", "engine = 'unfold'\norder ="), "choices.engine: no such key"),
     ],
 )  # fmt: skip

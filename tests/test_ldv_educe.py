@@ -322,3 +322,16 @@ def test_a_table_without_intervals(folder, capsys):
     assert text.splitlines()[0].startswith("station")
     assert "f Hz" in text.splitlines()[0]
     assert "interval" not in text
+
+
+def test_two_workers_give_the_line_of_one_machine(folder, known, tmp_path, monkeypatch, capsys):
+    """Stations are read where they are educed, from any folder; the line is the same to the bit."""
+    monkeypatch.chdir(folder.parent)
+    out = tmp_path / "line.h5"
+    assert run(folder.name, "--cluster", "local:2", "-o", out, "--quiet") == 0
+    line = tl.read_line(out)
+    assert torch.equal(line.impedance, known.impedance)
+    assert torch.equal(line.average.impedance, known.average.impedance)
+    assert not (tmp_path / "line.h5.parts").exists()
+    assert run("nowhere", "--cluster", "local:2") == 2
+    assert "nowhere: no such file" in capsys.readouterr().err

@@ -12,7 +12,14 @@ from torchliner import names
 from torchliner.cli import ldv_options as ldv
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import preset_named, show_results
-from torchliner.cli.options import closure_code, frequency_option, progress_bar, shared, stated
+from torchliner.cli.options import (
+    CLUSTER,
+    closure_code,
+    frequency_option,
+    progress_bar,
+    shared,
+    stated,
+)
 
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
@@ -27,7 +34,7 @@ OWN = {
                              "reference; default: none",
 }  # fmt: skip
 OPTIONS = {
-    "": ldv.READING | shared("--liner", "--json", "--quiet", "--strict") | {
+    "": ldv.READING | CLUSTER | shared("--liner", "--json", "--quiet", "--strict") | {
         **frequency_option("the tone", "--educe-at"),
         "--output FILE": f"write the line as {names.RESULT_ENDINGS}",
         "--figure PICTURE": "draw Z along the line there",
@@ -59,6 +66,7 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
+    from torchliner.campaign.cluster import open_cluster
     from torchliner.io.line_parts import LineParts
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable_folder
@@ -66,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.line_table import format_line, plain_line
 
     chosen = chosen_from(options, CHOICES) | stated(options, STATION)
+    if options.cluster is not None:  # workers may be in other folders
+        options.source = options.source.absolute()
     sources = ldv.stations_from(options, "liner", "title")
     liner = _liner(options, sources)
     parts = None
@@ -76,10 +86,13 @@ def run(options: argparse.Namespace) -> int:
     if parts is not None and parts.there and not options.quiet:
         print(f"{parts.folder} holds {parts.there} finished stations; those of the same data and "
               "choices are taken up", file=sys.stderr)  # fmt: skip
-    with progress_bar(len(sources), options.source.name, options, "station") as step:
+    with (
+        open_cluster(options.cluster) as client,
+        progress_bar(len(sources), options.source.name, options, "station") as step,
+    ):
         line = educe_bursts(
             sources, liner, options.educe_at, reference=_reference(options), parts=parts,
-            progress=step, filters=ldv.filters_from(options), **chosen,
+            progress=step, client=client, filters=ldv.filters_from(options), **chosen,
         )  # fmt: skip
     if options.title is not None:
         line = replace(line, title=options.title)

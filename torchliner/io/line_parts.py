@@ -27,6 +27,10 @@ class LineParts:
         """Parts on disk, of this run or another."""
         return len(list(self.folder.glob("*.h5"))) if self.folder.is_dir() else 0
 
+    def holds(self, key: str) -> bool:
+        """Whether the station of a key is on disk."""
+        return (self.folder / f"{key}.h5").exists()
+
     def take_up(self, key: str, work: Callable[[], ImpedanceLine]) -> ImpedanceLine:
         """The station of a key from its file, else made and kept.
 

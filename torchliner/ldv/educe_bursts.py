@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.slices import in_order
 from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
@@ -42,7 +43,7 @@ def educe_bursts(
     stations: str | Path | Sequence[Station], liner: Liner, frequency: Any = None, *,
     reference: Reference | Sequence[Reference] | None = None, reference_phase: Any = None,
     parts: str | Path | LineParts | None = None, progress: Callable[[int], None] | None = None,
-    **choices: Any,
+    client: Any = None, **choices: Any,
 ) -> ImpedanceLine:  # fmt: skip
     """Impedance along a line of stations of bursts, segment by segment, and its averages.
 
@@ -63,6 +64,8 @@ def educe_bursts(
         parts: folder where each finished station is kept; a run that was broken off takes up what
             is there and was made from the same data with the same choices.
         progress: called with 1 after each station.
+        client: of dask.distributed, whose workers take a station each; stations of a file or folder
+            they read themselves, under the same path. The line is the same to the bit.
         choices: see ``StationChoices`` and ``Choices``; ``segment`` is the former's.
     Returns:
         The line in the order of x, y, z, with the average (5.2) over the stations that count.
@@ -91,24 +94,24 @@ def educe_bursts(
         )
     phases = checked_phases(reference_phase, len(stations))
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    shared: list[Any] = []
+    order, keys = _order(stations), []
     if kept is not None:  # the fingerprint of a table takes some work
         wanted = frequency.tolist() if hasattr(frequency, "tolist") else frequency
         shared = [
             liner_fingerprint(model), wanted, station_choices.describe(), replay_choices.describe(),
         ]  # fmt: skip
+        keys = [
+            station_key(stations[i], _channel(references[i], stations[i]), [*shared, phases[i]])
+            for i in order
+        ]
+    missing = [i for i, key in zip_longest(order, keys) if kept is None or not kept.holds(key)]
+    made = in_order(
+        client, _read_and_educe, (model, frequency, station_choices, replay_choices),
+        [(stations[i], references[i], phases[i]) for i in missing],
+    )  # fmt: skip
     lines = []
-    for i in _order(stations):
-        channel = _channel(references[i], stations[i])
-        work = partial(
-            _read_and_educe, stations[i], model, frequency, station_choices, replay_choices,
-            channel, phases[i],
-        )  # fmt: skip
-        if kept is None:
-            lines.append(work())
-        else:
-            key = station_key(stations[i], channel, [*shared, phases[i]])
-            lines.append(kept.take_up(key, work))
+    for _, key in zip_longest(order, keys):
+        lines.append(next(made) if kept is None else kept.take_up(key, partial(next, made)))
         if progress is not None:
             progress(1)
     line = join_lines(lines)
@@ -119,9 +122,15 @@ def educe_bursts(
     return dataclasses.replace(line, notes=tuple(notes))
 
 
-def _read_and_educe(station: Station, *arguments: Any) -> ImpedanceLine:
+def _read_and_educe(
+    liner: LinerModel, frequency: Any, station_choices: StationChoices, choices: Choices,
+    station: Station, reference: Any, phase: Any,
+) -> ImpedanceLine:  # fmt: skip
+    channel = _channel(reference, station)
     record = station.read() if isinstance(station, StationSource) else station
-    return educe_station(record, *arguments)
+    return educe_station(
+        record, liner, frequency, station_choices, choices, channel, phase
+    )  # fmt: skip
 
 
 def _order(stations: Sequence[Station]) -> list[int]:

@@ -91,7 +91,7 @@ def moments_in_slices(
     spans = spans_of(plane, asked.blocks.borders)
     # Neighbouring samples, and faults that some slices alone have, are seen by the whole alone.
     if len(spans) == 1 or chosen.drive == "running-rms" or chosen.missing == "exclude":
-        (found,) = _in_order(client, reduce_whole, (plane, request), [()], ahead)
+        (found,) = in_order(client, reduce_whole, (plane, request), [()], ahead)
         tell(() if client is None else found.notes)
         if progress is not None:
             progress(2 * plane.samples)
@@ -104,7 +104,7 @@ def moments_in_slices(
         if progress is not None:
             progress(done)
         tasks = [(span,) for span in spans if span[0] >= done]
-        parts = _in_order(client, _slice, (work, whole, known), tasks, ahead)
+        parts = in_order(client, _slice, (work, whole, known), tasks, ahead)
         # From the left, as the last bits of blocks that slices share ask for.
         while more := list(islice(_told(parts, progress), JOINED)):
             found = joined(more if found is None else [found, *more])
@@ -150,14 +150,22 @@ def _slice(
     return work(plane, span, known)
 
 
-def _in_order(
+def in_order(
     client: Any,
     work: Callable[..., Any],
     shared: tuple[Any, ...],
     tasks: Iterable[tuple[Any, ...]],
-    ahead: int | None,
+    ahead: int | None = None,
 ) -> Iterator[Any]:
-    """``work(*shared, *task)`` of each task, in their order, with some under way ahead of it."""
+    """``work(*shared, *task)`` of each task, in their order, with some under way ahead of it.
+
+    Args:
+        client: of dask.distributed; None: one after another, here, as they are asked for.
+        work: a function that workers can import.
+        shared: arguments of all tasks, sent once.
+        tasks: the other arguments.
+        ahead: tasks under way at once; default two for each thread of the workers.
+    """
     if client is None:
         yield from (work(*shared, *task) for task in tasks)
         return
