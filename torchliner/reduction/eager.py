@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,6 +13,8 @@ from torchliner.reduction.sources import Taken
 
 ROWS = 256  # of a piece, at most: float32 sums of more lose digits
 DIGIT = 2.0**32
+BATCH = 1 << 16  # velocities of few columns that are worked on at once
+NARROW = 64  # columns
 
 
 Pieces = Sequence[tuple[int, int, int]]
@@ -82,54 +85,79 @@ def add(
         _add_moments(slab, speeds, taken)
 
 
-def _velocity(slab: Tensor, taken: Taken | None, low: int, high: int, columns: slice) -> Tensor:
-    v = slab[low:high, columns]
-    if taken is None:
-        return v
-    return taken.part(slice(low, high), columns).off(v)
+def _batches(
+    slab: Tensor, pieces: Pieces, columns: slice, taken: Taken | None
+) -> Iterator[tuple[list[int], Any, Tensor]]:
+    """Pieces of equal length side by side, many of few columns: their numbers, their rows, (n t),
+    and v, (n, t, columns)."""
+    by_length: dict[int, list[int]] = {}
+    for i, (low, high, _) in enumerate(pieces):
+        by_length.setdefault(high - low, []).append(i)
+    for length, all_of_them in by_length.items():
+        width = columns.stop - columns.start
+        most = max(1, BATCH // (length * width)) if width < NARROW else 1
+        for first in range(0, len(all_of_them), most):
+            some = all_of_them[first : first + most]
+            low = pieces[some[0]][0]
+            rows: Any = slice(low, low + length)
+            if len(some) > 1:
+                lows = torch.tensor([pieces[i][0] for i in some])
+                rows = (lows[:, None] + torch.arange(length)).flatten().to(slab.device)
+            v = slab[rows, columns]
+            if taken is not None:
+                v = taken.part(rows, columns).off(v)
+            yield some, rows, v.unflatten(0, (len(some), length))
+
+
+def _blocks(pieces: Pieces, some: Sequence[int], device: torch.device) -> Tensor:
+    return torch.tensor([pieces[i][2] for i in some], device=device)
 
 
 def _add_lines(slab: Tensor, lines: Lines, taken: Taken | None) -> None:
     weight_sums(slab, lines.pieces, None)
     for left, right in _tiles(slab, 4096):
         columns = slice(left, right)
-        for low, high, block in lines.pieces:
-            v = _velocity(slab, taken, low, high, columns)
-            lines.sums[block, :, columns] += lines.rows[:, low:high] @ v
+        for some, rows, v in _batches(slab, lines.pieces, columns, taken):
+            blocks = _blocks(lines.pieces, some, slab.device)
+            w = lines.rows[:, rows].unflatten(1, (len(some), -1)).transpose(0, 1)
+            lines.sums[:, :, columns].index_add_(0, blocks, torch.bmm(w, v).double())
             if lines.squares is None or lines.smallest is None or lines.largest is None:
                 continue
-            lines.squares[block, columns] += v.square().sum(0)
+            lines.squares[:, columns].index_add_(0, blocks, v.square().sum(1).double())
             for kept, meet, own in (
-                (lines.smallest[columns], torch.minimum, v.amin(0)),
-                (lines.largest[columns], torch.maximum, v.amax(0)),
+                (lines.smallest[columns], torch.minimum, v.amin((0, 1))),
+                (lines.largest[columns], torch.maximum, v.amax((0, 1))),
             ):
                 meet(kept, own, out=kept)
 
 
 def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
-    count, rows = speeds.count, speeds.rows
-    known = weight_sums(slab, speeds.pieces, rows)
+    count, further = speeds.count, speeds.rows
+    known = weight_sums(slab, speeds.pieces, further).to(slab.device)
     signs, turns = _signs(count)
     for left, right in _tiles(slab, 1024):
         columns = slice(left, right)
-        for (low, high, block), weight in zip(speeds.pieces, known, strict=True):
-            w = slab.new_ones((len(weight), high - low))
-            if rows is not None:
-                w[1:] = rows[:, low:high]
-            sums = slab.new_empty((count, len(weight), right - left))
-            speed = _velocity(slab, taken, low, high, columns).abs()
+        for some, rows, v in _batches(slab, speeds.pieces, columns, taken):
+            n, length, width = v.shape
+            w = slab.new_ones((n, known.shape[1], length))
+            if further is not None:
+                w[:, 1:] = further[:, rows].unflatten(1, (n, length)).transpose(0, 1)
+            sums = slab.new_empty((count, n, known.shape[1], width))
+            speed = v.abs()
             twice = (speed - speeds.centre).mul_(2).div_(speed.add_(speeds.centre))
             before, now = speed.fill_(1), twice / 2
             for k in range(1, count):
                 if k > 1:
                     torch.addcmul(before, twice, now, value=turns[k], out=before)
                     before, now = now, before
-                torch.mm(w, now, out=sums[k])
-            exact = rounded(sums.double() * signs.to(slab.device)[:, None, None])
-            exact[0] = weight[:, None].to(slab.device)
-            speeds.totals[:, :, columns] += exact.transpose(0, 1)
+                torch.bmm(w, now, out=sums[k])
+            exact = rounded(sums.double() * signs.to(slab.device)[:, None, None, None])
+            exact[0] = known[some][..., None]
+            exact = exact.permute(1, 2, 0, 3)
+            speeds.totals[:, :, columns] += exact.sum(0)
             if speeds.of_blocks is not None:
-                speeds.of_blocks[block, :, :, columns] += exact.transpose(0, 1).to(slab.dtype)
+                blocks = _blocks(speeds.pieces, some, slab.device)
+                speeds.of_blocks[..., columns].index_add_(0, blocks, exact.to(slab.dtype))
 
 
 def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:
