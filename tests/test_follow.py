@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import subprocess
@@ -27,7 +28,7 @@ def velocity() -> torch.Tensor:
 
 def piece(velocity, low: int, high: int) -> tl.VelocityPlane:
     x = 2e-3 * torch.arange(PROBES)
-    return plane_of(velocity[:, low:high], x=x, liner="polito")
+    return plane_of(velocity[:, low:high], x=x, liner="polito", start=low / RATE)
 
 
 class Solver:
@@ -190,3 +191,44 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
     assert tl.read_moments(output).plane.samples == SAMPLES
     code, _, err = run(capsys, "follow", plane, "--every", "0")
     assert (code, "--every is 0; it is above 0" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"x": 3e-3 * torch.arange(PROBES)}, "another x than"),
+        ({"sampling_rate": RATE / 2}, "another sampling_rate"),
+        ({"height": 2e-3}, "another height"),
+        ({"start": 1400 / RATE}, "samples are missing between"),
+        ({"start": 0.0}, "holds nothing new"),
+    ],
+)
+def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, words):
+    """Other probes, another rate, a gap, the same samples again."""
+    piece(velocity, 0, 1000).write(tmp_path / "v1.h5")
+    frames = Frames(tmp_path)
+    assert sum(each.samples for each in frames.new()) == 1000
+    other = dataclasses.replace(piece(velocity, 1000, 1800), **change)
+    other.write(tmp_path / "v2.h5")
+    with pytest.raises(ValueError, match=rf"v2\.h5.*{words}"):
+        list(frames.new())
+
+
+def test_what_is_there_twice_counts_once(tmp_path, velocity):
+    """A restart that begins before the end; numbers of files are numbers."""
+    piece(velocity, 0, 1000).write(tmp_path / "v9.h5")
+    piece(velocity, 980, 1800).write(tmp_path / "v10.h5")
+    frames = Frames(tmp_path)
+    with pytest.warns(tl.DataWarning, match="20 samples before the end"):
+        found = torch.cat([each.velocity for each in frames.new()], dim=-1)
+    assert torch.equal(found, velocity[:, :1800])
+
+
+def test_another_file_of_the_same_name_is_refused(tmp_path, velocity):
+    path = tmp_path / "v.h5"
+    piece(velocity, 0, 1000).write(path)
+    frames = Frames(path)
+    list(frames.new())
+    piece(velocity + 1, 0, 1800).write(path)
+    with pytest.raises(OSError, match="it was replaced"):
+        list(frames.new())

@@ -177,16 +177,19 @@ def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
     """By what they state, or by their velocities."""
     stated = [
-        (dict(each.choices.get("data") or {}).get("case"),
-         *(each.choices.get(name) for name in ("samples", "sampling_rate")))
+        (dict(each.choices.get("data") or {}).get("case"), each.choices.get("sampling_rate"))
         for each in (first, second)
-    ]  # fmt: skip
+    ]
     if stated[0][0] is not None and stated[0] == stated[1]:
         return True
-    return first.mean_velocity.shape == second.mean_velocity.shape and all(
-        torch.allclose(
-            getattr(first, name).double().cpu(), getattr(second, name).double().cpu(),
-            rtol=SAME_RECORD, atol=0, equal_nan=True,
-        )
+    if first.mean_velocity.shape != second.mean_velocity.shape:
+        return False
+    pairs = [
+        [getattr(each, name).double().cpu() for each in (first, second)]
         for name in ("mean_velocity", "velocity_rms")
-    )  # fmt: skip
+    ]
+    # Probes that one of them left out say nothing.
+    known = torch.stack([each.isfinite() for pair in pairs for each in pair]).all(0)
+    return bool(known.any()) and all(
+        torch.allclose(one[known], other[known], rtol=SAME_RECORD, atol=0) for one, other in pairs
+    )

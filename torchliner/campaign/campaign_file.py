@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import itertools
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -13,6 +14,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from torchliner import ranges
+from torchliner.campaign.inputs import NAMED
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES
 from torchliner.tdibc.choices import Choices
@@ -166,9 +168,10 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     tables: dict[str, type[Strict]] = {"planes": PlanesTable, "choices": ChoicesTable}
     table = validated(CampaignTable, parse_toml(read_text(path), path), path, tables)
     folder = path.absolute().parent
+    target = Path(output or folder / (table.output or f"{path.stem}_results"))
     found = [
         (match, each) for each in table.planes for pattern in each.files
-        for match in _matches(folder, pattern, path)
+        for match in _without(_matches(folder, pattern, path), target)
     ]  # fmt: skip
     paths = [match for match, _ in found]
     twice = next((p for p in paths if paths.count(p) > 1), None)
@@ -180,16 +183,16 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
         cases.append(Case(
             match, name, _seen_from(folder, match),
             {key: stated[key] for key in FACTS if key in stated},
-            {key: stated[key] for key in REQUEST if key in stated},
+            {key: _beside(folder, stated[key]) if key in NAMED else stated[key]
+             for key in REQUEST if key in stated},
             tuple(_liner(folder, liner) for liner in
                   (table.liners or ([] if each.liner is None else [each.liner]))),
             None if each.in_situ is None else folder / each.in_situ,
         ))  # fmt: skip
     sets = choice_sets(table.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
     varied = {key for key in sets[0] if len({repr(one[key]) for one in sets}) > 1}
-    stated_output = folder / (table.output or f"{path.stem}_results")
     return Campaign(
-        path, Path(output or stated_output), tuple(cases), tuple(table.frequencies),
+        path, target, tuple(cases), tuple(table.frequencies),
         tuple((one, {key: one[key] for key in one if key in varied}) for one in sets),
         table.title, table.figures,
     )  # fmt: skip
@@ -201,7 +204,7 @@ def _matches(folder: Path, pattern: str, path: Path) -> list[Path]:
     Raises:
         FileNotFoundError: none; files of the same ending that are there are named.
     """
-    found = sorted(glob.glob(str(folder / pattern), recursive=True))
+    found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
     if not found:
         place = (folder / pattern).parent
         there = (
@@ -215,8 +218,20 @@ def _matches(folder: Path, pattern: str, path: Path) -> list[Path]:
     return [Path(each) for each in found]
 
 
+def _without(found: list[Path], output: Path) -> list[Path]:
+    """Planes but for what earlier runs have written."""
+    return [each for each in found if not each.absolute().is_relative_to(output.absolute())]
+
+
 def _seen_from(folder: Path, path: Path) -> str:
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def _beside(folder: Path, name: Any) -> Any:
+    """FILE or FILE:VARIABLE that is beside the campaign's file, by its whole path."""
+    path = Path(str(name))
+    there = any((folder / each).is_file() for each in (path, str(name).rpartition(":")[0]))
+    return str(folder / path) if there else name
 
 
 def _liner(folder: Path, name: str) -> str:

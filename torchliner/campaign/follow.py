@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
+from torch import Tensor
+
 from torchliner.campaign.inputs import open_plane
+from torchliner.checks import tell
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
@@ -17,8 +22,10 @@ from torchliner.reduction.moments import Moments
 from torchliner.reduction.sources import in_full_precision
 from torchliner.signals.bootstrap import can_resample
 from torchliner.tdibc.growing import GrowingMoments
+from torchliner.tdibc.requested import without_velocity
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
+ROUNDED = 1e-4  # of a rate that follows from times
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,8 @@ class Standing:
 
 
 class Frames:
-    """Samples of a plane that grows, or of files that come into a folder, in the order of names.
+    """Samples of a plane that grows, or of files that come into a folder, in the order of names
+    (numbers in them count as numbers), each going on where the one before ended by its times.
 
     A file is read as far as it goes. The last one may be in the middle of a change: it is tried
     again, and ``error`` says what was wrong.
@@ -56,6 +64,9 @@ class Frames:
         self.path = path
         self.error: Exception | None = None
         self._done: dict[Path, int] = {}  # samples taken of each file
+        self._heads: dict[Path, Tensor] = {}  # first sample of each
+        self._like: VelocityPlane | None = None
+        self._next = 0.0  # time of the next sample, s
 
     @property
     def liner(self) -> str:
@@ -63,14 +74,17 @@ class Frames:
         return open_plane(self._files()[0]).liner
 
     def _files(self) -> list[Path]:
-        inside = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        inside = sorted(self.path.iterdir(), key=_natural) if self.path.is_dir() else []
         return [each for each in inside if each.suffix.lower() in HDF5] or [self.path]
 
     def new(self) -> Iterator[VelocityPlane]:
         """What has come since, piece by piece, with all that is stated of the plane.
 
         Raises:
-            OSError, ValueError: a file cannot be read that others follow; one became shorter.
+            OSError, ValueError: a file cannot be read that others follow; one became shorter or
+                other; a later one is of other probes, or does not go on where the last one ended.
+        Warns:
+            DataWarning: samples are there twice; those of the later file are left out.
         """
         files, self.error = self._files(), None
         for path in files:
@@ -84,13 +98,60 @@ class Frames:
                 return
             if plane.samples < seen:
                 raise OSError(f"{path} had {seen} samples and has {plane.samples}; it was replaced")
+            if path in self._heads and not torch.equal(self._heads[path], _head(plane)):
+                raise OSError(f"{path} begins with other values than before; it was replaced")
+            if path not in self._heads:
+                seen = self._joined(plane, path)
+                self._heads[path] = _head(plane)
             rows = max(1, PIECE_VALUES // plane.probes)
             for begin in range(seen, plane.samples, rows):
                 slab = plane.read(begin, min(begin + rows, plane.samples))
                 velocity = slab.T.reshape(*plane.probe_shape, -1)
                 about = {key: value for key, value in vars(plane).items() if key != "velocity"}
                 self._done[path] = begin + len(slab)
+                self._next = plane.start + self._done[path] / plane.sampling_rate
                 yield VelocityPlane(velocity, **about | {"streamwise": None})
+
+    def _joined(self, plane: VelocityPlane, path: Path) -> int:
+        """Samples of a new file that are known already."""
+        first = self._like
+        if first is None:
+            # Without the open file, by which HDF5 would not see that it grows.
+            self._like, self._next = without_velocity(plane), plane.start
+            return 0
+        for name in ("probe_shape", "x", "z", "sampling_rate", "height"):
+            one, other = getattr(first, name), getattr(plane, name)
+            if isinstance(one, Tensor) and isinstance(other, Tensor):
+                same = torch.equal(one, other)
+            elif isinstance(one, float) and isinstance(other, float):
+                same = math.isclose(one, other, rel_tol=ROUNDED)
+            else:
+                same = one is other or (isinstance(one, tuple) and one == other)
+            if not same:
+                raise ValueError(
+                    f"{path} has another {name} than {first.name}; files of one plane share it"
+                )
+        known = round((self._next - plane.start) * plane.sampling_rate)
+        if not 0 <= known < plane.samples:
+            raise ValueError(
+                f"{path} goes from {plane.start:g} to {plane.start + plane.duration:g} s, and the "
+                f"next sample is that of {self._next:g} s: "
+                + ("samples are missing between" if known < 0 else "it holds nothing new")
+                + "; files are taken in the order of their names, and their times go on"
+            )
+        if known:
+            tell(f"{path} begins {known} samples before the end of the file before; they are left "
+                 "out")  # fmt: skip
+        return known
+
+
+def _head(plane: VelocityPlane) -> Tensor:
+    return plane.read(0, 1).clone().nan_to_num()
+
+
+def _natural(path: Path) -> list[Any]:
+    """Numbers as numbers: p9 before p10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
 
 
 class Following:

@@ -25,6 +25,22 @@ def open_plane(path: str | Path, request: Mapping[str, Any] | None = None) -> Ve
     return read_plane(Path(path).absolute(), lazy=True, **(request or {}))
 
 
+SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")  # one file stands for others
+NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
+
+
+def data_fingerprint(path: Path, request: Mapping[str, Any]) -> str:
+    """Of a plane: its file or folder, the files of its series, and those that the request names."""
+    found = [fingerprint(path)]
+    if path.suffix.lower() in SERIES:
+        members = sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
+        found += [f"{p.name} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in members]
+    for value in map(request.get, NAMED):
+        beside = [] if value is None else [Path(str(value)), Path(str(value).rpartition(":")[0])]
+        found += [fingerprint(each) for each in beside if each.is_file()]
+    return digest(*found)
+
+
 def fingerprint(path: Path) -> str:
     """Of a file: its size, time of change and both ends; of a folder: of all files in it.
 

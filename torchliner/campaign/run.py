@@ -212,7 +212,7 @@ def _educed(unit: Unit) -> Rows:
         (output / folder).mkdir(exist_ok=True)
     found.write(_map_path(unit))
     for i, f in enumerate(found.frequency.tolist()):
-        impedance_along_x(found, i).write_csv(output / "lines" / f"{unit.name}_{f:g}Hz.csv")
+        impedance_along_x(found, i).write_csv(output / "lines" / f"{unit.name}_{f:.10g}Hz.csv")
     if unit.campaign.figures:
         draw_pictures([found], [plane], output / "figures" / unit.name)
     rows = _map_rows(unit, found, time.perf_counter() - start)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.campaign.campaign_file import Campaign, Case
-from torchliner.campaign.inputs import digest, fingerprint, open_plane
+from torchliner.campaign.inputs import data_fingerprint, digest, fingerprint, open_plane
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS, PHASE_RULES
@@ -69,7 +69,7 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
     Raises:
         OSError, ValueError: the plane, a liner or a pressure record cannot be read.
     """
-    plane, data = stated_plane(case), fingerprint(case.path)
+    plane, data = stated_plane(case), data_fingerprint(case.path, case.request)
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
         raise ValueError(

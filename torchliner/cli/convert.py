@@ -120,6 +120,10 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
         plane = read_plane(options.source, lazy=True, **reading(options))
         return select(plane, factor=-1.0) if options.towards_liner else plane
     read = resolve(PLANE_LAYOUTS[layout][0])
+    given = {*reading(options)} - {*signature(read).parameters, "start", "stop", "region", "every"}
+    if given:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(given))
+        raise ValueError(f"--layout {layout} takes no {words}; leave that or --layout out")
     wanted = {name: value for name in signature(read).parameters
               if (value := getattr(options, name, None)) is not None}  # fmt: skip
     part = {name: getattr(options, name) for name in ("start", "stop", "region")}

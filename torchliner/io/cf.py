@@ -25,7 +25,10 @@ UPWARD = r"\b(up|down)ward_(air|sea_water)_vel"
 NORMAL = rf"(wall|surface|liner)[ _-]?normal|\bnormal[ _-](vel|to)|{UPWARD}"
 OTHER = r"streamwise|spanwise|eastward|northward|\bmean\b|_mean\b|\brms\b|_rms\b"
 LETTERS = {"x": "u", "y": "v", "z": "w"}
-DOWN = ("down", "into", "toward")  # how an attribute ``positive`` begins that means the liner
+# What an attribute ``positive`` says of the liner, and of the axis; long names and units may too.
+INTO, AWAY = r"\b(into|towards?|inwards?)\b", r"\b(away|outwards?|out of)\b"
+DOWN, UP = r"\bdown(wards?)?\b", r"\bup(wards?)?\b"
+DIRECTIONS = {"x": r"\bstreamwise\b|\bx_?1\b", "z": r"\bspanwise\b|\bx_?3\b", "y": r"\bx_?2\b"}
 ROLE = r"(?i)[ni]?([xyz])(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?))?"
 
 
@@ -151,9 +154,26 @@ def _described(dataset: h5py.Dataset, key: str) -> str:
 
 
 def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest) -> float:
-    """-1 where the data are positive into the liner, by their words or by the user's."""
+    """-1 where the data are positive into the liner: what they say of it counts before the user's
+    normal, which counts for an axis.
+
+    Raises:
+        ValueError: an attribute ``positive`` that says neither.
+    """
     words = (text_attribute(dataset, "positive") or "").strip().lower()
-    down = words.startswith(DOWN) or says(dataset, key, r"\bdownward_")
+    others = " ".join(
+        text_attribute(dataset, name) or "" for name in ("long_name", "units")
+    ).lower()
+    for text in (words, others if "positive" in others else ""):
+        into, away = (re.search(each, text) is not None for each in (INTO, AWAY))
+        if into != away:
+            return -1.0 if into else 1.0
+    if words and not (re.search(DOWN, words) or re.search(UP, words)):
+        raise ValueError(
+            f"{dataset.file.filename}:{dataset.name}: positive is {words!r}; write 'away from the "
+            "liner' or 'into the liner' (or 'up', 'down')"
+        )
+    down = re.search(DOWN, words) is not None or says(dataset, key, r"\bdownward_")
     return -1.0 if down != (request.normal or "").startswith("-") else 1.0
 
 
@@ -213,7 +233,8 @@ def _times(scales: list[h5py.Dataset | None], group: h5py.Group, path: Path) -> 
     """The times: a dimension scale that is time, else a variable of that name."""
     time = next((s for s in scales if s is not None and is_time(s) and not _is_bare(s)), None)
     for where in (group, group.file):
-        named = next((k for k in where if k.lower() in ("time", "t")), None)
+        named = next((k for k in where if k.lower() in ("time", "t")
+                      and len(getattr(where[k], "shape", None) or ()) == 1), None)  # fmt: skip
         if time is None and named is not None and is_there(where, named, path):
             own = where[named]
             time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
@@ -228,6 +249,10 @@ def _role(name: str, scale: h5py.Dataset | None) -> str:
     """time, x, y, z or probe; the name of another axis, "" of one without."""
     if scale is not None and is_time(scale):
         return "time"
+    words = "" if scale is None else text_attribute(scale, "long_name") or ""
+    for role, known in DIRECTIONS.items():
+        if re.search(known, f"{name} {words}", re.IGNORECASE):
+            return role
     found = re.fullmatch(ROLE, name)
     axis = None if scale is None else text_attribute(scale, "axis")
     if found is None and axis in ("X", "Y", "Z"):
@@ -243,6 +268,11 @@ def _rows_first(
         raise ValueError(
             f"{label} has the axes {', '.join(names)}: {height} is the height, of which a plane "
             f"has one; if it runs across the duct, say so: normal={across!r}"
+        )
+    if all(names) and not {"x", across} & set(names):
+        raise ValueError(
+            f"{label} has the axes {', '.join(names)}, and which runs along the duct is not "
+            "said; name all axes in their order: axes='time,z,x' (--axes)"
         )
     return kept[::-1] if names[0] == "x" or names[1] == across else kept
 
@@ -268,7 +298,15 @@ def find_coordinates(
         own = None if scale is None else _role(scale.name.split("/")[-1], scale)
         groups = {group.name: group, "/": group.file}
         choices = [where[key] for where in groups.values() for key in where
-                   if key.lower() == word and is_there(where, key, path)]  # fmt: skip
+                   if re.fullmatch(ROLE, key) and is_there(where, key, path)
+                   and _role(key, None) == word]  # fmt: skip
+        choices.sort(key=lambda each: len(each.name.split("/")[-1]))  # "x" before "x_coord"
+        for each in choices:
+            if len(axes.shape) == 2 and getattr(each, "shape", None) == axes.shape:
+                raise ValueError(
+                    f"{path}:{each.name} has a value for each probe, {each.shape}; a plane has one "
+                    "for each row or column: flatten velocity and coordinates to (time, probe)"
+                )
         if scale is not None and scale.name and (len(axes.shape) == 2 or own == word):
             choices.insert(0, scale)
         for each in choices:

@@ -72,7 +72,7 @@ def select(
         start, stop: s, on the clock of the plane: samples from ``start`` on, before ``stop``.
         every: keep every n-th sample in time.
         region: (low, high) of x and of z, m, as for ``read_plane``.
-        factor: on the velocities.
+        factor: on the wall-normal velocity.
     Raises:
         ValueError: nothing is selected; a region of a plane without coordinates.
     """
@@ -90,14 +90,14 @@ def select(
         return plane
     shape = about.pop("shape", plane.probe_shape)
     for name in ("velocity", "streamwise"):
-        value = getattr(plane, name)
+        value, sign = getattr(plane, name), factor if name == "velocity" else 1.0
         if isinstance(value, Tensor):
             part = value[..., begin:end:every]
             part = part if columns is None else part.reshape(-1, samples)[columns]
-            about[name] = factor * part.reshape(*shape, samples) if factor != 1 else (
+            about[name] = sign * part.reshape(*shape, samples) if sign != 1 else (
                 part.reshape(*shape, samples))  # fmt: skip
         elif value is not None:
-            about[name] = SelectedVelocity(value, (*shape, samples), begin, every, columns, factor)
+            about[name] = SelectedVelocity(value, (*shape, samples), begin, every, columns, sign)
     provenance = {**plane.provenance, **({"selected": chosen} if chosen else {})}
     return replace(
         plane, sampling_rate=plane.sampling_rate / every, provenance=provenance,
