@@ -58,8 +58,13 @@ def test_one_run_is_seen_and_bounded_from_above():
     case = {"data": {"case": "n130"}}
     one, other = (replace(each, choices={**each.choices, **case}) for each in (made(0), made(1)))
     assert tl.compare(one, other).same_run  # two heights of a run
-    longer = replace(other, choices={**other.choices, "samples": 7})
-    assert not tl.compare(one, longer).same_run
+    cut = replace(other, choices={**other.choices, "samples": 7})
+    assert tl.compare(one, cut).same_run
+    faster = replace(other, choices={**other.choices, "sampling_rate": 7.0})
+    assert not tl.compare(one, faster).same_run
+    mean = made(0).mean_velocity.clone()
+    mean.flatten()[0] = torch.nan  # a probe that one of them left out
+    assert tl.compare(made(0), replace(again, mean_velocity=mean)).same_run
 
 
 def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
