@@ -117,6 +117,20 @@ def test_points_as_an_array_and_none(tmp_path):
         FORMAT.open(path, PlaneRequest(**stated))
 
 
+def test_a_stated_rate_and_the_times(tmp_path):
+    """Times with a unit may not contradict it; the first row tells the start either way."""
+    for head, unit in ((names(), 1.0), (names(time="time [ms]"), 1e3), (names(time="time"), 7.0)):
+        path = write(tmp_path / "v.csv", head, *rows(unit=unit)[3:])
+        plane = FORMAT.open(path, PlaneRequest(sampling_rate=1.005 / STEP))
+        assert plane.sampling_rate == 1.005 / STEP
+        assert plane.start == pytest.approx(3 * STEP, rel=6e-3)
+        if "[" in head.split("p0")[0]:
+            with pytest.raises(
+                ValueError, match="v.csv: its times are at .* states 5000 Hz"
+            ):
+                FORMAT.open(path, PlaneRequest(sampling_rate=5e3))
+
+
 def test_decimal_commas(tmp_path):
     lines = [line.replace(".", ",") for line in ["\ufeff" + names(";"), *rows(";")]]
     path = write(tmp_path / "v.csv", *lines)

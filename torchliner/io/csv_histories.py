@@ -36,6 +36,7 @@ UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)
 LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
+SAME_RATE = 0.01  # by which a stated rate may differ from that of times with a unit
 
 
 @dataclass
@@ -119,9 +120,16 @@ def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tupl
                          "sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     factor = si_factor("time", unit, f"{path}: time") if unit else 1.0
     found = uniform_rate(rows.first * factor, f"{path}, time", rows.rounding * factor)
-    if request.sampling_rate is not None:
-        return request.sampling_rate, 0.0
-    return found, float(rows.first[0] * factor)
+    first, rate = float(rows.first[0] * factor), request.sampling_rate
+    if rate is None:
+        return found, first
+    if not unit:  # Whatever the times count, they count it evenly.
+        return rate, first * found / rate
+    if abs(found / rate - 1) > SAME_RATE:
+        raise ValueError(f"{path}: its times are at {found:.6g} Hz, sampling_rate states "
+                         f"{rate:.6g} Hz; leave it out, or correct the unit of the times, {unit}"
+                         )  # fmt: skip
+    return rate, first
 
 
 def _points_of(
