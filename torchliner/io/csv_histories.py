@@ -183,7 +183,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     if path.suffix.lower() in ARRAY_ENDINGS:
         values = read_array(path).astype(float)
     else:
-        rows = index_rows(path)
+        rows = index_rows(path, whole=True)
         for line in (each.strip("# \t\r") for each in rows.heading):
             named = [(word.lower(), a or b) for word, a, b in LABEL.findall(line)]
             if (found := UNIT.match(line)) is not None:
