@@ -131,6 +131,35 @@ def test_a_stated_rate_and_the_times(tmp_path):
                 FORMAT.open(path, PlaneRequest(sampling_rate=5e3))
 
 
+REMARKS = ("# run 2024 11 23", "# 4 blocks of 1 2 3", "# Case 7: (1, 2, 3)")
+
+
+@pytest.mark.parametrize("heading", sorted(HEADINGS))
+@pytest.mark.parametrize("above", [1, 2, 3])
+def test_remarks_with_numbers_are_no_points(tmp_path, heading, above):
+    """Above and below the points, whatever these look like."""
+    lines = [*REMARKS[:above], *HEADINGS[heading], *REMARKS[above:]]
+    plane = FORMAT.open(write(tmp_path / "v.csv", *lines, *rows()), BARE)
+    assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
+    assert np.allclose(plane.x, X)
+
+
+def test_points_that_do_not_fit_are_not_dropped(tmp_path):
+    """Too many, too few, one list of two that fit; a remark alone is told."""
+    one = [f"{i * STEP:.6g} {i}" for i in range(5)]
+    for lines, message in (
+        (["# 2024 11 23", *HEADINGS["points"]], "13 lines of its heading may be points.* 12 col"),
+        (HEADINGS["points"][1:], "11 lines of its heading may be points"),
+        ([HEADINGS["coordinates"][0] + ", 7"], "has 13 values of x, but there are 12 columns"),
+    ):
+        with pytest.raises(ValueError, match=rf"v.csv.*{message}"):
+            FORMAT.open(write(tmp_path / "v.csv", *lines, *rows()), BARE)
+    with pytest.raises(ValueError, match=r"2 lines of its heading may be points.* 1 columns"):
+        FORMAT.open(write(tmp_path / "v.csv", REMARKS[0], "# 0.1 0 0.2", *one), BARE)
+    with pytest.warns(DataWarning, match="v.csv, line 1 is a remark"):
+        assert FORMAT.open(write(tmp_path / "v.csv", REMARKS[0], *rows()), BARE).x is None
+
+
 def test_decimal_commas(tmp_path):
     lines = [line.replace(".", ",") for line in ["\ufeff" + names(";"), *rows(";")]]
     path = write(tmp_path / "v.csv", *lines)
