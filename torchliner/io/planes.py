@@ -6,11 +6,13 @@ import glob
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
+from torchliner.io.axes import CLOCK
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import join_planes
 from torchliner.io.plane_selection import select
@@ -63,12 +65,15 @@ def read_plane(
             raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
     request = PlaneRequest(**stated)
     planes: list[VelocityPlane] = []
+    clocks: list[tuple[str, Fraction] | None] = []
     seen: set[str] = set()  # files of series, of which any file stands for all
     for each in paths_of(path):
         if os.path.abspath(each) not in seen:
+            CLOCK.set(None)
             planes.append(open_plane(each, request))
+            clocks.append(CLOCK.get())
             seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
-    plane = select(join_planes(planes), start, stop, every, region)
+    plane = select(join_planes(planes, clocks), start, stop, every, region)
     return plane if lazy else plane.load()
 
 
