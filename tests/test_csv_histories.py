@@ -83,9 +83,11 @@ def test_a_list_of_points(tmp_path, order, separator):
         each[0] for each in order.replace(";", " ").replace(",", " ").split() if each[0] in "xyz"
     ]
     scale = 1e3 if "mm" in order else 1.0
+    last = "\n" if separator == " " else ""
     table = [separator.join(f"{scale * p['xyz'.index(a)]:.6g}" for a in axes) for p in POINTS]
     points = write(tmp_path / "points.txt", *(["length_unit\t=\tm"] if scale == 1 else []), order,
                    *table)  # fmt: skip
+    points.write_text(points.read_text().rstrip() + last)
     path = write(tmp_path / "YVelocity.csv", names(separator, "time [ms]"), *rows(separator, 1e3))
     plane = FORMAT.open(path, PlaneRequest(normal="y", points=points))
     assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
@@ -115,6 +117,47 @@ def test_points_as_an_array_and_none(tmp_path):
     np.save(tmp_path / "points.npy", POINTS[:11])
     with pytest.raises(ValueError, match=r"12 columns of values, its points are 11 \(.*npy\)"):
         FORMAT.open(path, PlaneRequest(**stated))
+
+
+def test_a_stated_rate_and_the_times(tmp_path):
+    """Times with a unit may not contradict it; the first row tells the start either way."""
+    for head, unit in ((names(), 1.0), (names(time="time [ms]"), 1e3), (names(time="time"), 7.0)):
+        path = write(tmp_path / "v.csv", head, *rows(unit=unit)[3:])
+        plane = FORMAT.open(path, PlaneRequest(sampling_rate=1.005 / STEP))
+        assert plane.sampling_rate == 1.005 / STEP
+        assert plane.start == pytest.approx(3 * STEP, rel=6e-3)
+        if "[" in head.split("p0")[0]:
+            with pytest.raises(ValueError, match=r"v.csv: its times are at .* states 5000 Hz"):
+                FORMAT.open(path, PlaneRequest(sampling_rate=5e3))
+
+
+REMARKS = ("# run 2024 11 23", "# 4 blocks of 1 2 3", "# Case 7: (1, 2, 3)")
+
+
+@pytest.mark.parametrize("heading", sorted(HEADINGS))
+@pytest.mark.parametrize("above", [1, 2, 3])
+def test_remarks_with_numbers_are_no_points(tmp_path, heading, above):
+    """Above and below the points, whatever these look like."""
+    lines = [*REMARKS[:above], *HEADINGS[heading], *REMARKS[above:]]
+    plane = FORMAT.open(write(tmp_path / "v.csv", *lines, *rows()), BARE)
+    assert np.allclose(plane.load().velocity, WANTED, atol=1e-6)
+    assert np.allclose(plane.x, X)
+
+
+def test_points_that_do_not_fit_are_not_dropped(tmp_path):
+    """Too many, too few, one list of two that fit; a remark alone is told."""
+    one = [f"{i * STEP:.6g} {i}" for i in range(5)]
+    for lines, message in (
+        (["# 2024 11 23", *HEADINGS["points"]], "13 lines of its heading may be points.* 12 col"),
+        (HEADINGS["points"][1:], "11 lines of its heading may be points"),
+        ([HEADINGS["coordinates"][0] + ", 7"], "has 13 values of x, but there are 12 columns"),
+    ):
+        with pytest.raises(ValueError, match=rf"v.csv.*{message}"):
+            FORMAT.open(write(tmp_path / "v.csv", *lines, *rows()), BARE)
+    with pytest.raises(ValueError, match=r"2 lines of its heading may be points.* 1 columns"):
+        FORMAT.open(write(tmp_path / "v.csv", REMARKS[0], "# 0.1 0 0.2", *one), BARE)
+    with pytest.warns(DataWarning, match="v.csv, line 1 is a remark"):
+        assert FORMAT.open(write(tmp_path / "v.csv", REMARKS[0], *rows()), BARE).x is None
 
 
 def test_decimal_commas(tmp_path):

@@ -91,6 +91,58 @@ def test_an_overlap_must_agree_and_is_said(tmp_path):
         join_planes([piece(0, 30), replace(piece(30, 60), start=0.5)])
 
 
+# Units of the times of two restarts, and their first counts: the second begins 20 ms later.
+EPOCHS = {
+    "own epochs": ("seconds since 2024-01-01 00:00:59.980", 0.0,
+                   "seconds since 2024-01-01 00:01:00", 0.0),
+    "zones": ("seconds since 2024-02-29T23:59:59.990Z", 0.0,
+              "seconds since 2024-03-01 05:30:00.010 +05:30", 0.0),
+    "ns and days": ("ns since 1970-01-01", 1_704_067_259_980_000_000,
+                    "seconds since 2024-1-1 -1:00", 60.0 - 3600),
+    "unreadable, but one": ("s since 0001-01-01", 0.0, "s since 0001-01-01", 0.02),
+}  # fmt: skip
+
+
+def dated(path, low, high, units, first, **attributes):
+    """Samples of the whole, 1 ms apart, whose times count from an epoch."""
+    with h5py.File(path, "w") as file:
+        step = 1_000_000 if units.startswith("ns") else 1e-3
+        file["time"] = first + np.arange(high - low) * step
+        file["time"].make_scale("time")
+        file["v"] = WHOLE.velocity[..., low:high].movedim(-1, 0).numpy()
+        file["v"].dims[0].attach_scale(file["time"])
+        file["v"].attrs["units"] = "m/s"
+        file["time"].attrs.update({"units": units, **attributes})
+    return path
+
+
+@pytest.mark.parametrize("kind", EPOCHS)
+def test_restarts_with_epochs_are_joined_by_the_date(tmp_path, kind):
+    """Whatever their names, units and zones; alone each counts from its own."""
+    one, at, two, later = EPOCHS[kind]
+    paths = [dated(tmp_path / "b.h5", 20, 60, two, later), dated(tmp_path / "a.h5", 0, 20, one, at)]
+    for order in (paths, paths[::-1]):
+        found = tl.read_plane(order)
+        assert torch.equal(found.velocity, WHOLE.velocity)
+        assert found.start == pytest.approx(at * (1e-9 if at > 1e9 else 1))
+    assert tl.read_plane(paths[0]).start == later
+
+
+def test_epochs_that_are_not_comparable_are_refused(tmp_path):
+    """One without, one of another calendar, no date; a gap on the clock of the first."""
+    one = dated(tmp_path / "a.h5", 0, 20, "s since 2024-01-01", 0.0)
+    for units, words, message in (
+        ("s", {}, r"b.h5.* with .*a.h5.* since 2024-01-01 .*: its own are since no date"),
+        ("s since 2024-01-01", {"calendar": "noleap"}, "b.h5.* since '2024-01-01 noleap'"),
+        ("s since the start", {}, "b.h5.* since 'the start standard'; a date YYYY"),
+        ("s since 2024-02-30", {}, "b.h5.* a date YYYY"),
+        ("s since 2024-01-01 00:00:01", {}, "980 samples are missing .* begins at 1 s"),
+    ):
+        two = dated(tmp_path / "b.h5", 20, 60, units, 0.0, **words)
+        with pytest.raises(ValueError, match=message):
+            tl.read_plane([one, two])
+
+
 FAULTS = {
     "gap": ({}, (35, 60), r"5 samples are missing between velocity, which ends at 0.50058 s, and"),
     "rate": ({"sampling_rate": 51e3}, (30, 60), "sampled at 50000 and 51000 Hz, two time bases"),

@@ -30,6 +30,7 @@ from plane_files import (
 )
 
 from torchliner.checks import DataWarning
+from torchliner.io import planes
 from torchliner.io.openfoam_surfaces import FORMAT as FOAM
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.surface_frames import Surface
@@ -160,6 +161,23 @@ def test_collections_state_times(tmp_path, ending):
     path.write_text(text[ending].replace("3e-05", "2e-05"))
     with pytest.raises(ValueError, match="several files for the time 2e-05"):
         SERIES.open(path, plain)
+
+
+def test_a_glob_of_a_series_opens_it_once(tmp_path, monkeypatch):
+    """Whether or not its points are sorted; two series are two planes."""
+    series(tmp_path)
+    mixed = pyvista.PolyData(POINTS[::-1].copy())
+    for i in range(9):
+        mixed.point_data["U"] = VALUES[i, ::-1]
+        save(mixed, tmp_path / f"q_{i}.vtp")
+    opened = []
+    monkeypatch.setattr(planes, "join_planes", lambda found: opened.extend(found) or found[0])
+    for pattern, count in (("plane_*", 1), ("q_*", 1), ("*.vtp", 2)):
+        opened.clear()
+        stated = {"normal": "y", "velocity_units": "m/s", "length_units": "m"}
+        plane = planes.read_plane(f"{tmp_path}/{pattern}", sampling_rate=1 / STEP, **stated)
+        assert len(opened) == count
+        assert np.allclose(plane.velocity.numpy(), ON_GRID, atol=1e-7)
 
 
 def test_faults_of_a_series(tmp_path):

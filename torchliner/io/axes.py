@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextvars import ContextVar
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,6 +30,8 @@ from torchliner.units import si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
+# Epoch of the clock read last, and its first time after that, s; who joins files asks for it.
+CLOCK: ContextVar[tuple[str, Fraction] | None] = ContextVar("CLOCK", default=None)
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
@@ -178,6 +182,10 @@ def read_clock(
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
     exact = float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
     rate = uniform_rate(time, name, exact * (factor if epoch else 1.0))
+    if epoch:
+        calendar = text_attribute(group[key], "calendar") or "standard"
+        since = Fraction(counts[0].item()) * Fraction(str(factor))
+        CLOCK.set((f"{epoch.strip()} {calendar.lower()}", since))
     if stated is not None and not unit:
         return stated, len(time), 0.0
     return rate, len(time), first

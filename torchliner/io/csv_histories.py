@@ -10,10 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
+from torchliner.checks import tell
 from torchliner.file_checks import naming
 from torchliner.io.arrays import read_array
 from torchliner.io.axes import uniform_rate
@@ -36,6 +38,7 @@ UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)
 LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
+SAME_RATE = 0.01  # by which a stated rate may differ from that of times with a unit
 
 
 @dataclass
@@ -119,28 +122,44 @@ def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tupl
                          "sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     factor = si_factor("time", unit, f"{path}: time") if unit else 1.0
     found = uniform_rate(rows.first * factor, f"{path}, time", rows.rounding * factor)
-    if request.sampling_rate is not None:
-        return request.sampling_rate, 0.0
-    return found, float(rows.first[0] * factor)
+    first, rate = float(rows.first[0] * factor), request.sampling_rate
+    if rate is None:
+        return found, first
+    if not unit:  # Whatever the times count, they count it evenly.
+        return rate, first * found / rate
+    if abs(found / rate - 1) > SAME_RATE:
+        raise ValueError(f"{path}: its times are at {found:.6g} Hz, sampling_rate states "
+                         f"{rate:.6g} Hz; leave it out, or correct the unit of the times, {unit}"
+                         )  # fmt: skip
+    return rate, first
 
 
 def _points_of(
     heading: Sequence[str], count: int, unit: str | None, request: PlaneRequest, path: Path
 ) -> np.ndarray | None:
-    """Points in lines of a heading, m: three lines of coordinates, a line each, or all in one."""
+    """Points in lines of a heading, m: three lines of coordinates, a line each, or all in one.
+
+    Raises:
+        ValueError: coordinates of another number of points than ``count``; two axes are absent.
+    """
     lines: dict[str, np.ndarray] = {}
-    single: list[list[float]] = []
-    for line in heading:
+    block: np.ndarray | None = None
+    single: list[tuple[int, list[str], list[float]]] = []
+    for place, line in enumerate(heading):
         found = COORDINATE.match(line)
-        numbers = [n for cell in _cells(found[4] if found else line)
-                   if (n := number_of(cell)[0]) is not None]  # fmt: skip
+        cells = _cells(found[4] if found else line)
+        numbers = [n for cell in cells if (n := number_of(cell)[0]) is not None]
         if found is not None and len(numbers) == count:
             own = found[2] or found[3] or unit
             lines[found[1].lower()] = np.array(numbers) * _length(own, request, path)
+        elif found is not None and len(numbers) == len(cells) > 1:
+            raise ValueError(f"{path}: its heading has {len(numbers)} values of {found[1]}, but "
+                             f"there are {count} columns of values; state points=...")  # fmt: skip
         elif len(numbers) == 3 * count and count > 1:
-            single = np.reshape(numbers, (count, 3)).tolist()
+            block = np.reshape(numbers, (count, 3))
         elif len(numbers) in (3, 4) and UNIT.match(line) is None:
-            single.append(numbers[-3:])
+            words = [re.sub(r"\d+", "", c) for c in cells if number_of(c)[0] is None]
+            single.append((place, [*words, str(len(numbers))], numbers[-3:]))
     if lines:
         absent = [axis for axis in AXES if axis not in lines]
         if len(absent) > 1:
@@ -148,8 +167,22 @@ def _points_of(
                              f"{', '.join(absent)}")  # fmt: skip
         # The coordinate along the normal may be left out.
         return np.stack([lines.get(axis, np.zeros(count)) for axis in AXES], 1)
-    if len(single) == count:
-        return np.array(single) * _length(unit, request, path)
+    if block is not None:
+        return block * _length(unit, request, path)
+    # A list has lines of one kind, one below the other; a remark may hold three numbers too.
+    alike = groupby(enumerate(single), lambda each: (each[1][0] - each[0], each[1][1]))
+    runs = [[each[2] for _, each in group] for _, group in alike]
+    whole = [[numbers for *_, numbers in single], *runs]
+    fitting = [run for run in whole if len(run) == count]
+    if fitting and all(run == fitting[0] for run in fitting):
+        return np.array(fitting[0]) * _length(unit, request, path)
+    if len(single) > 1:
+        raise ValueError(f"{path}: {len(single)} lines of its heading may be points, but there are "
+                         f"{count} columns of values; state points=..., or mend the heading"
+                         )  # fmt: skip
+    if single:
+        tell(f"{path}, line {single[0][0] + 1} is a remark: one point does not place {count} "
+             "columns of values", depth=2)  # fmt: skip
     return None
 
 
@@ -175,7 +208,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     if path.suffix.lower() in ARRAY_ENDINGS:
         values = read_array(path).astype(float)
     else:
-        rows = index_rows(path)
+        rows = index_rows(path, whole=True)
         for line in (each.strip("# \t\r") for each in rows.heading):
             named = [(word.lower(), a or b) for word, a, b in LABEL.findall(line)]
             if (found := UNIT.match(line)) is not None:

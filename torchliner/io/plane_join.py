@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import date
+from fractions import Fraction
 from typing import Any
 
 import torch
@@ -16,6 +20,13 @@ from torchliner.records.same_case import STATED, require_same_case
 from torchliner.records.slabs import slab_bounds
 
 OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the first
+JULIAN = 1582  # last year in which the standard calendar was another
+EPOCH = re.compile(
+    r"(?P<year>\d{4})-(?P<month>\d{1,2})-(?P<day>\d{1,2})"
+    r"(?:[T ]\s*(?P<hour>\d{1,2})(?::(?P<minute>\d{1,2})(?::(?P<s>\d{1,2}(?:\.\d*)?))?)?)?"
+    r"\s*(?:Z|UTC|GMT|(?P<sign>[+-])(?P<east>\d{1,2}):?(?P<more>\d\d)?)?"
+    r" (?:standard|gregorian|proleptic_gregorian)"
+)
 SAME_PLACE = 1e-6  # m
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
@@ -57,26 +68,34 @@ class JoinedVelocity(Stored):
         return out
 
 
-def join_planes(planes: Sequence[VelocityPlane]) -> VelocityPlane:
+def join_planes(
+    planes: Sequence[VelocityPlane], clocks: Sequence[tuple[str, Fraction] | None] = ()
+) -> VelocityPlane:
     """One plane of the pieces of one run, by the times that they state.
 
     Args:
         planes: in any order; one is given back as it is.
+        clocks: of each, the epoch and calendar of its times and the first of these, s; None, or
+            none at all: ``start`` counts.
     Raises:
         ValueError: other probes, another case or sampling rate; a gap; an overlap with other
-            values; two clocks.
+            values; two clocks; times since an epoch beside times since none.
     Warns:
         DataWarning: samples that stand in two files with the same values.
     """
-    ordered = sorted(planes, key=lambda plane: plane.start)
-    first = ordered[0]
-    if len(ordered) == 1:
-        return first
+    if len(planes) == 1:
+        return planes[0]
+    moments = _moments(planes, clocks)
+    order = sorted(range(len(planes)), key=moments.__getitem__)
+    first = planes[order[0]]
+    # Dates are far from their epoch, and whole numbers of ns: their differences alone are floats.
+    after = [float(moments[i] - moments[order[0]]) for i in order]
+    ordered = [replace(planes[i], start=first.start + t) for i, t in zip(order, after, strict=True)]
     for other in ordered[1:]:
         _require_one_run(first, other)
     # The common rate is that of the longest piece: its stamps are rounded least.
     rate = max(ordered, key=lambda plane: plane.samples).sampling_rate
-    places = [_place(first, other, rate) for other in ordered]
+    places = [_place(first, *each, rate) for each in zip(ordered, after, strict=True)]
     notes = []
     end, owner = places[0] + first.samples, 0
     for i in range(1, len(ordered)):
@@ -128,9 +147,44 @@ def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
     require_same_case(first, other, names, "restarts of one run state the same")
 
 
-def _place(first: VelocityPlane, other: VelocityPlane, rate: float) -> int:
-    """Sample of the whole at which a piece begins."""
-    exact = (other.start - first.start) * rate
+def _moments(
+    planes: Sequence[VelocityPlane], clocks: Sequence[tuple[str, Fraction] | None]
+) -> list[Fraction]:
+    """Times of the first samples on one clock, s."""
+    known = [clock for clock in clocks if clock is not None]
+    if not known:
+        return [Fraction(plane.start) for plane in planes]
+    if len(known) < len(planes):
+        raise ValueError(
+            f"{planes[clocks.index(None)].name} cannot be joined with "
+            f"{planes[clocks.index(known[0])].name}, whose times are since {known[0][0]}: its own "
+            "are since no date; write it into their units, or give the files one by one"
+        )
+    # The same words are the same clock, whatever they mean.
+    one = len({epoch for epoch, _ in known}) == 1
+    return [since if one else since + _seconds(epoch, plane.name)
+            for plane, (epoch, since) in zip(planes, known, strict=True)]  # fmt: skip
+
+
+def _seconds(epoch: str, name: str) -> Fraction:
+    """An epoch on a common clock."""
+    found = EPOCH.fullmatch(epoch)
+    with suppress(ValueError):
+        if found is not None and int(found["year"]) > JULIAN:
+            day = date(int(found["year"]), int(found["month"]), int(found["day"])).toordinal()
+            hours, minutes = (int(found[each] or 0) for each in ("hour", "minute"))
+            zone = 60 * int(found["east"] or 0) + int(found["more"] or 0)
+            west = 60 * (-zone if found["sign"] == "-" else zone)
+            return 86400 * day + 3600 * hours + 60 * minutes - west + Fraction(found["s"] or 0)
+    raise ValueError(
+        f"{name} cannot be joined with files of another epoch: its times are since {epoch!r}; a "
+        f"date YYYY-MM-DD hh:mm:ss after {JULIAN}, of the standard calendar, is needed"
+    )
+
+
+def _place(first: VelocityPlane, other: VelocityPlane, after: float, rate: float) -> int:
+    """Sample of the whole at which a piece begins, which does so some seconds after the first."""
+    exact = after * rate
     if abs(exact - round(exact)) > OFF:
         raise ValueError(
             f"{other.name} begins {exact:.6g} sampling intervals after {first.name}, at "

@@ -6,14 +6,17 @@ import glob
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
+from torchliner.io.axes import CLOCK
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import join_planes
 from torchliner.io.plane_selection import select
+from torchliner.io.surface_frames import frames_of
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
 from torchliner.units import si_factor
@@ -37,7 +40,7 @@ def read_plane(
 
     Args:
         path: file or folder; or a list or a glob ("run_*.nc") of the restarts of one run, which
-            are joined in time.
+            are joined in time; of files of one numbered series any stands for all.
         lazy: leave the velocity in the file, to be read by slabs as it is used.
         start, stop: s, on the clock of the file; samples from ``start`` on, before ``stop``.
         every: keep every n-th sample in time.
@@ -61,8 +64,16 @@ def read_plane(
         if name not in known:
             raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
     request = PlaneRequest(**stated)
-    planes = [open_plane(each, request) for each in paths_of(path)]
-    plane = select(join_planes(planes), start, stop, every, region)
+    planes: list[VelocityPlane] = []
+    clocks: list[tuple[str, Fraction] | None] = []
+    seen: set[str] = set()  # files of series, of which any file stands for all
+    for each in paths_of(path):
+        if os.path.abspath(each) not in seen:
+            CLOCK.set(None)
+            planes.append(open_plane(each, request))
+            clocks.append(CLOCK.get())
+            seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
+    plane = select(join_planes(planes, clocks), start, stop, every, region)
     return plane if lazy else plane.load()
 
 

@@ -13,7 +13,7 @@ import torch
 
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.plane_format import PlaneRequest
-from torchliner.io.point_layout import component_of, plane_at
+from torchliner.io.point_layout import Arranged, component_of, plane_at
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
@@ -176,6 +176,13 @@ class FrameFiles:
                     )
                 row[:] = array.read(self.axis)
         return out
+
+
+def frames_of(velocity: Any) -> Sequence[Path]:
+    """The files of a series that velocity is read from; none where it is no series."""
+    source = getattr(velocity, "source", None)
+    source = source.source if isinstance(source, Arranged) else source
+    return source.paths if isinstance(source, FrameFiles) else ()
 
 
 def plane_of_frames(

@@ -129,9 +129,12 @@ def parse_vectors(text: bytes, count: int, width: int, axis: int | None, label: 
     return found.reshape(count, width) if axis is None else found
 
 
-def index_rows(path: Path) -> TextRows:
+def index_rows(path: Path, whole: bool = False) -> TextRows:
     """Rows that begin with a number; remarks behind '#' are passed over.
 
+    Args:
+        path: text.
+        whole: nobody writes to it any more: its last line needs no end.
     Raises:
         FileNotFoundError, OSError: no such file, a folder.
         ValueError: no rows; a line below the first row that begins with something else.
@@ -148,7 +151,10 @@ def index_rows(path: Path) -> TextRows:
         for offset in range(0, size, BLOCK):
             file.seek(offset)
             block = file.read(BLOCK + TOKEN)
-            for end in (np.flatnonzero(np.frombuffer(block[:BLOCK], np.uint8) == 10) + 1).tolist():
+            ends = np.flatnonzero(np.frombuffer(block[:BLOCK], np.uint8) == 10) + 1
+            if whole and offset + BLOCK >= size and not block.endswith(b"\n"):
+                ends = np.append(ends, len(block))
+            for end in ends.tolist():
                 number += 1
                 line, begin, start = start, start, offset + end
                 head = (
