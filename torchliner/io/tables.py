@@ -270,9 +270,15 @@ class FileKind:
         """Refuse a file, or a group of one, that holds something else.
 
         Raises:
-            ValueError: it does.
+            ValueError: it does; names that it lists and does not find, or finds only unlisted:
+                optional variables would be missed in silence.
         """
         found = text_attribute(group, "schema")
+        lost = [name for name in group if group.get(name, getlink=True) is None]
+        if lost or len(set(group)) < len(group):
+            raise ValueError(
+                f"{path} is damaged: of the names that it lists {lost or 'some'} lead nowhere"
+            )
         if found not in (self.schema, *self.older):
             where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
             raise ValueError(
