@@ -244,3 +244,14 @@ def test_times_of_the_channel_are_uniform(tmp_path):
             file[name].attrs["units"] = unit
     with pytest.raises(ValueError, match=r"c.h5:/t lacks 1 frames, the first 1 after sample 2"):
         read_channel(tmp_path / "c.h5", 0)
+
+
+def test_coordinates_of_a_named_array_are_taken():
+    """And a sign that it states is not passed over."""
+    x = xarray.DataArray([0.0, 1e-3, 2e-3], dims="x", attrs={"units": "m"})
+    array = xarray.DataArray(torch.randn(50, 3).numpy(), dims=("time", "x"), coords={"x": x})
+    assert tl.VelocityPlane(array, sampling_rate=1e4).x.tolist() == x.values.tolist()
+    assert tl.VelocityPlane(array, sampling_rate=1e4, x=[0.0, 2e-3, 4e-3]).x[1] == 2e-3
+    array.attrs["positive"] = "down"
+    with pytest.raises(ValueError, match="from_xarray"):
+        tl.VelocityPlane(array, sampling_rate=1e4)

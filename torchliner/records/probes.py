@@ -121,7 +121,8 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
     if not isinstance(value, Tensor):
         _require_unit(value, f"{name}: {label}", "m")
         value = plain_array(value, f"{name}: {label}")
-    values = torch.as_tensor(np.asarray(value, dtype=np.float64)).reshape(-1)
+    array = np.asarray(value, dtype=np.float64)
+    values = torch.as_tensor(array if array.flags.writeable else array.copy()).reshape(-1)
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
     require_plausible(values.numpy(), "length", f"{name}: {label}")

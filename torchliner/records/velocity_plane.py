@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
@@ -77,6 +78,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
 
     def __post_init__(self) -> None:
         make_plain(self)
+        self._take_named(self.velocity)
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
             if value is not None:
@@ -136,6 +138,21 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         """
         plane: VelocityPlane = outlet(cls, "from_xarray")(data, **stated)
         return plane
+
+    def _take_named(self, velocity: Any) -> None:
+        """Coordinates of an array whose axes have names; a sign is for ``from_xarray``."""
+        coords, about = getattr(velocity, "coords", None), getattr(velocity, "attrs", {})
+        if coords is None or not hasattr(velocity, "dims"):
+            return
+        words = str(about.get("positive", "away"))
+        if not re.search(r"\b(away|up|outwards?)", words, re.IGNORECASE):
+            raise ValueError(
+                f"{self.name}: the array says that it is positive {words!r}; read it by "
+                "VelocityPlane.from_xarray(array), which turns it"
+            )
+        for label in ("x", "z"):
+            if getattr(self, label) is None and label in coords:
+                object.__setattr__(self, label, coords[label])
 
     @property
     def samples(self) -> int:
