@@ -171,7 +171,7 @@ def test_a_glob_of_a_series_opens_it_once(tmp_path, monkeypatch):
         mixed.point_data["U"] = VALUES[i, ::-1]
         save(mixed, tmp_path / f"q_{i}.vtp")
     opened = []
-    monkeypatch.setattr(planes, "join_planes", lambda found: opened.extend(found) or found[0])
+    monkeypatch.setattr(planes, "join_planes", lambda found, *_: opened.extend(found) or found[0])
     for pattern, count in (("plane_*", 1), ("q_*", 1), ("*.vtp", 2)):
         opened.clear()
         stated = {"normal": "y", "velocity_units": "m/s", "length_units": "m"}
