@@ -18,6 +18,8 @@ FUZZED = settings(
 X, Z = np.array([0.0, 0.01, 0.02, 0.03]), np.array([-0.005, 0.0, 0.005])
 # Points z outside x, in the plane y = 1 mm, and their velocity (T, N, 3), which text tells exactly.
 POINTS = np.stack([np.tile(X, 3), np.full(12, 1e-3), np.repeat(Z, 4)], 1)
+# Six quadrilaterals between the twelve points, as faces of four corners.
+QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
 VALUES = np.round(np.random.default_rng(3).normal(size=(9, 12, 3)), 4)
 STEP = 1e-5
 mutations = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=3)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from plane_files import (
     FUZZED,
     POINTS,
+    QUADS,
     UP,
     VALUES,
     X,
@@ -33,7 +34,6 @@ CELL, SPEED, STEP = 2e-3, 340.0, 0.5  # lx_scales[0], [3] and [-1]
 SECONDS = STEP * CELL / SPEED  # of a time step
 OFFSET = np.array([3.0, -2.0, 1.0])
 NAMES = ("static_pressure", "x_velocity", "y_velocity", "z_velocity", "density")
-QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
 
 
 def texts(names):

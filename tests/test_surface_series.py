@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from plane_files import (
     FUZZED,
     POINTS,
+    QUADS,
     STEP,
     UP,
     VALUES,
@@ -39,8 +40,6 @@ from torchliner.io.vtk_series import FORMAT as SERIES
 
 SAMPLES = SHARED / "data/openfoam/vtk_series"
 STATED = PlaneRequest(normal="y", velocity_units="m/s", length_units="m", sampling_rate=1 / STEP)
-# Six quadrilaterals between the twelve points, as faces of four corners.
-QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
 ON_GRID = VALUES[..., 1].T.reshape(3, 4, 9)
 ON_FACES = VALUES[:, :6]
 

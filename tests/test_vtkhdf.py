@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from plane_files import (
     FUZZED,
     POINTS,
+    QUADS,
     STEP,
     VALUES,
     X,
@@ -29,7 +30,6 @@ from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.vtkhdf import FORMAT
 
 STATED = PlaneRequest(normal="y", velocity_units="m/s", length_units="m")
-QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
 WANTED = {"points": VALUES[..., 1].T.reshape(3, 4, 9), "faces": VALUES[:, :6, 1].T.reshape(2, 3, 9)}
 
 

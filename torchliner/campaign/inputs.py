@@ -11,6 +11,8 @@ from torchliner.io.planes import read_plane
 from torchliner.records import VelocityPlane
 
 ENDS = 1 << 20  # bytes at either end of a file that are looked at
+SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
+NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
 
 
 def open_plane(path: str | Path, request: Mapping[str, Any] | None = None) -> VelocityPlane:
@@ -25,16 +27,17 @@ def open_plane(path: str | Path, request: Mapping[str, Any] | None = None) -> Ve
     return read_plane(Path(path).absolute(), lazy=True, **(request or {}))
 
 
-SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")  # one file stands for others
-NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
+def series_of(path: Path) -> list[Path]:
+    """Files that one file of a series stands for, sorted; none where it stands for itself."""
+    if path.suffix.lower() not in SERIES:
+        return []
+    return sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
 
 
 def data_fingerprint(path: Path, request: Mapping[str, Any]) -> str:
     """Of a plane: its file or folder, the files of its series, and those that the request names."""
     found = [fingerprint(path)]
-    if path.suffix.lower() in SERIES:
-        members = sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
-        found += [f"{p.name} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in members]
+    found += [f"{p.name} {p.stat().st_size} {p.stat().st_mtime_ns}" for p in series_of(path)]
     for value in map(request.get, NAMED):
         beside = [] if value is None else [Path(str(value)), Path(str(value).rpartition(":")[0])]
         found += [fingerprint(each) for each in beside if each.is_file()]

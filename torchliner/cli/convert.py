@@ -132,13 +132,11 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
 
 def _digest(options: argparse.Namespace, paths: list[Path]) -> str:
     """Words for what is written: the files as they are now, and all that is asked of them."""
-    from torchliner.campaign.inputs import SERIES
+    from torchliner.campaign.inputs import series_of
 
-    files = [each for path in paths
-             for each in (sorted(path.rglob("*")) if path.is_dir() else [path])]  # fmt: skip
-    for path in paths:  # one file of a series stands for all of it
-        if path.suffix.lower() in SERIES:
-            files += sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
+    files: list[Path] = []
+    for path in paths:
+        files += sorted(path.rglob("*")) if path.is_dir() else [path, *series_of(path)]
     facts = [(str(each), each.stat().st_size, each.stat().st_mtime_ns) for each in files]
     asked = {name: str(value) for name, value in vars(options).items() if name not in HOW}
     words = json.dumps([__version__, facts, sorted(asked.items())])
