@@ -44,6 +44,9 @@ LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and 
     "sdof": "torchliner.liners.catalogue:SDoFFile",
     "table": "torchliner.liners.catalogue:TableFile",
 }
+SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
+    "perforate": "torchliner.liners.sheets.perforate:Perforate",
+}
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 

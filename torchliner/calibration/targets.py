@@ -39,9 +39,11 @@ def bounds_of(
                 f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the "
                 "lower first"
             )
-        if low < number.low or (low == number.low == 0) or high > number.high:
+        refused = low == number.low == 0 and not number.low_included
+        if low < number.low or refused or high > number.high:
+            least = "at least" if number.low_included else "above"
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; it is above {number.low:g} and "
+                f"bounds of {name} are {low:g} to {high:g}{unit}; it is {least} {number.low:g} and "
                 f"at most {number.high:g}{unit}"
             )
     pairs = torch.tensor([bounds[name] for name in numbers], dtype=torch.float64)

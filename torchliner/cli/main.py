@@ -9,6 +9,7 @@ try:
     import importlib
     import traceback
     from collections.abc import Sequence
+    from typing import Any
 
     from torchliner.cli.fetch_ahead import fetch_ahead
     from torchliner.cli.gate import passed
@@ -81,7 +82,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     parsers = {}
     for name, summary in COMMANDS.items():
         parsers[name] = commands.add_parser(name, description=f"{summary[0].upper()}{summary[1:]}.")
-        command = importlib.import_module(f"torchliner.cli.{name}")
+        command = _module(name)
         if not hasattr(command, "TASKS"):
             add_options(parsers[name], command.OPTIONS)
             continue
@@ -91,6 +92,10 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         for task, (text, description, options) in command.TASKS.items():
             add_options(tasks.add_parser(task, help=text, description=description), options)
     return top, parsers
+
+
+def _module(command: str) -> Any:
+    return importlib.import_module(f"torchliner.cli.{command.replace('-', '_')}")
 
 
 def _overview() -> str:
@@ -123,7 +128,7 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
     """The command, between the gate and what is said of its errors."""
     inputs: list[str] = []
     try:
-        command = importlib.import_module(f"torchliner.cli.{options.command}")
+        command = _module(options.command)
         with (
             warnings_on_stderr(options, parser, inputs),
             printable_output(),

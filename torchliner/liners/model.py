@@ -32,12 +32,14 @@ class Number:
     Args:
         value: SI.  unit: SI, "1" if it has none.
         low, high: what makes sense: above ``low``, at most ``high``.
+        low_included: whether ``low`` itself makes sense.
     """
 
     value: float
     unit: str = "1"
     low: float = 0.0
     high: float = math.inf
+    low_included: bool = False
 
     @property
     def quantity(self) -> str:
