@@ -13,6 +13,7 @@ _HOMES = {
     "TanhProfile": "torchliner.flow_profiles",
     "DataWarning": "torchliner.checks",
     "SDoFLiner": "torchliner.liners.sdof",
+    "EndLossSDoFLiner": "torchliner.liners.end_loss",
     "TabulatedLiner": "torchliner.liners.tabulated",
     "load_liner": "torchliner.liners.catalogue",
     "preset_names": "torchliner.liners.catalogue",

@@ -44,6 +44,7 @@ from torchliner.lee.settled import solve_settled as solve_settled
 from torchliner.lee.solver import DuctSolver as DuctSolver
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
+from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner

@@ -42,6 +42,7 @@ FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and how it is built
     "sdof": "torchliner.liners.catalogue:SDoFFile",
+    "sdof-end-loss": "torchliner.liners.end_loss:EndLossFile",
     "table": "torchliner.liners.catalogue:TableFile",
 }
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
