@@ -36,12 +36,12 @@ def main() -> None:
         folder = RESULTS / name
         folder.mkdir(exist_ok=True)
         files = plane_files(f"{name}_y*.h5")
-        run("educe", *files, "-o", folder / "map.h5", "--figures", folder, "--quiet")
+        run("educe", *files, "-o", folder / "map.h5", "--figure", folder, "--quiet")
     print("\n== Turbulence over a hard wall, educed with a liner's model: the null test")
     for name, pattern in (("channel", "channel_y*.h5"), ("channel_tone", "channel_tone_*.h5")):
         folder = RESULTS / name
         folder.mkdir(exist_ok=True)
-        where = ("-o", folder / "map.h5", "--figures", folder)
+        where = ("-o", folder / "map.h5", "--figure", folder)
         model = ("--liner", "polito", "--frequency", "1400")
         run("educe", *plane_files(pattern), *model, *where, "--quiet")
     print("\n== Every rule beside the truth")

@@ -6,6 +6,7 @@ import argparse
 import csv
 import json
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import fields
@@ -19,6 +20,7 @@ from conftest import DATA, RATE, plane_of, turbulence
 import torchliner as tl
 from torchliner import names
 from torchliner.cli.choice_options import ALL, CHOICES, SHOWN
+from torchliner.cli.examples import EXAMPLES
 from torchliner.cli.main import (
     BAD_INPUT,
     CHECK_FAILED,
@@ -72,8 +74,9 @@ def parsers(parser=None, name=""):
 
 
 def options_of(parser):
-    """Its options and arguments, --help and --help-all apart."""
-    return [a for a in parser._actions if a.dest not in ("help", "help_all")]
+    """Its options and arguments, --help and --help-all and other spellings apart."""
+    told = [a for a in parser._actions if a.help != argparse.SUPPRESS or a in parser.further]
+    return [a for a in told if a.dest not in ("help", "help_all")]
 
 
 @pytest.mark.parametrize("columns", ["80", "100"])
@@ -105,6 +108,55 @@ def test_help_of_every_command(capsys, name, parser):
     for action in options_of(parser):
         flag = (action.option_strings or [action.metavar])[-1]
         assert re.search(rf"^  (-o [A-Z]+, )?{re.escape(flag)}\b", whole, re.M), flag
+
+
+@pytest.mark.parametrize(("name", "parser"), parsers(), ids=[name for name, _ in parsers()])
+def test_every_command_has_examples_that_parse(capsys, name, parser):
+    """In its help, each as it stands, without options that the command does not know."""
+    for flag in ("--help", "--help-all"):
+        _, out, _ = run(capsys, *name.split(), flag)
+        told = re.findall(rf"^  torchliner ({name}\b.*)$", out, re.M)
+        assert [f"{name} {words}".rstrip() for words in EXAMPLES[name]] == told
+    for words in told:
+        assert build_parser()[0].parse_known_args(shlex.split(words))[1] == []
+
+
+def test_help_takes_a_command(capsys):
+    """As --help after it; of a slip the nearest command."""
+    assert run(capsys, "help", "duct", "modes") == run(capsys, "duct", "modes", "--help")
+    assert run(capsys, "help") == run(capsys, "--help")
+    code, _, err = run(capsys, "help", "edcue")
+    assert code == BAD_INPUT
+    assert "did you mean 'educe'?" in err
+
+
+def test_completion_knows_commands_tasks_choices_and_files(capsys, tmp_path):
+    """As bash completes with the script that is printed."""
+    pytest.importorskip("shtab")
+    code, script, _ = run(capsys, "--print-completion", "bash")
+    assert code == DONE
+    (tmp_path / "complete.bash").write_text(script)
+    (tmp_path / "plane.h5").touch()
+    for words, wanted in {
+        "ed": "educe", "educe --phas": "--phase", "educe --mea": "--mean", "ldv ": "educe",
+        "educe --phase self": "self-consistent", "educe pla": "plane.h5", "help-a": "",
+    }.items():  # fmt: skip
+        line = ["torchliner", *words.split(" ")]
+        call = f"""source complete.bash
+        COMP_WORDS=({" ".join(f'"{word}"' for word in line)}); COMP_CWORD={len(line) - 1}
+        _shtab_torchliner torchliner "{line[-1]}" "{line[-2]}"; echo "${{COMPREPLY[@]}}" """
+        found = subprocess.run(
+            ["bash", "-c", call], capture_output=True, text=True, cwd=tmp_path, check=True
+        ).stdout
+        assert wanted in found.split() if wanted else found.split() == [], words
+
+
+def test_completion_without_shtab_says_what_to_install(capsys, monkeypatch):
+    """Exit code 2."""
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    code, _, err = run(capsys, "--print-completion", "zsh")
+    assert code == BAD_INPUT
+    assert 'pip install "torchliner[completion]"' in err
 
 
 @pytest.mark.parametrize(("name", "parser"), parsers(), ids=[name for name, _ in parsers()])
@@ -219,7 +271,7 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     """Table with both orders and the truth; map, pictures and their numbers."""
     map_file = tmp_path / "map.h5"
     code, out, err = run(
-        capsys, "educe", SLIT, "-o", str(map_file), "--figures", str(tmp_path / "f")
+        capsys, "educe", SLIT, "-o", str(map_file), "--figure", str(tmp_path / "f")
     )
     assert code == DONE
     assert err.count("warning:") == err.count("the error bars rest on 4.2 independent blocks") == 1
@@ -481,7 +533,7 @@ def test_signals_and_limits_that_cannot_be(capsys, options, message):
 def test_spectra_are_drawn(capsys, tmp_path, small, unrendered):
     """Several frequencies: a spectrum beside the maps."""
     plane = str(small / "y0.5mm.h5")
-    code, _, _ = run(capsys, "educe", plane, "--frequency", "1000:1400:400", "--figures",
+    code, _, _ = run(capsys, "educe", plane, "--frequency", "1000:1400:400", "--figure",
                      str(tmp_path), "--quiet", "--no-intervals")  # fmt: skip
     assert code == DONE
     made = {p.name for p in tmp_path.iterdir()}
@@ -496,7 +548,7 @@ def test_spectra_are_drawn(capsys, tmp_path, small, unrendered):
 def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path, small, unrendered):
     """Default lines follow each plane's rate and length; pictures are never mislabelled."""
     planes = [str(small / f"y{y}mm.h5") for y in ("0.5", "2.5")]
-    code, _, _ = run(capsys, "educe", *planes, "--incident", "noise:1390:1410", "--figures",
+    code, _, _ = run(capsys, "educe", *planes, "--incident", "noise:1390:1410", "--figure",
                      str(tmp_path), "--quiet")  # fmt: skip
     assert code == DONE
     assert (tmp_path / "velocity_y0.5mm.csv").exists()

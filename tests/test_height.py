@@ -403,7 +403,7 @@ SHORT = ("--lengths", "6", "12.44", "--quiet")
 def test_command_prints_writes_and_draws(capsys, tmp_path):
     """Table, facts, answer; CSV of the rows; figures with their numbers."""
     code, out, _ = run(
-        capsys, "height", *G03, *SHORT, "-o", str(tmp_path / "rows.csv"), "--figures", str(tmp_path)
+        capsys, "height", *G03, *SHORT, "-o", str(tmp_path / "rows.csv"), "--figure", str(tmp_path)
     )
     assert code == DONE
     for text in ("no height of these qualifies", "1 cell", "H_j mm", "true 1.662-0.460j", "sound:"):

@@ -56,7 +56,7 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     plane, pressure = DATA / "slit_n130_y2.5mm.h5", DATA / "pressure_n130.h5"
     target, folder = tmp_path / "map.h5", tmp_path / "pictures"
     arguments = ["educe", str(plane), "--in-situ", str(pressure), "-o", str(target)]
-    assert main([*arguments, "--figures", str(folder), "--quiet"]) == 0
+    assert main([*arguments, "--figure", str(folder), "--quiet"]) == 0
     assert "in situ (Dean), pressure first: 0.168-0.068j" in capsys.readouterr().out
     again = tl.read_map(target)
     wanted = tl.in_situ(tl.read_pressure(pressure))

@@ -111,7 +111,7 @@ def test_info_of_moments(capsys, files):
 
 def test_pictures_without_velocity(capsys, files, tmp_path, unrendered):
     """All but those of the velocity."""
-    run(capsys, "educe", f"{files}/moments.h5", "--figures", f"{tmp_path}/p", "--quiet")
+    run(capsys, "educe", f"{files}/moments.h5", "--figure", f"{tmp_path}/p", "--quiet")
     made = {path.name for path in (tmp_path / "p").iterdir()}
     assert {"along_x.png", "along_x_moments.csv"} <= made
     assert not any("velocity" in name for name in made)

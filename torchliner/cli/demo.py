@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
             options.folder.mkdir(parents=True, exist_ok=True)
             words += ["-o", str(options.folder / "map.h5")]
             if find_spec("matplotlib") is not None:
-                words += ["--figures", str(options.folder)]
+                words += ["--figure", str(options.folder)]
         print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that "
               f"resolves its holes.\n$ torchliner {' '.join(words)}\n", flush=True)  # fmt: skip
         code = main([*words, "--quiet"])

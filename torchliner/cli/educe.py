@@ -52,7 +52,7 @@ OPTIONS = {
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
     }
     | CLUSTER
-    | shared("--figures", "--json", "--quiet", "--strict"),
+    | shared("--figure", "--json", "--quiet", "--strict"),
 } | choice_options(ALL) | plane_options()  # fmt: skip
 
 
@@ -91,8 +91,8 @@ def run(options: argparse.Namespace) -> int:
         found = with_in_situ(found, planes, pressure)
     for path, result in zip(outputs, found, strict=False):
         result.write(path)
-    if options.figures is not None:
-        draw_pictures(found, planes, options.figures)
+    if options.figure is not None:
+        draw_pictures(found, planes, options.figure)
     show_results(options, lambda: format_maps(found), lambda: [*map(plain_map, found)])
     return closure_code(options, found)
 

@@ -27,7 +27,7 @@ OPTIONS = {
         "--limits IMPRINT ORDERS CHANGE": "where closure is not checked, relative; default 0.1 "
                                           "0.1 0.1",
     }
-    | shared("--liner", "--output", "--figures", "--json", "--quiet"),
+    | shared("--liner", "--output", "--figure", "--json", "--quiet"),
 } | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
 
 
@@ -50,8 +50,8 @@ def run(options: argparse.Namespace) -> int:
             progress=step, **chosen_from(options, CHOICES),
         )  # fmt: skip
     found = recommend_height(study, limits)
-    if options.figures is not None:
-        _draw(study, options.figures)
+    if options.figure is not None:
+        _draw(study, options.figure)
     show_results(
         options, lambda: format_study(study, found), lambda: plain_study(study, found),
         output=height_table(study).write_csv,

@@ -11,6 +11,8 @@ try:
     from collections.abc import Sequence
     from typing import Any
 
+    from torchliner.cli.completion import SHELLS, PrintCompletion
+    from torchliner.cli.examples import EXAMPLES, examples_of
     from torchliner.cli.fetch_ahead import fetch_ahead
     from torchliner.cli.gate import passed
     from torchliner.cli.messages import (
@@ -56,7 +58,7 @@ GROUPS = {
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}
-EXAMPLES = ("educe plane.h5 -o map.h5 --figures pictures", "liner onera --frequency 500:3000:500")
+SHOWN = ("educe", "liner")  # whose first examples the overview gives
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
@@ -68,20 +70,27 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
         description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n"
         f"{_overview()}",
         epilog="examples:\n"
-        + "\n".join(f"  torchliner {words}" for words in EXAMPLES)
-        + "\n\ntorchliner COMMAND --help: the options of a command; --help-all: all of them.",
+        + "\n".join(f"  torchliner {name} {EXAMPLES[name][0]}" for name in SHOWN)
+        + "\n\ntorchliner help COMMAND: its options; COMMAND --help-all: all of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument(
         "--version", action="version", version=f"torchliner {__version__}",
         help="print the version and exit",
     )  # fmt: skip
+    top.add_argument(
+        "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL",
+        help=f"print the completion script of {', '.join(SHELLS)} and exit",
+    )  # fmt: skip
     commands = top.add_subparsers(
         dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner"
     )
     parsers = {}
     for name, summary in COMMANDS.items():
-        parsers[name] = commands.add_parser(name, description=f"{summary[0].upper()}{summary[1:]}.")
+        parsers[name] = commands.add_parser(
+            name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.",
+            examples=examples_of(name),
+        )  # fmt: skip
         command = _module(name)
         if not hasattr(command, "TASKS"):
             add_options(parsers[name], command.OPTIONS)
@@ -90,7 +99,10 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
             dest="task", metavar="TASK", required=True, prog=parsers[name].prog
         )
         for task, (text, description, options) in command.TASKS.items():
-            add_options(tasks.add_parser(task, help=text, description=description), options)
+            made = tasks.add_parser(
+                task, help=text, description=description, examples=examples_of(f"{name} {task}")
+            )
+            add_options(made, options)
     return top, parsers
 
 
@@ -109,7 +121,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0 done, 1 a check failed, 2 bad input."""
     try:
         top, parsers = build_parser()
-        options, extras = top.parse_known_args(arguments)
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        if words[:1] == ["help"]:
+            words = [*words[1:], "--help"]
+        options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras:
                 top.refuse(extras)

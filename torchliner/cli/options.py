@@ -75,7 +75,7 @@ SHARED: dict[str, Any] = {
     "--liner LINER": "liner model: preset, .toml or .csv file; default: the one the file names",
     **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
-    "--figures FOLDER": "draw pictures there",
+    "--figure FOLDER": "draw pictures there",
     "--copy FILE": "write the preset as .toml, to edit",
     "--json": "print JSON instead of a table",
     "--quiet": "no progress bar, no warnings",
@@ -116,6 +116,10 @@ def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None
             flags, settings = argument(spec, entry)
             further = settings.pop("further", False)
             action = group.add_argument(*flags, **settings)
+            if flags == ["--figure"]:  # as some commands spelt it
+                group.add_argument(
+                    "--figures", **settings | {"dest": "figure", "help": argparse.SUPPRESS}
+                )
             if further:
                 parser.leave_out(action)
 

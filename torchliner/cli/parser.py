@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from torchliner.names import did_you_mean
 
 BAD_INPUT = 2
+EXAMPLES_FOLLOW = "examples:"
 
 
 class Usage(argparse.HelpFormatter):
@@ -28,6 +29,12 @@ class Usage(argparse.HelpFormatter):
         rest = argparse.Action([], "options", metavar="[options]")
         super().add_usage(usage, [rest, *needed], [], prefix)
 
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Lines of examples stay as they are."""
+        if text.startswith(EXAMPLES_FOLLOW):
+            return text
+        return super()._fill_text(text, width, indent)
+
 
 class ShowAll(argparse.Action):
     """--help-all: the help with the options that --help leaves out."""
@@ -37,7 +44,7 @@ class ShowAll(argparse.Action):
         assert isinstance(parser, Parser)
         for action, text in parser.further.items():
             action.help = text
-        parser.epilog = None
+        parser.epilog = parser.examples
         parser.print_help()
         parser.exit()
 
@@ -45,15 +52,18 @@ class ShowAll(argparse.Action):
 class Parser(argparse.ArgumentParser):
     """argparse that can leave options out of --help and names the nearest known word.
 
-    ``further``: the options that only --help-all shows, each with its text.
+    ``further``: the options that only --help-all shows, each with its text; ``examples``: text that
+    ends the help.
     """
 
-    def __init__(self, *arguments: Any, **settings: Any) -> None:
+    def __init__(self, *arguments: Any, examples: str = "", **settings: Any) -> None:
         usual: dict[str, Any] = {"formatter_class": Usage, "allow_abbrev": False, "add_help": False}
         super().__init__(*arguments, **usual | settings)
         # No option begins with a minus and a digit: -0.17-0.07j is an impedance, not an option.
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self.further: dict[argparse.Action, str | None] = {}
+        self.examples = examples
+        self.epilog = self.epilog or examples
         self.add_argument("-h", "--help", action="help", help="print this help and exit")
         self.add_argument(
             "--debug", action="store_true", default=argparse.SUPPRESS,
@@ -80,7 +90,8 @@ class Parser(argparse.ArgumentParser):
         self.further[action] = action.help
         action.help = argparse.SUPPRESS
         self._help_all.help = "print the help with all options and exit"
-        self.epilog = f"{len(self.further)} more options: {self.prog} --help-all"
+        more = f"{len(self.further)} more options: {self.prog} --help-all"
+        self.epilog = "\n\n".join(filter(None, [self.examples, more]))
 
     def error(self, message: str) -> NoReturn:
         """Print the message with a suggestion and where to find help; exit with 2."""

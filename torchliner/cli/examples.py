@@ -1,0 +1,40 @@
+"""A line or two for every command, as a user would type them; ``tests/test_cli.py`` parses each."""
+
+from __future__ import annotations
+
+EXAMPLES = {
+    "educe": (
+        "plane.h5 -o map.h5 --figure pictures",
+        "'run_*.nc' --normal y --frequency 300:6000:100 --liner mine.toml",
+    ),
+    "ldv info": ("bursts/ --json",),
+    "ldv convert": ("bursts/ -o line.h5",),
+    "ldv educe": ("bursts/ --frequency 1400 --liner onera -o line_z.h5",),
+    "audit": ("plane.h5 --figure audit.png",),
+    "height": ("plane_y*.h5 -o rows.csv --figure pictures",),
+    "compare": ("first.h5 second.h5",),
+    "truth": ("data/slit_n130_y*.h5 -o rules.csv",),
+    "insitu": ("pressure.h5 -o z.csv --figure z.png",),
+    "kt": ("wall.csv --mach 0.3 --draws 500 --figure z.png", "wall.csv --method field --duct b2a"),
+    "liner": ("onera --frequency 500:3000:500", "onera --copy mine.toml"),
+    "duct solve": ("b2a --frequency 1000:2000:500 --figure field.png",),
+    "duct modes": ("b2a --frequency 1400",),
+    "sensitivity": ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),
+    "calibrate": (
+        "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
+        "low.h5 high.h5 --closure --free vena_contracta=0.4:1",
+    ),
+    "verify": ("",),
+    "demo": ("",),
+    "info": ("plane.h5",),
+    "convert": ("'run_*.nc' -o plane.h5 --normal y",),
+    "reduce": ("plane.h5 -o plane.moments.h5",),
+    "run": ("campaign.toml", "campaign.toml --dry-run"),
+    "follow": ("plane.h5 --until 0.05",),
+}  # arguments by command, or by command and task
+
+
+def examples_of(command: str) -> str:
+    """The epilog of a command's help; empty for one without examples."""
+    lines = [f"  torchliner {command} {words}".rstrip() for words in EXAMPLES.get(command, ())]
+    return "\n".join(["examples:", *lines]) if lines else ""
