@@ -143,7 +143,7 @@ def _answered(case: Case, way: Way, levels: Tensor) -> Answer:
         top, known = case.grid.maximum, case.model.speed_max
         suffices = 2 * float(case.sent[error.column].abs().max())
         remedy = (
-            f"give velocity_max; twice the peak of the wave, {suffices:.3g} m/s, suffices for most"
+            f"give velocity_max={suffices:.3g}, twice the peak of the wave, which suffices for most"
             if known is None or top < known
             else "the liner is known no further: lower the level"
         )

@@ -16,7 +16,7 @@ from torchliner.replay.waves import BandNoise, Recorded, Tones
 RATE = 48_000.0  # Hz, at least
 FEWEST, USUAL = 8, 16  # samples in a period of the highest frequency
 SECONDS, TONE_SECONDS = 0.25, 0.04  # of a record of noise; of tones, at least
-LONGEST = 1 << 22  # samples of a record
+LONGEST = 1 << 17  # samples of a record of tones
 
 
 def as_signal(incident: Any) -> Any:
