@@ -114,7 +114,7 @@ def speed_table() -> str:
         begin = time.process_time()
         tl.ir_tdibc(
             tl.load_liner("lbm_slit"), 140, tl.BandNoise(500, 3000), frequency=TONE,
-            realisations=60, sampling_rate=48e3, duration=1000 / 48e3, after=taps / 48e3,
+            realisations=60, sampling_rate=48e3, duration=1000 / 48e3, after=(taps - 1) / 48e3,
         )  # fmt: skip
         lines.append([f"{taps}", f"{10 * (time.process_time() - begin):.0f}"])
     return table("taps | s", lines)

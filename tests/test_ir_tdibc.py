@@ -33,7 +33,7 @@ from torchliner.signals.windows import make_window
 
 RATE = 24000.0
 FAST = {"sampling_rate": 28000.0, "duration": 0.02, "after": 0.006}  # of 1400 Hz, 20 samples
-literal = pytest.mark.filterwarnings("ignore:kernel 'causal' is not the liner's response")
+literal = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")  # of its error
 IMPEDANCE = 1.204 * 343.2  # rho c, of the models below
 
 
