@@ -12,14 +12,17 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import torch
 
 import torchliner as tl
 from common import FIGURES, ROOT, case_files, options_of, parser_of
+from torchliner.conversions import REFERENCE_PRESSURE
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
+from torchliner.ir_tdibc_method.ways import FITTED, Case, Stepped
 from torchliner.names import STEP_KERNELS
 from torchliner.report.figure import COLOURS, MARKERS, finish, impedance_panels, styled
 from torchliner.report.table import format_complex
@@ -33,6 +36,8 @@ CASES = {  # with the usual vena contracta, and that fitted without flow (PHYSIC
     "orifice, coarser lattice": (("t00_130",), (0.8, 0.415)),
 }
 CURVE = [float(level) for level in range(110, 151, 2)]
+NARROW, WIDE = (300.0, 3500.0), (300.0, 8400.0)
+DAMPINGS = ((1e-1, NARROW), (1e-2, NARROW), (1e-3, NARROW), (1e-4, NARROW), (1e-3, WIDE))
 RATES, LENGTHS = (28e3, 56e3, 112e3), (5e-3, 10e-3, 20e-3)
 
 
@@ -87,9 +92,8 @@ def kernel_table(rows: Sequence[dict[str, Any]]) -> str:
          format_complex(row["causal"] - row["periodic"]), format_complex(row["frozen"])]
         for row in rows
     ]  # fmt: skip
-    return table(
-        "case | C_vc | least-squares − periodic | causal − periodic | causal, \\|v\\| frozen", lines
-    )
+    heading = "case | C_vc | least-squares − periodic | causal − periodic"
+    return table(f"{heading} | causal, v frozen at its rms", lines)
 
 
 def convergence_table() -> str:
@@ -105,6 +109,37 @@ def convergence_table() -> str:
                                                after=after).impedance[0, 0]))
             for k in STEP_KERNELS)])  # fmt: skip
     return table("steps | " + " | ".join(STEP_KERNELS), lines)
+
+
+def damping_table() -> str:
+    """Fitted kernels of the orifice: error, gain, and what the wave of 145 dB makes of them."""
+    liner, rate, lines = tl.load_liner("lbm_orifice"), 28e3, []
+    grid, n = tl.VelocityGrid(20.0), 560
+    turn = torch.arange(n, dtype=torch.float64) * 2 * torch.pi * TONE / rate
+    peak = 2**0.5 * REFERENCE_PRESSURE * 10 ** (145 / 20) / (1.2 * 343.2)
+    for damping, band in DAMPINGS:
+        build = partial(FITTED, regularisation=damping)
+        case = Case(liner, grid, peak * turn.cos()[None], True, rate, torch.tensor([TONE]), band,
+                    10e-3, 1, None)  # fmt: skip
+        found = Stepped(build, everywhere=False).answer(case)
+        lines.append([f"{damping:g}", f"{band[0]:g}–{band[1]:g} Hz", f"{found.error:.1e}",
+                      f"{found.gain:.3g}", f"{float(found.drift[0]):.1e}"])  # fmt: skip
+    return table("Tikhonov | band | error in R | gain | drift", lines)
+
+
+def noise_table() -> str:
+    """The slit under noise: |v| of the moment against the rms of the band."""
+    curve = tl.ir_tdibc(
+        tl.load_liner("lbm_slit"), [115, 130, 145], tl.BandNoise(500, 3000), frequency=TONE,
+        realisations=4, duration=0.1, kernel="periodic",
+    )  # fmt: skip
+    lines = [
+        [f"{level:g}", format_complex(complex(roots[0].impedance[0])), format_complex(complex(z)),
+         format_complex(complex(u))]
+        for level, roots, z, u in zip(curve.level.tolist(), curve.fixed_points,
+                                      curve.impedance[:, 0], curve.spread[:, 0], strict=True)
+    ]  # fmt: skip
+    return table("dB | Z(rms v) | periodic | spread of one draw", lines)
 
 
 def speed_table() -> str:
@@ -150,7 +185,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     rows = case_rows()
     tables = {"cases": case_table(rows), "kernels": kernel_table(rows),
-              "convergence": convergence_table(), "speed": speed_table()}  # fmt: skip
+              "convergence": convergence_table(), "damping": damping_table(),
+              "noise": noise_table(), "speed": speed_table()}  # fmt: skip
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     if options.write:

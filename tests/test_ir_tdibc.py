@@ -32,7 +32,7 @@ from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.signals.windows import make_window
 
 RATE = 24000.0
-FAST = {"sampling_rate": 28000.0, "duration": 0.02, "after": 0.006}  # of 1400 Hz, 20 samples
+FAST = {"sampling_rate": 14000.0, "duration": 0.02, "after": 0.004}  # of 1400 Hz, 10 samples
 literal = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")  # of its error
 IMPEDANCE = 1.204 * 343.2  # rho c, of the models below
 
@@ -61,7 +61,7 @@ def slit() -> tl.SDoFLiner:
     return tl.load_liner("lbm_slit")
 
 
-def kernels_of(liner, kind="causal", after=0.006, **options) -> KernelTable:
+def kernels_of(liner, kind="causal", after=0.004, **options) -> KernelTable:
     return build_kernels(liner, tl.VelocityGrid(20.0), RATE, kind=kind, after=after, **options)
 
 
@@ -136,12 +136,12 @@ def test_a_wall_without_memory_by_hand(kernel):
     """Z = k |v|: the pressure p = k v |v| and p + v = 2 x give v at each moment."""
     slope, level = 2.0, 150.0
     peak = 2**0.5 * 20e-6 * 10 ** (level / 20) / IMPEDANCE
-    wave = peak * torch.cos(2 * torch.pi * torch.arange(20, dtype=torch.float64) / 20)
+    wave = peak * torch.cos(2 * torch.pi * torch.arange(10, dtype=torch.float64) / 10)
     v = torch.sign(wave) * ((1 + 8 * slope * wave.abs()).sqrt() - 1) / (2 * slope)
     x, v = torch.fft.rfft(wave)[1], torch.fft.rfft(v)[1]
     curve = tl.ir_tdibc(Steady(slope), level, 1400.0, kernel=kernel, **FAST)
     # R(0) = 1 of a kernel of finite length leaks into the band: 1e-3; the period has none.
-    limit = {"causal": 0.01, "periodic": 1e-4}[kernel]
+    limit = {"causal": 0.02, "periodic": 1e-4}[kernel]
     assert abs(one(curve) - complex((2 * x - v) / v)) < limit
 
 
@@ -158,7 +158,7 @@ def test_replaying_the_velocity_found_returns_the_reflected_wave(slit):
 @pytest.mark.parametrize("window", [1, 20])
 def test_steps_and_period_agree(slit, window):
     """The settled answer in time is that of a whole period with the kernel's own response."""
-    kernels, n = kernels_of(slit, "two-sided", before=0.0, regularisation=1e-2), 480
+    kernels, n = kernels_of(slit, "two-sided", before=0.0, regularisation=1e-2), 240
     period = 1.2 * torch.cos(2 * torch.pi * 1400 / 28000 * torch.arange(n, dtype=torch.float64))
     period = torch.stack([period, 0.2 * period, 0.1 * noise(1, n)[0]])
     found = step_in_time(period.repeat(1, 6), kernels, window).last(n)
@@ -182,12 +182,12 @@ def test_a_linear_wall_convolves():
 @pytest.mark.parametrize("kernel", ["least-squares", "causal"])
 def test_low_levels_are_linear(slit, kernel):
     """Z of the kernel's own response at rest, of each of several tones as of one alone."""
-    tones = [1050.0, 1400.0, 2100.0]
+    tones = [700.0, 1050.0, 1400.0]
     several = tl.ir_tdibc(slit, 20.0, tones, kernel=kernel, **FAST)
     at_rest = slit.impedance(torch.tensor(tones), 0.0)
     assert float((several.impedance[0] - several.frozen[0] - at_rest).abs().max()) < 1e-6
     alone = tl.ir_tdibc(slit, 20.0, 1400.0, kernel=kernel, **FAST)
-    assert abs(one(alone) - complex(several.impedance[0, 1])) < 1e-6
+    assert abs(one(alone) - complex(several.impedance[0, 2])) < 1e-6
 
 
 @literal
@@ -195,7 +195,7 @@ def test_low_levels_are_linear(slit, kernel):
 def test_frozen_speed(slit, kernel):
     """The rms over one period of a tone stands still: Z of the response at that |v|."""
     curve = tl.ir_tdibc(slit, 145.0, 1400.0, drive="running-rms", kernel=kernel,
-                        sampling_rate=14000.0, duration=0.05, after=0.006)  # fmt: skip
+                        sampling_rate=14000.0, duration=0.04, after=0.004)  # fmt: skip
     wanted = slit.impedance(1400.0, float(curve.rms_speed[0, 0])) + complex(curve.frozen[0, 0])
     assert abs(one(curve) - complex(wanted)) < 1e-6
 
@@ -238,7 +238,7 @@ def test_a_level_does_not_know_the_others(slit):
 
 @literal
 def test_kernel_length_and_rate_converge(onera):
-    """Twice the literal kernel's length: its tail falls as the liner rings, by 5 at least; twice
+    """Twice the literal kernel's length: its tail falls as the liner rings, by 3 at least; twice
     the samples a period: the harmonics of v fall, by 10 at least."""
 
     def steps(values, **options):
@@ -246,8 +246,8 @@ def test_kernel_length_and_rate_converge(onera):
         return [abs(after - before) for before, after in itertools.pairwise(found)]
 
     length = steps([{"after": t, "duration": 0.012} for t in (0.0025, 0.005, 0.01)],
-                   kernel="causal", sampling_rate=28000.0)  # fmt: skip
-    assert length[1] < 0.2 * length[0]
+                   kernel="causal", sampling_rate=14000.0)  # fmt: skip
+    assert length[1] < 0.3 * length[0]
     rate = steps([{"sampling_rate": 1400.0 * n} for n in (8, 16, 32)], kernel="periodic")
     assert rate[1] < 0.1 * rate[0]
     assert rate[1] < 1e-3
@@ -258,7 +258,7 @@ def test_spread_falls_with_length(slit):
     short, long = (
         tl.ir_tdibc(slit, 140, tl.BandNoise(800, 2000), frequency=[1200, 1400, 1600],
                     realisations=12, duration=seconds, kernel="periodic", sampling_rate=16000)
-        for seconds in (0.04, 0.16)
+        for seconds in (0.03, 0.12)
     )  # fmt: skip
     ratio = short.spread.abs().mean() / long.spread.abs().mean()
     assert 1.3 < ratio < 3.1
@@ -269,8 +269,8 @@ def test_spread_falls_with_length(slit):
 def test_no_energy_is_made(slit, kernel):
     """Of a tone and of noise less comes back than was sent, though a kernel's gain exceeds 1."""
     for incident in (1400.0, tl.BandNoise(500, 3000)):
-        curve = tl.ir_tdibc(slit, [100, 130, 145], incident, kernel=kernel, sampling_rate=28000,
-                            duration=0.025, after=0.006)  # fmt: skip
+        curve = tl.ir_tdibc(slit, [100, 145], incident, kernel=kernel, sampling_rate=24000,
+                            duration=0.02, after=0.004)  # fmt: skip
         assert float(curve.reflected_energy.max()) < 1
         assert float(curve.impedance.real.min()) > 0
 
@@ -278,7 +278,7 @@ def test_no_energy_is_made(slit, kernel):
 @literal
 def test_better_kernel_is_nearer(slit):
     """Why it is the default: the fitted kernel against the literal one, both without a kernel."""
-    found = {kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.025,
+    found = {kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015,
                                  sampling_rate=28000).impedance
              for kernel in STEP_KERNELS}  # fmt: skip
     off = {kernel: (z - found["periodic"]).abs().max() for kernel, z in found.items()}
@@ -292,11 +292,11 @@ def test_better_kernel_is_nearer(slit):
 def test_a_recording_is_sent_once(slit):
     """Recorded noise, after silence, gives nearly what repeated noise gives."""
     wave = tl.BandNoise(800, 2500)
-    kept = tl.Recorded(wave.sampled(3000, 24000.0), 24000.0, "noise.wav")
-    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=24000, duration=0.125,
+    kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
+    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1,
                          kernel="periodic")  # fmt: skip
     found = tl.ir_tdibc(slit, 120, kept, frequency=1400)
-    assert found.samples == 3000
+    assert found.samples == 2000
     assert math.isnan(float(found.drift[0, 0]))
     assert abs(one(found) - one(wanted)) < 0.02
 

@@ -17,7 +17,7 @@ from torchliner.liners.response import reflection_of
 
 PLACES = 2001  # where the equation is looked at, closer towards rest; two roots in one gap are lost
 HALVINGS = 60
-STRONGEST = 4096  # lines of a noise that are looked at
+MOST_LINES = 256  # of a noise; neighbours are taken together
 
 
 def fixed_points(
@@ -49,10 +49,18 @@ def fixed_points(
 
 
 def spectrum_of(sent: Tensor, sampling_rate: float) -> tuple[Tensor, Tensor]:
-    """Frequencies and mean squares of the lines of a real record (n,) that carry it."""
+    """Frequencies and mean squares of the lines of a real record (n,) that carry it.
+
+    Each stands for a group of neighbours where there are many.
+    """
     n = len(sent)
     power = 2 * (torch.fft.rfft(sent) / n).abs().square()
     power[0] = 0  # a mean moves no wave
     keep = power > 1e-10 * power.max()
-    order = power.argsort(descending=True)[: min(STRONGEST, int(keep.sum()))].sort().values
-    return torch.fft.rfftfreq(n, 1 / sampling_rate, dtype=torch.float64)[order], power[order]
+    frequency = torch.fft.rfftfreq(n, 1 / sampling_rate, dtype=torch.float64)[keep]
+    power = power[keep]
+    together = torch.arange(len(power)) * min(MOST_LINES, len(power)) // len(power)
+    sums = torch.zeros(int(together[-1]) + 1, dtype=torch.float64)
+    sums = sums.index_add(0, together, power)
+    means = torch.zeros_like(sums).index_add(0, together, power * frequency) / sums
+    return means, sums
