@@ -276,6 +276,19 @@ def test_no_energy_is_made(slit, kernel):
 
 
 @literal
+@pytest.mark.slow
+@pytest.mark.parametrize("name", tl.preset_names())
+@pytest.mark.parametrize("kernel", STEP_KERNELS)
+def test_every_preset_up_to_160_db(name, kernel):
+    """One solution at every step, and less comes back than was sent."""
+    for incident in (1400.0, tl.BandNoise(500, 3000)):
+        curve = tl.ir_tdibc(tl.load_liner(name), [100, 145, 160], incident, kernel=kernel,
+                            sampling_rate=28000.0, duration=0.025)  # fmt: skip
+        assert int(curve.several.max()) == 0
+        assert float(curve.reflected_energy.max()) < 1
+
+
+@literal
 def test_better_kernel_is_nearer(slit):
     """Why it is the default: the fitted kernel against the literal one, both without a kernel."""
     found = {kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015,
