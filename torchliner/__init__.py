@@ -42,6 +42,8 @@ _HOMES = {
     "GrowingMoments": "torchliner.tdibc.growing",
     "MomentsPart": "torchliner.reduction.parts",
     "Moments": "torchliner.reduction.moments",
+    "ir_tdibc": "torchliner.ir_tdibc_method.ir_tdibc",
+    "LevelCurve": "torchliner.ir_tdibc_method.level_curve",
     "educe_bursts": "torchliner.ldv.educe_bursts",
     "BurstFilters": "torchliner.signals.burst_validation",
     "validate_bursts": "torchliner.signals.burst_validation",

@@ -39,6 +39,8 @@ from torchliner.io.planes import read_plane as read_plane
 from torchliner.io.point_file import read_points as read_points
 from torchliner.io.pressure_file import read_pressure as read_pressure
 from torchliner.io.signal_file import read_signal as read_signal
+from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
+from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
 from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
 from torchliner.lee.settled import solve_settled as solve_settled
 from torchliner.lee.solver import DuctSolver as DuctSolver

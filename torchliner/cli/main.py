@@ -45,6 +45,7 @@ GROUPS = {
         "liner": "geometry, resonance and impedance of a liner",
         "duct": "sound field and modes of a lined duct with flow",
         "sensitivity": "change of Z with each parameter of a liner; tolerances",
+        "ir-tdibc": "impedance over level from the incident wave alone",
         "calibrate": "parameters of a liner fitted to known impedances",
         "verify": "checks of the duct solvers; exit code 1 if one fails",
     },

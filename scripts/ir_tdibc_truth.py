@@ -1,0 +1,215 @@
+"""IR-TDIBC beside the true impedances without flow: the tables and the picture of docs/ir_tdibc.md.
+
+    python scripts/ir_tdibc_truth.py [--write]
+
+The incident wave of each case, at the level its planes state, drives the model of its preset;
+nothing else of the case is used. ``--write`` puts the tables into the page and the picture, with
+its numbers, into docs/figures.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import torch
+
+import torchliner as tl
+from common import FIGURES, ROOT, case_files, options_of, parser_of
+from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.io.csv_rows import write_rows
+from torchliner.io.whole_file import written_whole
+from torchliner.ir_tdibc_method.ways import FITTED, Case, Stepped
+from torchliner.names import STEP_KERNELS
+from torchliner.report.figure import COLOURS, MARKERS, finish, impedance_panels, styled
+from torchliner.report.table import format_complex
+from truth_page import table, with_tables
+
+PAGE, STEM = ROOT / "docs" / "ir_tdibc.md", "ir_tdibc"
+TONE = 1400.0
+CASES = {  # with the usual vena contracta, and that fitted without flow (PHYSICS, section 8)
+    "slit": (("n115", "n130", "n145"), (0.8,)),
+    "orifice": (("o115", "o130", "o145"), (0.8, 0.444)),
+    "orifice, coarser lattice": (("t00_130",), (0.8, 0.415)),
+}
+CURVE = [float(level) for level in range(110, 151, 2)]
+NARROW, WIDE = (300.0, 3500.0), (300.0, 8400.0)
+DAMPINGS = ((1e-1, NARROW), (1e-2, NARROW), (1e-3, NARROW), (1e-4, NARROW), (1e-3, WIDE))
+RATES, LENGTHS = (28e3, 56e3, 112e3), (5e-3, 10e-3, 20e-3)
+
+
+def case_rows() -> list[dict[str, Any]]:
+    """One per case and vena contracta."""
+    rows = []
+    for name, (cases, contractions) in CASES.items():
+        for contraction in contractions:
+            for case in cases:
+                plane = tl.read_plane(case_files(case)[0])
+                liner = tl.load_liner(plane.liner).replace(vena_contracta=contraction)
+                level = plane.incident_level
+                assert plane.source_side == "normal"
+                assert level is not None
+                found = {k: tl.ir_tdibc(liner, level, TONE, kernel=k) for k in STEP_KERNELS}
+                roots = found["periodic"].fixed_points[0]
+                assert len(roots) == 1
+                rows.append({
+                    "liner": name, "case": case, "vena_contracta": contraction, "level": level,
+                    "true": complex(plane.reference["true"]),
+                    "fixed_point": complex(roots[0].impedance[0]),
+                    **{k: complex(found[k].impedance[0, 0]) for k in STEP_KERNELS},
+                    "frozen": complex(found["causal"].frozen[0, 0]),
+                })  # fmt: skip
+    return rows
+
+
+def off(found: complex, true: complex) -> str:
+    """Relative error of R and that of X."""
+    return f"{100 * (found.real / true.real - 1):+.0f} %, {found.imag - true.imag:+.2f}"
+
+
+def case_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Z of every way, and how far the first two are from the truth."""
+    lines = [
+        [row["case"], f"{row['vena_contracta']:g}", f"{row['level']:.1f}",
+         format_complex(row["true"]), format_complex(row["fixed_point"]),
+         off(row["fixed_point"], row["true"]), format_complex(row["periodic"]),
+         off(row["periodic"], row["true"]), format_complex(row["least-squares"]),
+         format_complex(row["causal"]), off(row["causal"], row["true"])]
+        for row in rows
+    ]  # fmt: skip
+    heading = "case | C_vc | dB | true Z | Z(rms v) | off | periodic | off | least-squares"
+    return table(f"{heading} | causal | off", lines)
+
+
+def kernel_table(rows: Sequence[dict[str, Any]]) -> str:
+    """What the kernels alone change."""
+    lines = [
+        [row["case"], f"{row['vena_contracta']:g}",
+         format_complex(row["least-squares"] - row["periodic"]),
+         format_complex(row["causal"] - row["periodic"]), format_complex(row["frozen"])]
+        for row in rows
+    ]  # fmt: skip
+    heading = "case | C_vc | least-squares − periodic | causal − periodic"
+    return table(f"{heading} | causal, v frozen at its rms", lines)
+
+
+def convergence_table() -> str:
+    """Z of the slit at 145 dB over rate and kernel length, and what a step costs."""
+    liner, lines = tl.load_liner("lbm_slit"), []
+    for rate in RATES:
+        lines.append([f"{1e-3 * rate:g} kHz, 10 ms", *(
+            format_complex(complex(tl.ir_tdibc(liner, 145, TONE, kernel=k, sampling_rate=rate)
+                                   .impedance[0, 0])) for k in STEP_KERNELS)])  # fmt: skip
+    for after in LENGTHS:
+        lines.append([f"56 kHz, {1e3 * after:g} ms", *(
+            format_complex(complex(tl.ir_tdibc(liner, 145, TONE, kernel=k, sampling_rate=56e3,
+                                               after=after).impedance[0, 0]))
+            for k in STEP_KERNELS)])  # fmt: skip
+    return table("steps | " + " | ".join(STEP_KERNELS), lines)
+
+
+def damping_table() -> str:
+    """Fitted kernels of the orifice: error, gain, and what the wave of 145 dB makes of them."""
+    liner, rate, lines = tl.load_liner("lbm_orifice"), 28e3, []
+    grid, n = tl.VelocityGrid(20.0), 560
+    turn = torch.arange(n, dtype=torch.float64) * 2 * torch.pi * TONE / rate
+    peak = 2**0.5 * REFERENCE_PRESSURE * 10 ** (145 / 20) / (1.2 * 343.2)
+    for damping, band in DAMPINGS:
+        build = partial(FITTED, regularisation=damping)
+        case = Case(liner, grid, peak * turn.cos()[None], True, rate, torch.tensor([TONE]), band,
+                    10e-3, 1, None)  # fmt: skip
+        found = Stepped(build, everywhere=False).answer(case)
+        lines.append([f"{damping:g}", f"{band[0]:g}–{band[1]:g} Hz", f"{found.error:.1e}",
+                      f"{found.gain:.3g}", f"{float(found.drift[0]):.1e}"])  # fmt: skip
+    return table("Tikhonov | band | error in R | gain | drift", lines)
+
+
+def noise_table() -> str:
+    """The slit under noise: |v| of the moment against the rms of the band."""
+    curve = tl.ir_tdibc(
+        tl.load_liner("lbm_slit"), [115, 130, 145], tl.BandNoise(500, 3000), frequency=TONE,
+        realisations=4, duration=0.1, kernel="periodic",
+    )  # fmt: skip
+    lines = [
+        [f"{level:g}", format_complex(complex(roots[0].impedance[0])), format_complex(complex(z)),
+         format_complex(complex(u))]
+        for level, roots, z, u in zip(curve.level.tolist(), curve.fixed_points,
+                                      curve.impedance[:, 0], curve.spread[:, 0], strict=True)
+    ]  # fmt: skip
+    return table("dB | Z(rms v) | periodic | spread of one draw", lines)
+
+
+def speed_table() -> str:
+    """Seconds of processor time for 20 000 steps of 60 waves, from a tenth of them."""
+    lines = []
+    for taps in (300, 600, 1000):
+        begin = time.process_time()
+        tl.ir_tdibc(
+            tl.load_liner("lbm_slit"), 140, tl.BandNoise(500, 3000), frequency=TONE,
+            realisations=60, sampling_rate=48e3, duration=1000 / 48e3, after=(taps - 1) / 48e3,
+        )  # fmt: skip
+        lines.append([f"{taps}", f"{10 * (time.process_time() - begin):.0f}"])
+    return table("taps | s", lines)
+
+
+@styled
+def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> None:
+    """R and X of slit and orifice over level, with the true values."""
+    figure, panels = impedance_panels(3.4, "incident level (dB)")
+    for axis, part in panels:
+        name = {"resistance": "real", "reactance": "imag"}[part]
+        for i, (label, curve) in enumerate(curves.items()):
+            z = getattr(curve.impedance[:, 0], name)
+            fixed = [getattr(complex(r[0].impedance[0]), name) for r in curve.fixed_points]
+            axis.plot(CURVE, z, color=COLOURS[i], label=f"{label}: instantaneous")
+            axis.plot(CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: Z(rms v)")
+        for i, kind in enumerate(("slit", "orifice")):
+            true = {
+                row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind
+            }
+            axis.plot(
+                list(true), list(true.values()), color="black", marker=MARKERS[i], linestyle="",
+                label=f"{kind}: true",
+            )  # fmt: skip
+    finish(figure, path, None, 3)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Solve, print, draw."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--write", action="store_true", help="into docs/ as well")
+    options = options_of(parser, arguments)
+    torch.set_num_threads(1)
+    rows = case_rows()
+    tables = {"cases": case_table(rows), "kernels": kernel_table(rows),
+              "convergence": convergence_table(), "damping": damping_table(),
+              "noise": noise_table(), "speed": speed_table()}  # fmt: skip
+    for name, text in tables.items():
+        print(f"\n{name}\n{text}")
+    if options.write:
+        fitted = tl.load_liner("lbm_orifice").replace(vena_contracta=0.444)
+        liners = {"slit": tl.load_liner("lbm_slit"), "orifice, 0.444": fitted}
+        curves = {name: tl.ir_tdibc(liner, CURVE, TONE, kernel="periodic")
+                  for name, liner in liners.items()}  # fmt: skip
+        draw(curves, rows, FIGURES / f"{STEM}.png")
+        plain = [
+            {k: v for key, value in row.items() for k, v in _parts(key, value)} for row in rows
+        ]
+        write_rows(plain, FIGURES / f"{STEM}.csv", ".5g")
+        with written_whole(PAGE) as temporary:
+            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
+            temporary.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _parts(key: str, value: Any) -> list[tuple[str, Any]]:
+    if isinstance(value, complex):
+        return [(f"{key}_resistance", value.real), (f"{key}_reactance", value.imag)]
+    return [(key, value)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,435 @@
+"""The wave alone drives the liner: laws of the time stepping, of the period, of the fixed point."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import fftconvolve
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.ir_tdibc_method import periodic
+from torchliner.ir_tdibc_method.fixed_point import fixed_points
+from torchliner.ir_tdibc_method.level_curve import judge
+from torchliner.ir_tdibc_method.newest_tap import NewestTap
+from torchliner.ir_tdibc_method.periodic import solve_periodic
+from torchliner.ir_tdibc_method.stepping import step_in_time
+from torchliner.ir_tdibc_method.ways import WAYS
+from torchliner.liners.model import LinerModel
+from torchliner.names import STEP_KERNELS
+from torchliner.replay.direct import replay_direct
+from torchliner.replay.edges import Record
+from torchliner.replay.emissions import Sent
+from torchliner.replay.kernels import KernelTable, build_kernels
+from torchliner.signals.windows import make_window
+
+RATE = 24000.0
+FAST = {"sampling_rate": 14000.0, "duration": 0.02, "after": 0.004}  # of 1400 Hz, 10 samples
+literal = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")  # of its error
+IMPEDANCE = 1.204 * 343.2  # rho c, of the models below
+
+
+class Steady(LinerModel):
+    """Z = slope |v| + base at all frequencies: no memory at all."""
+
+    def __init__(self, slope: float = 1.0, base: float = 0.0) -> None:
+        self.slope, self.base = slope, base
+
+    def impedance(self, frequency, speed=0.0):
+        z = self.base + self.slope * torch.as_tensor(speed, dtype=torch.float64)
+        return (z + 0 * frequency).to(torch.complex128)
+
+
+class Linear(LinerModel):
+    """A mass, a resistance and a spring; |v| changes nothing."""
+
+    def impedance(self, frequency, speed=0.0):
+        omega = 2 * torch.pi * frequency + 0 * torch.as_tensor(speed)
+        return torch.complex(0.5 + 0 * omega, 1e-4 * omega - 9e3 / omega)
+
+
+@pytest.fixture(scope="module")
+def slit() -> tl.SDoFLiner:
+    return tl.load_liner("lbm_slit")
+
+
+def kernels_of(liner, kind="causal", after=0.004, **options) -> KernelTable:
+    return build_kernels(liner, tl.VelocityGrid(20.0), RATE, kind=kind, after=after, **options)
+
+
+def noise(columns: int, samples: int, size: float = 1.0) -> torch.Tensor:
+    random = torch.Generator().manual_seed(3)
+    return size * torch.randn(columns, samples, generator=random, dtype=torch.float64)
+
+
+def one(curve: tl.LevelCurve) -> complex:
+    """Z of the only frequency of the first level."""
+    return complex(curve.impedance[0, 0])
+
+
+# The implicit step.
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    taps=st.lists(st.floats(-2, 2), min_size=8, max_size=8),
+    sent=st.floats(-3, 3), memory=st.floats(-3, 3), past=st.floats(0, 4),
+    share=st.sampled_from([1.0, 0.05]), spacing=st.sampled_from(["sqrt", "uniform"]),
+    interpolation=st.sampled_from(["cubic", "linear"]),
+)  # fmt: skip
+def test_the_newest_tap_is_solved(taps, sent, memory, past, share, spacing, interpolation):
+    """The equation holds to rounding, whatever the table; the least root is that of bisection."""
+    grid = tl.VelocityGrid(60.0, 8, spacing, interpolation)
+    table = KernelTable(torch.tensor(taps, dtype=torch.float64)[:, None], 0, RATE, grid,
+                        (300.0, 3500.0), "causal", 0.0, 0.0)  # fmt: skip
+    past = past * (share < 1)
+
+    def left(speed: float) -> float:
+        index, weights = grid.locate(torch.tensor(speed, dtype=torch.float64))
+        tap = sum(float(w) * taps[int(index) + i] for i, w in enumerate(weights))
+        return speed - math.sqrt(past + share * (sent - memory - sent * tap) ** 2)
+
+    values = [np.array([value]) for value in (sent, memory, past)]
+    rows, weights, error, roots = NewestTap(table).solve(*values, share)
+    assert roots[0] >= 1
+    assert error[0] < 1e-12
+    tap = float((weights[0] * np.array(taps)[rows[0]]).sum())
+    found = math.sqrt(past + share * (sent - memory - sent * tap) ** 2)
+    speeds = grid.speeds.numpy()
+    least = next(s for s in speeds if left(float(s)) >= 0)  # a level at or behind the root
+    assert found <= least + 1e-9
+    # sqrt|v| of the table's places is as steep as it likes towards rest.
+    assert abs(left(found)) < (1e-6 if spacing == "sqrt" else 1e-10)
+    assert rows.max() < 8
+
+
+def test_several_solutions_are_counted(slit):
+    """A first tap that falls steeply with |v| has two from below; the least is taken."""
+    grid = tl.VelocityGrid(4.0, 41, "uniform", "linear")
+    taps = torch.where(grid.speeds < 1, 0.5, -0.5)[:, None]
+    table = KernelTable(taps.double(), 0, RATE, grid, (300.0, 3500.0), "causal", 0.0, 0.0)
+    rows, _, _, roots = NewestTap(table).solve(*np.array([[1.1], [0.0], [0.0]]), 1.0)
+    assert roots[0] == 2  # from below: at 0.55 and at 1.65
+    assert grid.speeds[rows[0]].max() < 0.7
+
+
+def test_step_error_is_rounding(slit):
+    """The residual of the implicit equation, of the largest |x|, at every step."""
+    curve = tl.ir_tdibc(slit, [100, 145, 160], 1400.0, **FAST)
+    assert float(curve.residual.max()) < 1e-12
+    assert int(curve.several.max()) == 0
+
+
+# Against what is known otherwise.
+
+
+@pytest.mark.parametrize("kernel", ["causal", "periodic"])
+def test_a_wall_without_memory_by_hand(kernel):
+    """Z = k |v|: the pressure p = k v |v| and p + v = 2 x give v at each moment."""
+    slope, level = 2.0, 150.0
+    peak = 2**0.5 * 20e-6 * 10 ** (level / 20) / IMPEDANCE
+    wave = peak * torch.cos(2 * torch.pi * torch.arange(10, dtype=torch.float64) / 10)
+    v = torch.sign(wave) * ((1 + 8 * slope * wave.abs()).sqrt() - 1) / (2 * slope)
+    x, v = torch.fft.rfft(wave)[1], torch.fft.rfft(v)[1]
+    curve = tl.ir_tdibc(Steady(slope), level, 1400.0, kernel=kernel, **FAST)
+    # R(0) = 1 of a kernel of finite length leaks into the band: 1e-3; the period has none.
+    limit = {"causal": 0.02, "periodic": 1e-4}[kernel]
+    assert abs(one(curve) - complex((2 * x - v) / v)) < limit
+
+
+def test_replaying_the_velocity_found_returns_the_reflected_wave(slit):
+    """DIR-TDIBC driven by the v of IR-TDIBC is IR-TDIBC: the reference engine, term by term."""
+    kernels, sent = kernels_of(slit), noise(2, 400)
+    motion = step_in_time(sent, kernels)
+    record = Record(400, 0, make_window("boxcar", 400), "silent", RATE)
+    for x, y, v in zip(sent, motion.reflected, motion.velocity, strict=True):
+        again = replay_direct(v.abs()[None], kernels, Sent(x, False), record)[0, 0]
+        assert float((again - y).abs().max()) < 1e-11
+
+
+@pytest.mark.parametrize("window", [1, 20])
+def test_steps_and_period_agree(slit, window):
+    """The settled answer in time is that of a whole period with the kernel's own response."""
+    kernels, n = kernels_of(slit, "two-sided", before=0.0, regularisation=1e-2), 240
+    period = 1.2 * torch.cos(2 * torch.pi * 1400 / 28000 * torch.arange(n, dtype=torch.float64))
+    period = torch.stack([period, 0.2 * period, 0.1 * noise(1, n)[0]])
+    found = step_in_time(period.repeat(1, 6), kernels, window).last(n)
+    lines = kernels.response(torch.fft.rfftfreq(n, 1 / RATE, dtype=torch.float64))
+    wanted = solve_periodic(period, lines, kernels.grid, window)
+    assert float((found.reflected - wanted.reflected).abs().max()) < 1e-8
+
+
+def test_a_linear_wall_convolves():
+    """Speed-independent: y is the plain convolution, and no level changes Z."""
+    kernels, sent = kernels_of(Linear()), noise(3, 700)
+    y = step_in_time(sent, kernels).reflected
+    for x, found in zip(sent, y, strict=True):
+        wanted = fftconvolve(x.numpy(), kernels.taps[0].numpy())[:700]
+        assert np.abs(found.numpy() - wanted).max() < 1e-12
+    curve = tl.ir_tdibc(Linear(), [60, 120, 160], 1400.0, **FAST)
+    assert float((curve.reflection - curve.reflection[:1]).abs().max()) < 1e-12
+
+
+@literal
+@pytest.mark.parametrize("kernel", ["least-squares", "causal"])
+def test_low_levels_are_linear(slit, kernel):
+    """Z of the kernel's own response at rest, of each of several tones as of one alone."""
+    tones = [700.0, 1050.0, 1400.0]
+    several = tl.ir_tdibc(slit, 20.0, tones, kernel=kernel, **FAST)
+    at_rest = slit.impedance(torch.tensor(tones), 0.0)
+    assert float((several.impedance[0] - several.frozen[0] - at_rest).abs().max()) < 1e-6
+    alone = tl.ir_tdibc(slit, 20.0, 1400.0, kernel=kernel, **FAST)
+    assert abs(one(alone) - complex(several.impedance[0, 2])) < 1e-6
+
+
+@literal
+@pytest.mark.parametrize("kernel", STEP_KERNELS)
+def test_frozen_speed(slit, kernel):
+    """The rms over one period of a tone stands still: Z of the response at that |v|."""
+    curve = tl.ir_tdibc(slit, 145.0, 1400.0, drive="running-rms", kernel=kernel,
+                        sampling_rate=14000.0, duration=0.04, after=0.004)  # fmt: skip
+    wanted = slit.impedance(1400.0, float(curve.rms_speed[0, 0])) + complex(curve.frozen[0, 0])
+    assert abs(one(curve) - complex(wanted)) < 1e-6
+
+
+def test_the_period_of_rms_is_the_fixed_point(slit):
+    """Two routes to one speed for the whole record."""
+    curve = tl.ir_tdibc(slit, [115, 145], 1400.0, drive="running-rms", kernel="periodic", **FAST)
+    for found, (root,) in zip(curve.impedance[:, 0], curve.fixed_points, strict=True):
+        assert abs(complex(found) - complex(root.impedance[0])) < 1e-6
+
+
+def test_fixed_point_by_hand():
+    """Z = k s: k s^2 + s = 2 x, of one tone and of two alike; and three roots of a bent wall."""
+    slope, rms = 3.0, 0.7
+    wanted = (math.sqrt(1 + 8 * slope * rms) - 1) / (2 * slope)
+    for shares in ([1.0], [0.36, 0.64]):
+        power = rms**2 * torch.tensor(shares, dtype=torch.float64)
+        found = fixed_points(Steady(slope), 1000.0 + 0 * power, power, 20.0)
+        assert found == [pytest.approx(wanted, rel=1e-9)]
+
+    class Bent(LinerModel):
+        def impedance(self, frequency, speed=0.0):
+            s = torch.as_tensor(speed, dtype=torch.float64)
+            return (0.2 + 5 / (1 + (s / 0.5) ** 8) + 0 * frequency).to(torch.complex128)
+
+    found = fixed_points(Bent(), torch.tensor([1000.0]), torch.tensor([1.0]).double(), 20.0)
+    assert len(found) == 3
+    assert all(abs(s - 2 / (1 + 0.2 + 5 / (1 + (s / 0.5) ** 8))) < 1e-9 for s in found)
+
+
+# Convergence, statistics, energy.
+
+
+def test_a_level_does_not_know_the_others(slit):
+    """Batch and single, but for the rounding of small products."""
+    both = tl.ir_tdibc(slit, [120, 140], 1400.0, **FAST)
+    alone = tl.ir_tdibc(slit, 140, 1400.0, **FAST)
+    assert float((both.reflection[1] - alone.reflection[0]).abs().max()) < 1e-12
+
+
+@literal
+def test_kernel_length_and_rate_converge(onera):
+    """Twice the literal kernel's length: its tail falls as the liner rings, by 3 at least; twice
+    the samples a period: the harmonics of v fall, by 10 at least."""
+
+    def steps(values, **options):
+        found = [one(tl.ir_tdibc(onera, 140, 1400.0, **options, **each)) for each in values]
+        return [abs(after - before) for before, after in itertools.pairwise(found)]
+
+    length = steps([{"after": t, "duration": 0.012} for t in (0.0025, 0.005, 0.01)],
+                   kernel="causal", sampling_rate=14000.0)  # fmt: skip
+    assert length[1] < 0.3 * length[0]
+    rate = steps([{"sampling_rate": 1400.0 * n} for n in (8, 16, 32)], kernel="periodic")
+    assert rate[1] < 0.1 * rate[0]
+    assert rate[1] < 1e-3
+
+
+def test_spread_falls_with_length(slit):
+    """Four times the noise, about half the spread."""
+    short, long = (
+        tl.ir_tdibc(slit, 140, tl.BandNoise(800, 2000), frequency=[1200, 1400, 1600],
+                    realisations=12, duration=seconds, kernel="periodic", sampling_rate=16000)
+        for seconds in (0.03, 0.12)
+    )  # fmt: skip
+    ratio = short.spread.abs().mean() / long.spread.abs().mean()
+    assert 1.3 < ratio < 3.1
+
+
+@literal
+@pytest.mark.parametrize("kernel", STEP_KERNELS)
+def test_no_energy_is_made(slit, kernel):
+    """Of a tone and of noise less comes back than was sent, though a kernel's gain exceeds 1."""
+    for incident in (1400.0, tl.BandNoise(500, 3000)):
+        curve = tl.ir_tdibc(slit, [100, 145], incident, kernel=kernel, sampling_rate=24000,
+                            duration=0.02, after=0.004)  # fmt: skip
+        assert float(curve.reflected_energy.max()) < 1
+        assert float(curve.impedance.real.min()) > 0
+
+
+@literal
+@pytest.mark.slow
+@pytest.mark.parametrize("name", tl.preset_names())
+@pytest.mark.parametrize("kernel", STEP_KERNELS)
+def test_every_preset_up_to_160_db(name, kernel):
+    """One solution at every step, and less comes back than was sent."""
+    for incident in (1400.0, tl.BandNoise(500, 3000)):
+        curve = tl.ir_tdibc(tl.load_liner(name), [100, 145, 160], incident, kernel=kernel,
+                            sampling_rate=28000.0, duration=0.025)  # fmt: skip
+        assert int(curve.several.max()) == 0
+        assert float(curve.reflected_energy.max()) < 1
+
+
+@literal
+def test_better_kernel_is_nearer(slit):
+    """Why it is the default: the fitted kernel against the literal one, both without a kernel."""
+    found = {kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015,
+                                 sampling_rate=28000).impedance
+             for kernel in STEP_KERNELS}  # fmt: skip
+    off = {kernel: (z - found["periodic"]).abs().max() for kernel, z in found.items()}
+    assert off["least-squares"] < 0.025
+    assert off["causal"] > 0.08
+
+
+# Signals.
+
+
+def test_a_recording_is_sent_once(slit):
+    """Recorded noise, after silence, gives nearly what repeated noise gives."""
+    wave = tl.BandNoise(800, 2500)
+    kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
+    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1,
+                         kernel="periodic")  # fmt: skip
+    found = tl.ir_tdibc(slit, 120, kept, frequency=1400)
+    assert found.samples == 2000
+    assert math.isnan(float(found.drift[0, 0]))
+    assert abs(one(found) - one(wanted)) < 0.02
+
+
+def test_realisations_of_tones_differ_in_phase(slit):
+    """Several tones at high level: the phases between them matter."""
+    curve = tl.ir_tdibc(slit, 145, [700, 1400, 2100], realisations=3, kernel="periodic")
+    assert float(curve.spread.abs().min()) > 1e-4
+    assert tl.ir_tdibc(slit, 145, 1400.0, **FAST).spread.isnan().all()
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("level", "incident", "options", "message"),
+    [
+        (math.nan, 1400.0, {}, "level is nan; it is a finite number of dB"),
+        (356.0, 1400.0, {}, "356 Pa rms is 145.0 dB"),
+        ([], 1400.0, {}, "no level is given"),
+        ([130, 150], 1400.0, {"velocity_max": 1.5, **FAST}, "at 150 dB .* exceeds 1.5 m/s"),
+        (150, 1400.0, {"velocity_max": 1.5, "kernel": "periodic", **FAST},
+         "at 150 dB .* exceeds 1.5 m/s"),
+        (130, 1400.0, {"sampling_rate": 9000.0}, r"6.43 samples a period .* give 11200 Hz"),
+        (130, 1400.0, {"duration": 0.005}, "the kernel 491; give a longer duration"),
+        (130, [1400.0, 1400.1], {"sampling_rate": 50000.0}, "too long; leave sampling_rate out"),
+        (130, 1400.0, {"realisations": 3}, "has one realisation, 3 are asked for"),
+        (130, 1400.0, {"realisations": 0}, "realisations is 0"),
+        (130, 1400.0, {"frequency": 900.0}, "900 Hz is not in tones 1400 Hz"),
+        (130, tl.BandNoise(500, 900), {"frequency": 1400.0}, "1400 Hz is not in band noise"),
+        (130, 1400.0, {"kernel": "casual"}, "did you mean 'causal'"),
+        (130, 1400.0, {"drive": "running"}, "did you mean 'running-rms'"),
+        (130, 1400.0, {"band": (2000.0, 3000.0)}, "1400 Hz is outside the kernel's band"),
+        (130, 1400.0, {"running_window": 0.01}, "is of the drive 'running-rms'"),
+        (130, 1400.0, {"running_window": 1.0, "drive": "running-rms"}, "49000 samples; the record"),
+        (130, tl.Recorded(torch.zeros(999), 3e4), {"frequency": 900}, "is 0 throughout"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {}, "states no frequencies; give frequency="),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "kernel": "periodic"},
+         "needs a signal that repeats"),
+        (130, tl.Recorded(torch.ones(9), 3e4), {"frequency": 900}, "has 9 samples .* kernel 301"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"sampling_rate": 4e4}, "sampled at 30000 Hz"),
+    ],
+)  # fmt: skip
+def test_bad_input(slit, level, incident, options, message):
+    """Value, unit, limit, remedy; which level."""
+    with pytest.raises(ValueError, match=message):
+        tl.ir_tdibc(slit, level, incident, **options)
+
+
+def test_tables_that_end(slit):
+    """A narrow table fits no causal kernel; one of low speeds no high level."""
+    f, v = torch.linspace(500, 3000, 26).double(), torch.linspace(0, 1, 21).double()
+    table = tl.TabulatedLiner(f, slit.impedance(f[:, None], v[None]), v)
+    for kernel in STEP_KERNELS:
+        with pytest.raises(ValueError, match="known from 500 to 3000 Hz; kernel"):
+            tl.ir_tdibc(table, 120, 1400.0, kernel=kernel)
+    found = tl.ir_tdibc(table, 120, 1400.0, band=(600, 2900), **FAST)
+    assert 0.05 < one(found).real < 0.3
+    with pytest.raises(ValueError, match=r"at 150 dB .* known no further: lower the level"):
+        tl.ir_tdibc(table, 150, 1400.0, band=(600, 2900), **FAST)
+    with pytest.raises(ValueError, match="velocity_max is 3 m/s; the liner is known up to 1 m/s"):
+        tl.ir_tdibc(table, 120, 1400.0, band=(600, 2900), velocity_max=3, **FAST)
+
+
+def test_what_does_not_settle_is_refused(slit, monkeypatch):
+    """No steady state, no convergence: at which level."""
+    curve = tl.ir_tdibc(slit, [120, 130], 1400.0, **FAST)
+    with pytest.raises(ValueError, match=r"at 130 dB y still changes by 0\.3 of its rms"):
+        judge(dataclasses.replace(curve, drift=torch.tensor([[0.0], [0.3]])))
+    with pytest.warns(tl.DataWarning, match=r"at 130 dB y still changes by 0\.01"):
+        judge(dataclasses.replace(curve, drift=torch.tensor([[0.0], [0.01]])))
+    with pytest.warns(tl.DataWarning, match="at 120 dB 2 steps have more than one"):
+        judge(dataclasses.replace(curve, several=torch.tensor([[2], [0]])))
+    monkeypatch.setattr(periodic, "MOST_ITERATIONS", 3)
+    with pytest.raises(ValueError, match="at 140 dB the iteration over a period does not converge"):
+        tl.ir_tdibc(slit, [140, 150], 1400.0, kernel="periodic", **FAST)
+
+
+def test_the_literal_kernel_is_warned_of(slit):
+    """With its part of Z, found with |v| frozen."""
+    with pytest.warns(tl.DataWarning, match="kernel 'causal' .* 120 dB it moves Z at 1400 Hz by"):
+        tl.ir_tdibc(slit, 120, 1400.0, kernel="causal", **FAST)
+
+
+def test_names_and_ways():
+    """The names that commands offer are those of the ways."""
+    assert tuple(WAYS) == STEP_KERNELS
+
+
+# The command.
+
+
+def test_command(tmp_path, capsys, unrendered):
+    """Table, CSV, figure, JSON."""
+    words = ["ir-tdibc", "lbm_slit", "--frequency", "1400", "--level", "115", "130", "--duration",
+             "0.02", "--sampling-rate", "28000", "--quiet"]  # fmt: skip
+    files = [str(tmp_path / "z.csv"), str(tmp_path / "z.png")]
+    assert main([*words, "-o", files[0], "--figure", files[1]]) == 0
+    assert "130.0  1400.0" in capsys.readouterr().out
+    assert (tmp_path / "z.png").exists()
+    assert len((tmp_path / "z.csv").read_text().splitlines()) == 3
+    assert main([*words, "--json", "--kernel", "periodic"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["level"] for row in rows] == [115, 130]
+    assert rows[0]["spread_resistance"] is None
+    assert main(["ir-tdibc", "lbm_slit", "--level", "115"]) == 2
+    assert "give --frequency of a tone, or --incident" in capsys.readouterr().err
+    assert main(["ir-tdibc", "lbm_slot", "--level", "115", "--frequency", "1400"]) == 2
+    assert "did you mean 'lbm_slit'" in capsys.readouterr().err
+    short = ["--velocity-max", "0.1"]
+    assert main([*words, *short]) == 2
+    assert "give --velocity-max" in capsys.readouterr().err
+
+
+def test_command_sends_noise(capsys):
+    """Draws of noise, a band of Z, a spread."""
+    words = ["ir-tdibc", "lbm_slit", "--incident", "noise:800:2500", "--level", "120",
+             "--frequency", "1200", "1400", "--realisations", "3", "--duration", "0.05",
+             "--sampling-rate", "28000", "--kernel", "periodic", "--json", "--quiet"]  # fmt: skip
+    assert main(words) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["frequency"] for row in rows] == [1200, 1400]
+    assert all(0 < row["spread_resistance"] < 0.1 for row in rows)

@@ -1,0 +1,1 @@
+"""The incident wave alone drives the liner: its velocity follows, step by step (section 3.1)."""
