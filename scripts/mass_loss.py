@@ -230,6 +230,27 @@ def height_table() -> str:
     return table("case | y (mm) | y/D_h | Z | true Z | R off by | X off by | R right at", lines)
 
 
+def wave_table() -> str:
+    """Cases without flow from the level of the wave alone, at the rms of the velocity it drives."""
+    fit, lines = fitted(CHOSEN, CASES), []
+    values = dict(zip(fit.parameters, fit.values.tolist(), strict=True))
+    for case in (case for case in CASES if case not in FLOW):
+        plane, true = planes_of(case)[0], truth(case)
+        liners = liner_of(case, LAWS[0]), liner_of(case, CHOSEN).with_numbers(values)
+        paper, law = (
+            complex(curve.fixed_points[0][0].impedance[0])
+            for liner in liners
+            for curve in (tl.ir_tdibc(liner, [plane.incident_level], 1400.0, kernel="periodic"),)
+        )
+        lines.append([
+            case, format_complex(true), format_complex(paper), f"{paper.imag - true.imag:+.2f}",
+            format_complex(law), f"{law.imag - true.imag:+.2f}",
+        ])  # fmt: skip
+    return table(
+        "case | true Z | Z(rms v), eq. (2.4b) | X off by | Z(rms v), this law | X off by", lines
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit, leave out, print, draw."""
     parser = parser_of(__doc__)
@@ -239,7 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write_rows([row.plain() for row in rows_of_laws()], FOLDER / f"{STEM}.csv", ".5g")
     rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
     tables = {"laws": law_table(rows), "fits": fit_table(), "orders": order_table(),
-              "heights": height_table()}  # fmt: skip
+              "heights": height_table(), "waves": wave_table()}  # fmt: skip
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     for folder in (FOLDER, *([FIGURES] if options.write else [])):

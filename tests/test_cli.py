@@ -104,7 +104,9 @@ def test_help_of_every_command(capsys, name, parser):
     code, whole, _ = run(capsys, *name.split(), "--help-all")
     assert code == DONE
     assert ("--help-all" in short) == (short != whole)
-    assert re.match(rf"usage: torchliner {name} (-o FILE |--free \S+ )?\[options\]", short)
+    assert re.match(
+        rf"usage: torchliner {name} ((-o|--\w+) \S+ (\[\S+ \.\.\.\] )?)*\[options\]", short
+    )
     for action in options_of(parser):
         flag = (action.option_strings or [action.metavar])[-1]
         assert re.search(rf"^  (-o [A-Z]+, )?{re.escape(flag)}\b", whole, re.M), flag

@@ -19,6 +19,10 @@ EXAMPLES = {
     "liner": ("onera --frequency 500:3000:500", "onera --copy mine.toml"),
     "duct solve": ("b2a --frequency 1000:2000:500 --figure field.png",),
     "duct modes": ("b2a --frequency 1400",),
+    "ir-tdibc": (
+        "lbm_slit --frequency 1400 --level 115 130 145 --figure z.png -o z.csv",
+        "onera --incident noise:500:3000 --level 120 140 --realisations 8 --frequency 1000",
+    ),
     "sensitivity": ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),
     "calibrate": (
         "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
