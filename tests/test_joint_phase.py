@@ -205,7 +205,7 @@ def test_what_other_tones_make_is_said(liner):
     ("tones", "choices", "message"),
     [
         ((1400.0, 1410.0), {}, r"are 10 Hz apart, .* 40 ms .* 25 Hz apart; 100 ms of record"),
-        ((1400.0, 1400.0), {}, "name each tone once"),
+        ((1400.0, 1400.0), {}, "name it once"),
         (tuple(700.0 + 100 * i for i in range(MOST_TONES + 1)), {}, "takes 6 .* 5 are the most"),
         ((1400.0, 22000.0), {}, "22000 Hz is at or above Nyquist, 21000 Hz"),
         ((1050.0, 1400.0), {"engine": "unfold", "tolerance": None}, "leave engine and window out"),

@@ -40,18 +40,18 @@ def review_tones(name: str, frequency: Tensor, record: Record, chosen: Choices) 
     if len(tones) > MOST_TONES:
         raise ValueError(
             f"phase 'joint' takes {len(tones)} frequencies as tones that sound at once; "
-            f"{MOST_TONES} are the most (each pair needs moments of its own): name the tones that were sent with "
-            "frequency=, and educe other frequencies with phase='averaged'"
+            f"{MOST_TONES} are the most (each pair needs moments of its own): name the tones that "
+            "were sent with frequency=, and educe other frequencies with phase='averaged'"
         )
     seconds = (record.end - record.start) / record.sampling_rate
     for one, other in combinations(sorted(tones), 2):
-        if (other - one) * seconds < 1 - 1e-6:
+        if (apart := other - one) * seconds < 1 - 1e-6:
+            remedy = f"{1e3 / apart:.4g} ms of record are the least" if apart else "name it once"
             raise ValueError(
-                f"{name}: tones of {one:g} and {other:g} Hz are {other - one:.4g} Hz apart, and "
-                f"the {1e3 * seconds:.4g} ms that are weighed tell tones {1 / seconds:.4g} Hz apart; "
-                + (f"{1e3 / (other - one):.4g} ms of record are the least" if other > one
-                   else "name each tone once")
-            )  # fmt: skip
+                f"{name}: tones of {one:g} and {other:g} Hz are {apart:.4g} Hz apart, and the "
+                f"{1e3 * seconds:.4g} ms that are weighed tell tones {1 / seconds:.4g} Hz apart; "
+                f"{remedy}"
+            )
 
 
 def each_alone(prepared: Prepared) -> Prepared:
