@@ -28,7 +28,7 @@ from torchliner.signals.bootstrap import (
     tile_moments,
 )
 
-COLUMNS = 4096  # of probes and frequencies, at most, whose block deviations are held at once
+COLUMNS = 8192  # of probes and frequencies, at most, whose block deviations are held at once
 ANGLES = 32  # on the ellipse; with a parabola through the best three 1e-4 of half a width, and 1e-2
 # where the ellipse comes half as near to the pole as its centre
 

@@ -34,6 +34,7 @@ from torchliner.tdibc.reduced import fitted, record_of
 from torchliner.tdibc.review import needs_kernels, review_liner, review_record
 from torchliner.tdibc.review_kernels import frequencies_read, review_tables
 from torchliner.tdibc.several_tones import each_alone, review_tones
+from torchliner.tdibc.tone_share import review_other_tones
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
@@ -110,7 +111,7 @@ def prepare(
         )  # fmt: skip
         if phase_rule(chosen.phase).several_tones:
             ready = each_alone(ready)
-        notes += review_tables(ready)
+        notes += review_tables(ready) + review_other_tones(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
 
