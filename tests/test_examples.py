@@ -54,7 +54,8 @@ def microphones() -> dict[str, object]:
     return {}
 
 
-PAGES = {"calibration": slits, "duct": dict, "formats": dict, "in_situ": dict, "ldv": stations,
+PAGES = {"calibration": slits, "duct": dict, "formats": dict,
+         "frequencies": dict, "in_situ": dict, "ldv": stations,
          "ldv_grid": arrivals, "ldv_line": stations, "moments": dict,
          "package": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip

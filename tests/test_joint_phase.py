@@ -8,6 +8,8 @@ import torch
 from conftest import RATE, plane_of, relative_error, turbulence
 
 import torchliner as tl
+from torchliner.checks import real_tensor
+from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
 from torchliner.tdibc.several_tones import MOST_TONES
 
@@ -135,6 +137,31 @@ def test_a_frozen_speed_gives_the_model(liner):
     assert bool(found.phase_rule.all())
     wanted = reflection_of(liner, torch.tensor(tones, dtype=torch.float64), torch.tensor(3.0))
     assert relative_error(found.reflection[0], wanted.to(torch.complex128)) < 1e-7
+
+
+class Weak(LinerModel):
+    """Z = 1.5 + a |v|, a so small that the change of Z is of first order in it."""
+
+    def impedance(self, frequency, speed=0.0):
+        return torch.complex(1.5 + 1e-3 * real_tensor(speed) + 0 * real_tensor(frequency),
+                             0 * real_tensor(speed) + 0 * real_tensor(frequency))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("tones", "peaks", "wanted"),
+    [
+        ((1400.0,), (3.0,), [8 / (3 * torch.pi) * 3]),  # of |v| v, against 2/pi of |v|
+        ((1400.0, 2450.0), (3.0, 1e-4), [8 / (3 * torch.pi) * 3, 2 * 2 / torch.pi * 3]),
+    ],
+)
+def test_the_law_of_squares(tones, peaks, wanted, liner):
+    """For a small a |v| in Z the rule is harmonic balance of a |v| v: 8/(3 pi) of a tone's peak,
+    and for a weak second tone, since d(|v| v) = 2 |v| dv, twice the mean |v|: worked by hand."""
+    t = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+    v = sum(peak * torch.cos(2 * torch.pi * f * t) for f, peak in zip(tones, peaks, strict=True))
+    found = joint(v, tones, Weak(), minimum_coherence=0.0)
+    change = (found.impedance[0] - 1.5) / 1e-3
+    assert relative_error(change, torch.tensor(wanted)) < 3e-3
 
 
 def test_the_time_domain_agrees(liner):

@@ -17,7 +17,7 @@ LARGEST_CHANGE = 0.05  # of Z by the tone's part, relative to |Z|, that goes wit
 def tone_velocities(prepared: Prepared) -> tuple[float, float, float] | None:
     """Mean, rms of what is periodic with the tone, and rms of the rest of v*, m/s, over all cells.
 
-    None unless the plane states its tone and the periodic part was taken apart (``coherent first``).
+    None unless the plane states its tone and v was taken apart (``coherent first``).
     """
     part, cells = prepared.periodic, prepared.cells
     if part is None or prepared.plane.frequency is None or not len(part.harmonics.lines):
