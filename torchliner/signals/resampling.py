@@ -94,7 +94,7 @@ class Resampling:
         shape, count = series.shape[1:], len(series)
         # In real parts, (2, S, N), whose sums over blocks are several times as fast.
         parts = torch.stack([series.real.flatten(1), series.imag.flatten(1)])
-        rho = neighbour_correlation(parts.movedim(0, 2))
+        rho = neighbour_correlation(parts)
         lengths = run_lengths(rho, count)
         sums = parts.new_empty(3, len(rho))
         for length in lengths.unique().tolist():
