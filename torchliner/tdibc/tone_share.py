@@ -83,7 +83,8 @@ def review_other_tones(prepared: Prepared) -> list[str]:
     _, periodic, rest = tone_velocities(prepared) or (0.0, 0.0, 0.0)
     return [
         f"{plane.name}: v is {100 * share:.3g} % (of its variance) in step with the tone of "
-        f"{plane.frequency:g} Hz ({periodic:.3g} m/s rms, the rest {rest:.3g}), so |v| is partly its own: "
+        f"{plane.frequency:g} Hz ({periodic:.3g} m/s rms, the rest {rest:.3g}), so |v| is partly "
+        "that tone's own: "
         f"at {' to '.join(dict.fromkeys(asked))} Hz Z is that of a weak second tone beside this "
         f"one, not of a tone sent alone. Without this one it would be about {_text(alone[worst])} "
         f"instead of {_text(beside[worst])} at {float(frequency[worst]):g} Hz (sine and Gaussian "
