@@ -12,6 +12,7 @@ import calibrate_resolved
 import figure_13
 import figure_14
 import figure_20
+import frequencies_page
 import kt_mismatch
 import ldv_interpolation
 import side_by_side
@@ -75,7 +76,7 @@ def main() -> None:
     ldv_interpolation.study(FIGURES, 200)
     torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
     b2a_line.main(["-o", str(FIGURES)])  # half an hour
-    for script in (figure_13, figure_14, figure_20, kt_mismatch, side_by_side):
+    for script in (figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, side_by_side):
         script.main(["-o", str(FIGURES)])
     print(f"pictures are in {FIGURES}")
 

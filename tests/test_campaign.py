@@ -126,6 +126,7 @@ def contents(folder: Path) -> dict[str, object]:
     return found
 
 
+@pytest.mark.filterwarnings("ignore:.*a weak second tone:torchliner.DataWarning")
 def test_a_campaign_is_its_eductions(capsys, campaign):
     """Each unit is what ``educe`` gives, a row a frequency; the index holds the same twice."""
     code, rows, _ = done(capsys, campaign)

@@ -54,8 +54,9 @@ def microphones() -> dict[str, object]:
     return {}
 
 
-PAGES = {"calibration": slits, "duct": dict, "formats": dict, "in_situ": dict, "ir_tdibc": dict,
-         "ldv": stations, "ldv_grid": arrivals, "ldv_line": stations, "moments": dict,
+PAGES = {"calibration": slits, "duct": dict, "formats": dict, "frequencies": dict,
+         "in_situ": dict, "ir_tdibc": dict, "ldv": stations, "ldv_grid": arrivals,
+         "ldv_line": stations, "moments": dict,
          "package": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip
 

@@ -66,10 +66,11 @@ def read_lines(
 ) -> LineSums:  # fmt: skip
     """Lines from the moments of |v|."""
     lines = window_lines(make_window(window, velocity.shape[1] - start), start, rate)
-    needed = lines_needed(lines, frequency, backward)
+    turns = 2 * frequency[:, None][:, : int(backward)]
+    needed = lines_needed(lines, turns)
     plan, group = moments_of(velocity, basis, needed, start=start, rate=rate, rows=rows)
-    reader = LineReader(plan, basis, lines, frequency, response, backward)
-    return LineSums(reader.forward(group), reader.reply_backward(group))
+    reader = LineReader(plan, basis, lines, frequency, response, turns)
+    return LineSums.with_turns(reader.forward(group), reader.turned(group))
 
 
 def plain_lines(response, velocity, window, frequency=FREQUENCIES, *, start=0, rate=RATE):
@@ -379,6 +380,6 @@ def test_what_was_not_summed_is_asked_for(liner):
     velocity, response = turbulence((2, 300)), response_of(liner)
     plan, _ = moments_of(velocity, SMOOTH, ())
     with pytest.raises(ValueError, match="no sums of waves of 2800 Hz, which the phase rule"):
-        LineReader(plan, SMOOTH, [(0.0, 1.0)], FREQUENCIES, response, True)
+        LineReader(plan, SMOOTH, [(0.0, 1.0)], FREQUENCIES, response, 2 * FREQUENCIES[:, None])
     with pytest.raises(ValueError, match=r"reach down to .* Hz around 100 Hz"):
         read_lines(response, velocity, "hann", frequency=torch.tensor([100.0]).double())

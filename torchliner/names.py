@@ -21,6 +21,10 @@ PHASE_RULES = {  # of the incident tone relative to v: where the rule stands, an
         "torchliner.replay.self_consistent_phase:SelfConsistent", "from v's own part at the tone",
     ),
     "given": ("torchliner.replay.given_phase:Given", "stated by reference_phase"),
+    "joint": (
+        "torchliner.replay.joint_phase:Joint",
+        "from v's own parts at all frequencies asked for, which sound at once",
+    ),
 }  # fmt: skip
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")

@@ -170,7 +170,7 @@ class _Work:
         for name in PHASE_RULES:
             if phase_rule(name).takes_phase:
                 self._stated_phases(quiet, name)
-            elif name != self.ready.chosen.phase:
+            elif name != self.ready.chosen.phase and not phase_rule(name).several_tones:
                 self._other_rule(quiet, name)
 
     def _other_rule(self, quiet: Replayed, name: str) -> None:

@@ -27,7 +27,7 @@ DRIVES = (
     ("rms", "kept"),
     ("running-rms", "kept"),
 )
-PHASES = tuple(PHASE_RULES)
+PHASES = tuple(name for name in PHASE_RULES if not phase_rule(name).several_tones)
 DEFAULT = ("instantaneous", "kept", "averaged")
 NOWHERE = complex(float("nan"), float("nan"))
 

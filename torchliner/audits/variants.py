@@ -115,7 +115,8 @@ class Variants:
 
     def _read(self, lines: list[tuple[float, complex]], response: Response) -> LineReader:
         plan, basis = self.reader.plan, self.reader.basis
-        return LineReader(plan, basis, lines, self.ready.frequency, response, False)
+        frequency = self.ready.frequency
+        return LineReader(plan, basis, lines, frequency, response, frequency[:, None][:, :0])
 
     def _windows(self) -> Iterator[Variant]:
         record = self.ready.record
@@ -230,13 +231,14 @@ def with_drive(
     source = DriveSpeed(
         before.velocity, drive, mean, ready.sums.survey, before.running_samples, ready.periodic
     )
-    lines = lines_needed(window, ready.frequency, every_rule)
+    turns = (2 * ready.frequency)[:, None][:, : int(every_rule)]
+    lines = lines_needed(window, turns)
     plan = dataclasses.replace(ready.sums.plan, lines=lines)
     groups, notes = moments_of(
         source, plan, ready.reader.basis, (), ready.blocks is not None, progress
     )
     reader = LineReader(
-        plan, ready.reader.basis, window, ready.frequency, ready.reader.response, every_rule
+        plan, ready.reader.basis, window, ready.frequency, ready.reader.response, turns
     )
     return dataclasses.replace(
         ready, drive=source, reader=reader, notes=(*ready.notes, *notes),

@@ -173,8 +173,9 @@ def sensitivities(
         with dual_level():
             along = Replayed(ready, LineSums(
                 forward_ad.make_dual(replayed.sums.forward, moved.forward),
-                None if moved.backward is None else
-                forward_ad.make_dual(replayed.sums.backward, moved.backward),
+                *(None if after is None else forward_ad.make_dual(before, after)
+                  for before, after in ((replayed.sums.backward, moved.backward), (None, None),
+                                        (replayed.sums.turned, moved.turned))),
             ))  # fmt: skip
             reflection = rule.reflection(along.means)
             peak = 2 * ready.velocity_amplitude

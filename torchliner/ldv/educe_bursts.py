@@ -84,6 +84,11 @@ def educe_bursts(
         raise ValueError(
             f"reference_phase is only used with phase='given', not {replay_choices.phase!r}"
         )
+    if phase_rule(replay_choices.phase).several_tones:
+        raise ValueError(
+            f"phase {replay_choices.phase!r} is for planes; bursts of a station take one tone at a "
+            "time: choose another phase"
+        )
     references: list[Any] = [reference] * len(stations)
     if isinstance(reference, (list, tuple)):
         references = list(reference)

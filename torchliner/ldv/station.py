@@ -76,7 +76,7 @@ def educe_station(
     reflection = rule.reflection(replayed.means)[:segments].cpu()
     coherence = ready.survey.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
     notes = (
-        *cut.notes, *ready.notes, *rule.notes(segments),
+        *cut.notes, *ready.notes, *rule.notes(segments, replayed.means, wanted),
         *_warnings_of(ready, cut, tone, choices),
     )  # fmt: skip
     interval = station_interval(reflection, choices)

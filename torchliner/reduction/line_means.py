@@ -34,13 +34,10 @@ def window_lines(window: Window, start: int, sampling_rate: float) -> list[tuple
     return [(q * step * sampling_rate, c * complex(turn) ** q) for q, c in window.lines]
 
 
-def lines_needed(
-    window: list[tuple[float, complex]], frequency: Tensor, backward: bool
-) -> tuple[float, ...]:
-    """Rows that a pass has to sum, Hz."""
+def lines_needed(window: list[tuple[float, complex]], turns: Tensor) -> tuple[float, ...]:
+    """Rows that a pass has to sum, Hz, for a window and the turns of a phase rule, (F, Q)."""
     found = [line for line, _ in window]
-    if backward:
-        found += [2 * f - line for f in frequency.tolist() for line, _ in window]
+    found += [turn - line for turn in turns.flatten().tolist() for line, _ in window]
     return merged(found)
 
 
@@ -52,14 +49,14 @@ class LineReader:
         window: its lines, of ``window_lines``.
         frequency: Hz, (F,).
         response: R of frequency and |v|.
-        backward: whether the reply to e^{-j omega t} is asked for.
+        turns: Hz, waves e^{-2 pi j turn t} beside R(f), of the phase rule, (F, Q).
     """
 
     def __init__(
         self, plan: PassPlan, basis: Basis, window: list[tuple[float, complex]],
-        frequency: Tensor, response: Response, backward: bool,
+        frequency: Tensor, response: Response, turns: Tensor,
     ) -> None:  # fmt: skip
-        self.plan, self.basis, self.window, self.backward = plan, basis, window, backward
+        self.plan, self.basis, self.window, self.turns = plan, basis, window, turns
         self.frequency, self.response = frequency, response
         shift = torch.tensor([line for line, _ in window], dtype=torch.float64)
         self.read = frequency[:, None] - shift  # Hz, where R is asked for, (F, lines)
@@ -70,7 +67,7 @@ class LineReader:
             )
         values = response(self.read.flatten(), basis.speeds)
         self.coefficients = basis.coefficients(values).unflatten(0, self.read.shape)
-        for line in lines_needed(window, frequency, backward):
+        for line in lines_needed(window, turns):
             if index_of(plan.lines, line) is None:
                 there = ", ".join(f"{each:.6g} Hz" for each in plan.lines) or "none"
                 raise ValueError(
@@ -81,9 +78,7 @@ class LineReader:
 
     def of(self, response: Response) -> LineReader:
         """The same of another response."""
-        return LineReader(
-            self.plan, self.basis, self.window, self.frequency, response, self.backward
-        )
+        return LineReader(self.plan, self.basis, self.window, self.frequency, response, self.turns)
 
     def weights(self, group: GroupMoments) -> Tensor:
         """Of R at ``read`` less ``frequency`` and at the basis' speeds in ``forward``, complex128,
@@ -121,24 +116,26 @@ class LineReader:
         parts = [(c * self.coefficients[:, i], -line) for i, (line, c) in enumerate(self.window)]
         return self._sum(group.totals, parts)
 
-    def reply_backward(self, group: GroupMoments) -> Tensor | None:
-        """Lines of the reply to e^{-j omega t}, (P, F); None unless asked for."""
-        if not self.backward:
-            return None
-        return torch.cat(
-            [
-                self._sum(
-                    group.totals,
-                    [(c * self.coefficients[f : f + 1, i], 2 * value - line)
-                     for i, (line, c) in enumerate(self.window)],
-                )
-                for f, value in enumerate(self.frequency.tolist())
-            ],
-            dim=1,
-        )  # fmt: skip
+    def turned(self, group: GroupMoments) -> Tensor:
+        """Sums of R e^{-2 pi j turn t}; of 2 f, lines of the reply to e^{-j omega t}: (P, F, Q)."""
+        found = [
+            self._sum(
+                group.totals,
+                [(c * self.coefficients[f : f + 1, i], turn - line)
+                 for i, (line, c) in enumerate(self.window)],
+            )
+            for f, own in enumerate(self.turns.tolist()) for turn in own
+        ]  # fmt: skip
+        return self._on_turns(found, group.totals.new_zeros(group.totals.shape[-1], 0))
 
-    def of_blocks(self, group: GroupMoments) -> tuple[Tensor, Tensor | None] | None:
-        """Means of R and of R e^{-2 j omega t} over each block, (S, P, F); None without blocks."""
+    def _on_turns(self, found: list[Tensor], none: Tensor) -> Tensor:
+        """(..., F, Q) of (..., 1) each."""
+        both = torch.cat(found, dim=-1) if found else none
+        return both.unflatten(-1, self.turns.shape) if found else both[..., None, :]
+
+    def of_blocks(self, group: GroupMoments) -> tuple[Tensor, Tensor] | None:
+        """Means of R, (S, P, F), and of R e^{-2 pi j turn t}, (S, P, F, Q), over each block; None
+        without blocks."""
         if group.of_blocks is None:
             return None
         sums = group.of_blocks[: self.plan.rest]
@@ -155,12 +152,12 @@ class LineReader:
             return found / lengths
 
         forward = means(own, 0.0)
-        if not self.backward:
-            return forward, None
-        backward = [
-            means(own[f : f + 1], 2 * value) for f, value in enumerate(self.frequency.tolist())
+        turned = [
+            means(own[f : f + 1], turn)
+            for f, each in enumerate(self.turns.tolist())
+            for turn in each
         ]
-        return forward, torch.cat(backward, dim=-1)
+        return forward, self._on_turns(turned, forward[..., :0])
 
 
 def _products(coefficients: Tensor, sums: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -95,6 +96,14 @@ def geometric(frequency: Tensor, sampling_rate: float, begin: int, end: int) -> 
     ratio = torch.sin(turn / 2 * (end - begin)) / torch.where(still, 1.0, torch.sin(turn / 2))
     middle = torch.exp(-0.5j * turn * (begin + end - 1))
     return torch.where(still, (end - begin) * torch.exp(-1j * turn * begin), ratio * middle)
+
+
+def block_waves(blocks: Blocks, frequency: Tensor, sampling_rate: float) -> Tensor:
+    """Means of e^{-j omega t} over each block, complex128, (S, ...), of frequencies (...), Hz."""
+    return torch.stack([
+        geometric(frequency, sampling_rate, begin, end) / (end - begin)
+        for begin, end in itertools.pairwise(blocks.borders)
+    ])  # fmt: skip
 
 
 def wave_rows(lines: Sequence[float], sampling_rate: float, low: int, high: int) -> Tensor:

@@ -15,6 +15,8 @@ from torch import Tensor
 from torchliner.names import PHASE_RULES, resolve
 from torchliner.replay.incident import Means
 
+CHANCE = 0.01  # of probes that pass the limit without any tone, above which a warning is given
+
 
 @dataclass(frozen=True)
 class PhaseRule:
@@ -36,7 +38,13 @@ class PhaseRule:
 
     needs_backward: ClassVar[bool] = True  # b, hence the reply to e^{-j omega t}
     needs_velocity: ClassVar[bool] = False  # for error bars: v's own line in each block
+    several_tones: ClassVar[bool] = False  # that sound at once, and are one wave
     takes_phase: ClassVar[bool] = False  # stated by the user
+
+    @classmethod
+    def turns(cls, frequency: Tensor) -> Tensor:
+        """Hz, (F, Q): beside its mean, R(f) is averaged times e^{-2 pi j turn t} of each."""
+        return (2 * frequency)[:, None][:, : int(cls.needs_backward)]
 
     @property
     def held(self) -> Tensor:
@@ -53,13 +61,25 @@ class PhaseRule:
         Args:
             means: of the whole record.
             columns: p of them.
-            da, db, dv: changes of a, b and V, (S, p, F); None where the rule needs none.
+            da, db, dv: changes of a, b and V, (S, p, F); None where the rule needs none. For a rule
+                of several tones ``db`` is that of ``Means.turned``, (S, p, F, Q).
         """
         raise NotImplementedError
 
-    def notes(self, probes: int) -> list[str]:
-        """Warnings about the first ``probes`` columns."""
+    def notes(self, probes: int, means: Means, frequency: Tensor) -> list[str]:
+        """Warnings about the first ``probes`` columns; ``frequency`` in Hz, (F,)."""
         return []
+
+
+def chance_note(rule: str, pieces: str, count: int | None, limit: float) -> list[str]:
+    """Where too many probes pass a limit of coherence without any tone, (1 - limit)^(S - 1)."""
+    chance = 0.0 if count is None else (1 - limit) ** (count - 1)
+    if chance <= CHANCE or limit == 0:
+        return []
+    return [
+        f"{rule}: with {count} {pieces}, {100 * chance:.2g} % of probes pass a coherence of "
+        f"{limit:g} without any tone; a longer record or a higher minimum_coherence is safer"
+    ]
 
 
 def phase_rule(name: str) -> type[PhaseRule]:

@@ -16,9 +16,7 @@ import torch
 from torch import Tensor
 
 from torchliner.replay.incident import Means
-from torchliner.replay.phase_rule import PhaseRule
-
-CHANCE = 0.01  # of probes that pass the limit without any tone, above which a warning is given
+from torchliner.replay.phase_rule import PhaseRule, chance_note
 
 
 class SelfConsistent(PhaseRule):
@@ -52,7 +50,7 @@ class SelfConsistent(PhaseRule):
         own = wave.conj() / wave * (db - 2j * b * (change / wave).imag)
         return da + torch.where(self.held[columns], own, 0)
 
-    def notes(self, probes: int) -> list[str]:
+    def notes(self, probes: int, means: Means, frequency: Tensor) -> list[str]:
         """How many fell back; how many pass by chance, (1 - limit)^(S - 1) of S segments."""
         held, limit = self.held[:probes], self.minimum_coherence
         notes = []
@@ -61,11 +59,5 @@ class SelfConsistent(PhaseRule):
                 f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a "
                 f"coherence below {limit:g} with the tone; they are 'averaged' instead"
             )
-        chance = 0.0 if self.segments is None else (1 - limit) ** (self.segments - 1)
-        if chance > CHANCE and limit > 0:
-            notes.append(
-                f"self-consistent phase: with {self.segments} segments of two periods, "
-                f"{100 * chance:.2g} % of probes pass a coherence of {limit:g} without any tone; "
-                "a longer record or a higher minimum_coherence is safer"
-            )
-        return notes
+        said = "self-consistent phase", "segments of two periods"
+        return notes + chance_note(*said, self.segments, limit)

@@ -26,6 +26,7 @@ from torchliner.checks import (
     require_choice,
     require_positive,
 )
+from torchliner.records import ImpedanceMap
 from torchliner.replay.emissions import Emission, Sent, SteadyTones
 
 SWEEPS = ("linear", "logarithmic")
@@ -66,6 +67,48 @@ class Tones:
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones")
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
+
+    @classmethod
+    def of_map(cls, found: ImpedanceMap, probe: Any = None) -> Tones:
+        """The incident wave that a map implies, V/(1 - R), of a phase rule that knows phases.
+
+        Args:
+            found: of phase ``joint`` or ``self-consistent``, at the tones that were sent.
+            probe: index of one probe on the map's axes; default the mean of the complex amplitudes
+                over the probes, which a wave at normal incidence has alike.
+        Returns:
+            Amplitudes of rho c times a velocity (m/s), for engines ``unfold`` and ``direct``.
+        Raises:
+            ValueError: the rule knows no phase, or fell back to ``averaged``.
+
+        >>> t = torch.arange(840, dtype=torch.float64) / 42e3
+        >>> v = 0.4 * torch.cos(2 * torch.pi * 1400 * t) + 0.2 * torch.sin(2 * torch.pi * 1050 * t)
+        >>> plane = tl.VelocityPlane(v[None], sampling_rate=42e3)
+        >>> both = {"frequency": [1050.0, 1400.0], "phase": "joint", "interval": None}
+        >>> found = tl.educe(plane, tl.load_liner("polito"), **both)
+        >>> [round(float(a), 2) for a in tl.Tones.of_map(found).amplitude]
+        [0.15, 0.25]
+        """
+        rule = found.choices.get("phase")
+        if rule not in ("joint", "self-consistent"):
+            raise ValueError(
+                f"a map of phase {rule!r} knows no phase of the incident wave; educe with "
+                "phase='joint'"
+            )
+        at = (probe,) if isinstance(probe, int) else tuple(probe or ())
+        held, peak, reflection = (
+            each[at].reshape(-1, len(found.frequency))
+            for each in (found.phase_rule, found.velocity_amplitude, found.reflection)
+        )
+        wave = peak / (1 - reflection)
+        if not bool(held.any(0).all()):
+            lost = found.frequency[~held.any(0)].tolist()
+            raise ValueError(
+                f"v is not coherent with {', '.join(f'{f:g}' for f in lost)} Hz: its phase is not "
+                "known; ask for the other tones alone, or for a lower minimum_coherence"
+            )
+        mean = torch.where(held, wave, 0).sum(0) / held.sum(0)
+        return cls(found.frequency, mean.abs(), mean.angle())
 
     @property
     def label(self) -> str:

@@ -28,7 +28,7 @@ from torchliner.signals.bootstrap import (
     tile_moments,
 )
 
-COLUMNS = 4096  # of probes and frequencies, at most, whose block deviations are held at once
+COLUMNS = 8192  # of probes and frequencies, at most, whose block deviations are held at once
 ANGLES = 32  # on the ellipse; with a parabola through the best three 1e-4 of half a width, and 1e-2
 # where the ellipse comes half as near to the pole as its centre
 
@@ -38,25 +38,20 @@ class Conversion:
     """How Z follows from what is resampled.
 
     Args:
-        impedance: Z, an analytic function of it.  slope: dZ by it, of the same shape.
-        change: Z of it and a deviation together, less Z of it alone, to all digits.
-        pole: where Z is infinite; nan for nowhere.
+        impedance: Z, a rational function of it of first degree, which so changes with a deviation d
+            by slope d/(1 - d/(pole - value)).
+        slope: dZ by it, of the same shape.
+        pole: where Z is infinite; inf for nowhere.
     """
 
     impedance: Callable[[Tensor], Tensor]
     slope: Callable[[Tensor], Tensor]
-    change: Callable[[Tensor, Tensor], Tensor]
     pole: complex
 
 
-FROM_REFLECTION = Conversion(
-    impedance_from_reflection, lambda r: 2 / (1 - r) ** 2,
-    lambda r, d: d * (2 / (1 - r)) / (1 - r - d), 1,
-)  # fmt: skip
-FROM_ADMITTANCE = Conversion(
-    impedance_from_admittance, lambda y: -1 / y**2, lambda y, d: d * (-1 / y) / (y + d), 0
-)
-ITSELF = Conversion(lambda z: z, torch.ones_like, lambda _, d: d, math.nan)
+FROM_REFLECTION = Conversion(impedance_from_reflection, lambda r: 2 / (1 - r) ** 2, 1)
+FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
+ITSELF = Conversion(lambda z: z, torch.ones_like, math.inf)
 
 
 @dataclass(frozen=True)
@@ -96,23 +91,22 @@ class Resampling:
         Args:
             series: deviation of R in each block, complex, (S, ...).
         """
-        shape, series = series.shape[1:], series.flatten(1)
-        count = len(series)
-        rho = neighbour_correlation(series)
+        shape, count = series.shape[1:], len(series)
+        # In real parts, (2, S, N), whose sums over blocks are several times as fast.
+        parts = torch.stack([series.real.flatten(1), series.imag.flatten(1)])
+        rho = neighbour_correlation(parts)
         lengths = run_lengths(rho, count)
-        power, square = torch.zeros_like(series[0].real), torch.zeros_like(series[0])
+        sums = parts.new_empty(3, len(rho))
         for length in lengths.unique().tolist():
-            mine = lengths == length
+            mine = (lengths == length).nonzero()[:, 0]
             if length not in self.covariances:
                 covariance = replicate_covariance(self.weights, length)
                 self.covariances[length] = covariance * mean_factor(count, length)
-            # In real parts, whose sums over blocks are several times as fast.
-            real, imaginary = (part[:, mine].contiguous() for part in (series.real, series.imag))
-            kernel = self.covariances[length].to(real)
-            turned = kernel @ imaginary
-            powers = [(real * (kernel @ real)).sum(0), (imaginary * turned).sum(0)]
-            power[mine] = powers[0] + powers[1]
-            square[mine] = torch.complex(powers[0] - powers[1], 2 * (real * turned).sum(0))
+            own = parts.index_select(2, mine)
+            turned = self.covariances[length].to(own) @ own
+            cross = own[0] * turned[1]
+            sums[:, mine] = torch.stack([*(own.mul_(turned)).sum(1), cross.sum(0)])
+        power, square = sums[0] + sums[1], torch.complex(sums[0] - sums[1], 2 * sums[2])
         beyond = beyond_runs(rho, lengths)
         runs = count / lengths.to(torch.float64)
         return Scatter(*(
@@ -173,30 +167,44 @@ def impedance_interval(
     size = square.abs()
     long, short = ((power + sign * size).clamp(min=0).div(2).sqrt() for sign in (1, -1))
     turn = torch.exp(0.5j * square.angle())
-    angle = math.tau / ANGLES * torch.arange(ANGLES, device=runs.device)[:, None].to(runs)
-    forth, back = ((long + sign * short) * (quantile / 2) * turn for sign in (1, -1))
-    circle = torch.polar(torch.ones_like(angle), angle)
-    change = conversion.change(value, circle * forth + circle.conj() * back)
-    pole = (conversion.pole - value) * turn.conj()
+    slope, pole = conversion.slope(value), (conversion.pole - value) * turn.conj()
+    axes = torch.stack([quantile * long * turn, 1j * quantile * short * turn])
+    share = axes / (conversion.pole - value) if math.isfinite(abs(conversion.pole)) else 0 * axes
+    real, imaginary = _changes(axes * slope, share)
     inside = (pole.real * short) ** 2 + (pole.imag * long) ** 2 < (long * short * quantile) ** 2
     inside |= value == conversion.pole
     z = conversion.impedance(value)
     low, high = (
         torch.complex(*(
-            torch.where(inside, sign * math.inf, middle + sign * _peak(sign * part))
-            for middle, part in ((z.real, change.real), (z.imag, change.imag))
+            torch.where(inside, sign * math.inf, middle + _peak(part, sign))
+            for middle, part in ((z.real, real), (z.imag, imaginary))
         ))
         for sign in (-1, 1)
     )  # fmt: skip
-    slope = conversion.slope(value)
     turned = (slope**2 * square).real
     error = (slope.abs() ** 2 * power + torch.stack([turned, -turned])).clamp(min=0).div(2).sqrt()
     return Interval(low, high, torch.complex(*error), runs, torch.zeros_like(value))
 
 
-def _peak(values: Tensor) -> Tensor:
-    """Largest value of a smooth periodic function at equal steps, (A, N): (N,)."""
-    top, place = values.max(0)
-    before, after = (values.gather(0, ((place + step) % len(values))[None])[0] for step in (-1, 1))
+def _changes(ahead: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+    """Real and imaginary part of n/(1 - u) around ellipses n and u whose half axes, complex,
+    (2, N), are given: (N, ANGLES) each. In real parts and in place: here bars spend their time."""
+    angle = math.tau / ANGLES * torch.arange(ANGLES, dtype=torch.float64, device=share.device)
+    circle = torch.stack([angle.cos(), angle.sin()])
+    n_real, n_imaginary, u_real, u_imaginary = (
+        each.T.contiguous() @ circle for each in (ahead.real, ahead.imag, share.real, share.imag)
+    )
+    left = u_real.neg_().add_(1)
+    scale = (left * left).addcmul_(u_imaginary, u_imaginary).reciprocal_()
+    real = (n_real * left).addcmul_(n_imaginary, u_imaginary, value=-1).mul_(scale)
+    return real, n_real.mul_(u_imaginary).addcmul_(n_imaginary, left).mul_(scale)
+
+
+def _peak(values: Tensor, sign: int) -> Tensor:
+    """Largest (sign 1) or least (-1) value of a smooth periodic function at equal steps, (N, A):
+    (N,)."""
+    top, place = values.max(1) if sign > 0 else values.min(1)
+    steps = (place[:, None] + torch.tensor([-1, 1], device=place.device)) % values.shape[1]
+    before, after = values.gather(1, steps).unbind(1)
     curve = 2 * top - before - after
-    return top + torch.where(curve > 0, (after - before) ** 2 / (8 * curve), 0.0)
+    return top + torch.where(sign * curve > 0, (after - before) ** 2 / (8 * curve), 0.0)

@@ -42,10 +42,12 @@ def waves(frequency: Tensor, sampling_rate: float, begin: int, end: int) -> Tens
 
 @dataclass(frozen=True)
 class WindowSums:
-    """The window's own sums at each frequency: S0 = sum w and S2 = sum w e^{-2 j omega t}."""
+    """The window's own sums at each frequency, S0 = sum w and S2 = sum w e^{-2 j omega t}, and
+    those at the turns of a phase rule, (F, Q), where it asks for them."""
 
     zero: Tensor
     twice: Tensor
+    turned: Tensor | None = None
 
     @classmethod
     def of(cls, weights: Tensor, start: int, frequency: Tensor, sampling_rate: float) -> WindowSums:

@@ -14,6 +14,7 @@ from torchliner.liners.response import impedance_of
 from torchliner.records import ImpedanceMap, Uncertainty
 from torchliner.reduction.drive import readings_needed
 from torchliner.tdibc.prepared import Prepared
+from torchliner.tdibc.tone_share import tone_share
 from torchliner.version import __version__
 
 
@@ -37,6 +38,7 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         part = prepared.periodic
         facts["coherent_lines"] = part.harmonics.lines.tolist()
         facts["coherent_share"] = part.share.mean(1).tolist()
+        facts["tone_share"] = tone_share(prepared)
         facts["incoherent_scale"] = float(
             part.scale[prepared.in_cells.to(part.scale.device)].mean()
         )

@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.response import impedance_of
-from torchliner.replay.incident import Means
+from torchliner.reduction.plan import PassPlan, block_waves
+from torchliner.replay.incident import LineSums, Means
 from torchliner.replay.phase_rule import PhaseRule
 from torchliner.tdibc.prepared import Prepared
 
@@ -27,13 +28,25 @@ def block_deviations(prepared: Prepared, rule: PhaseRule, means: Means, columns:
     blocks = prepared.block_means(columns)
     assert blocks is not None
     da, db, dv = _away(blocks.forward), None, None
-    if rule.needs_backward:
+    if rule.several_tones:
+        assert blocks.turned is not None and prepared.reader is not None  # noqa: PT018
+        db = _turned(blocks, means.a[columns], prepared.sums.plan, prepared.reader.turns)
+    elif rule.needs_backward:
         assert blocks.backward is not None
         db = _away(blocks.backward)
     if rule.needs_velocity:
         assert prepared.survey.blocks is not None
         dv = -_away(prepared.survey.blocks.line[:, columns])  # v into the liner is -v
     return rule.deviation(means, columns, da, db, dv)
+
+
+def _turned(blocks: LineSums, mean: Tensor, plan: PassPlan, turns: Tensor) -> Tensor:
+    """Changes of ``Means.turned``; the mean of R turns too, but of 2 f over whole periods to 0."""
+    assert blocks.turned is not None
+    turns = turns.clone()
+    turns.diagonal()[:] = 0
+    waves = block_waves(plan.blocks, turns, plan.sampling_rate).to(mean.device)[:, None]
+    return _away(blocks.turned - torch.where(turns != 0, waves, 0) * mean[..., None])
 
 
 def _of_rms(prepared: Prepared, columns: slice) -> Tensor:

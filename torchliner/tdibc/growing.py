@@ -68,7 +68,7 @@ class GrowingMoments:
         self.unit = periods * plane.sampling_rate / (plane.frequency or float(asked.min()))
         self.periods = periods
         self.done, self.units, self.level = 0, 0, 0  # samples, blocks of ``periods``, halvings
-        self._lines = lines_needed([(0.0, 1.0)], asked, rule.needs_backward)
+        self._lines = lines_needed([(0.0, 1.0)], rule.turns(asked))
         plan = dataclasses.replace(self._plan(plane.sampling_rate), samples=ENDLESS)
         wanted = Wanted(
             plan, asked, torch.ones(1, dtype=torch.float64), basis,

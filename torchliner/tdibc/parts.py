@@ -19,7 +19,6 @@ from torchliner.reduction.parts import MomentsPart, PartVelocity, joined
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, driven, first_of, read_part, read_rest
 from torchliner.reduction.speed_sums import constant_moments
-from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepared import Progress
 from torchliner.tdibc.reading import refuse_bad_probes, wanted_of
@@ -88,11 +87,8 @@ def first_part(
         raise ValueError(
             "drive 'running-rms' looks across the ends of a part; reduce the whole record at once"
         )
-    backward = phase_rule(chosen.phase).needs_backward
     # Bounds of v* serve where its extremes would take a reading of their own.
-    wanted = dataclasses.replace(
-        wanted_of(asked, model, chosen, basis, backward), true_extremes=False
-    )
+    wanted = dataclasses.replace(wanted_of(asked, model, chosen, basis), true_extremes=False)
     cells = sort_into_cells(whole, model.cell_pitch)
     used = torch.ones(whole.probes, dtype=torch.bool)
     while True:

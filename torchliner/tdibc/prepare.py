@@ -29,10 +29,12 @@ from torchliner.signals.windows import make_window
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_grid
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
-from torchliner.tdibc.reading import Asked, read_plane, reader_lines
+from torchliner.tdibc.reading import Asked, read_plane, reader_lines, turns_of
 from torchliner.tdibc.reduced import fitted, record_of
 from torchliner.tdibc.review import needs_kernels, review_liner, review_record
 from torchliner.tdibc.review_kernels import frequencies_read, review_tables
+from torchliner.tdibc.several_tones import each_alone, review_tones
+from torchliner.tdibc.tone_share import review_other_tones
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
@@ -66,7 +68,6 @@ def prepare(
     model = as_liner(liner)
     asked = [ask(plane, model, frequency, chosen) for plane in planes]
     read = torch.cat([frequencies_read(each.record, each.frequency, chosen) for each in asked])
-    backward = every_rule or phase_rule(chosen.phase).needs_backward
     if chosen.incident is not None or (chosen.engine != "spectral" and chosen.interval is None):
         basis = None
     elif basis is None and any(each.known is None for each in asked):
@@ -74,7 +75,7 @@ def prepare(
         basis = choose_basis([model], read, tolerance)
     found = [
         read_plane(
-            each, model, chosen, basis, backward=backward, progress=progress,
+            each, model, chosen, basis, every_rule=every_rule, progress=progress,
             further_lines=further_lines,
         )
         for each in asked
@@ -100,14 +101,17 @@ def prepare(
         reader, error = None, None
         if sums.basis is not None:
             lines = reader_lines(record, chosen)
-            reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, backward)
+            turns = turns_of(each.frequency, chosen, every_rule)
+            reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, turns)
             error = _review_basis(sums.basis, model, read, sums.survey, each.plane, chosen)
         ready = Prepared(
             each.plane, model, chosen, each.frequency, record, sums.cells, sums.used,
             sums.survey.to_frequencies(_places(sums.tones, each.frequency)), drive, sums, reader,
             error, each.sent, _resampled(each, chosen, notes), grid, kernels, (),
         )  # fmt: skip
-        notes += review_tables(ready)
+        if phase_rule(chosen.phase).several_tones:
+            ready = each_alone(ready)
+        notes += review_tables(ready) + review_other_tones(ready)
         prepared.append(dataclasses.replace(ready, notes=tuple(notes)))
     return prepared
 
@@ -177,6 +181,8 @@ def ask(
     else:
         window = make_window(chosen.window, plane.samples - start)
     record = Record(plane.samples, start, window, chosen.edge, plane.sampling_rate)
+    if phase_rule(chosen.phase).several_tones:
+        review_tones(plane.name, wanted, record, chosen)
     notes = review_record(plane, wanted, record, chosen) + review_liner(plane, liner)
     return Asked(plane, wanted, record, blocks, sent, notes)
 

@@ -24,7 +24,7 @@ from torchliner.replay.incident import LineSums
 from torchliner.replay.kernels import KernelTable, build_kernels
 from torchliner.replay.levels import VelocityGrid
 from torchliner.signals.blocks import Blocks
-from torchliner.signals.tones import WindowSums
+from torchliner.signals.tones import WindowSums, line_sums
 from torchliner.tdibc.choices import Choices
 
 Progress = Callable[[int], None]
@@ -98,19 +98,23 @@ class Prepared:
             self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate
         )
         device = self.device
-        return WindowSums(window.zero.to(device), window.twice.to(device))
+        turned = None
+        if self.reader is not None and self.reader.turns.shape[1] > 1:
+            turns, weights = self.reader.turns, self.record.window.weights
+            found = line_sums(weights, turns.flatten(), self.plane.sampling_rate, self.record.start)
+            turned = found.reshape(turns.shape).to(device)
+        return WindowSums(window.zero.to(device), window.twice.to(device), turned)
 
     @functools.cached_property
     def line_sums(self) -> LineSums:
         """Windowed lines of the replies to complex tones, from the moments, of all columns."""
         assert self.reader is not None
         forward = torch.cat([self.reader.forward(group) for group in self.sums.groups])
-        backward = [self.reader.reply_backward(group) for group in self.sums.groups]
-        known = [each for each in backward if each is not None]
-        return LineSums(forward, torch.cat(known) if known else None)
+        turned = torch.cat([self.reader.turned(group) for group in self.sums.groups])
+        return LineSums.with_turns(forward, turned)
 
     def block_means(self, columns: slice) -> LineSums | None:
-        """Means of R and R e^{-2 j omega t} over blocks, (S, columns, F); None if not kept."""
+        """Means of R and what turns over blocks, (S, columns, F); None if not kept."""
         if self.reader is None:
             return None
         found, at = [], 0
@@ -123,9 +127,8 @@ class Prepared:
                 if part is None:
                     return None
                 found.append(part)
-        forward, backward = zip(*found, strict=True)
-        turned = None if backward[0] is None else torch.cat(backward, dim=1)
-        return LineSums(torch.cat(forward, dim=1), turned)
+        forward, turned = (torch.cat(each, dim=1) for each in zip(*found, strict=True))
+        return LineSums.with_turns(forward, turned)
 
     @property
     def keeps_blocks(self) -> bool:

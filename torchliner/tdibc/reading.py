@@ -50,6 +50,12 @@ def reader_lines(record: Record, chosen: Choices) -> list[tuple[float, complex]]
     return window_lines(record.window, record.start, record.sampling_rate)
 
 
+def turns_of(frequency: Tensor, chosen: Choices, every_rule: bool = False) -> Tensor:
+    """Of the phase rule, or of any rule of one tone, Hz, (F, Q)."""
+    own = phase_rule(chosen.phase).turns(frequency)
+    return 2 * frequency[:, None] if every_rule and own.shape[1] == 0 else own
+
+
 def _measured(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> Tensor:
     """Frequencies at which v itself is looked at: all if they are few or if something depends on
     them, else the tone of the data, (n,)."""
@@ -63,7 +69,7 @@ def _measured(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> Tenso
 
 def read_plane(
     asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, *,
-    backward: bool | None = None, progress: Progress | None = None,
+    every_rule: bool = False, progress: Progress | None = None,
     further_lines: Sequence[float] = (),
 ) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
     """One or two readings of a plane.
@@ -73,20 +79,17 @@ def read_plane(
         liner: whose cells and largest |v| count.
         chosen: all choices.
         basis: functions of |v| that are summed; None for a survey alone.
-        backward: whether the rows of all phase rules are summed; default if the chosen one needs
-            them.
+        every_rule: whether the rows of all phase rules of one tone are summed.
         further_lines: Hz, waves that are summed beside those of window and phase rule.
         progress: called with numbers of samples done.
     Returns:
         |v| for the other engines, the sums, notes.
     """
-    if backward is None:
-        backward = phase_rule(chosen.phase).needs_backward
     if asked.known is not None:
         return None, asked.known.sums, list(asked.notes)
     plane, notes = asked.plane, list(asked.notes)
     cells = sort_into_cells(plane, liner.cell_pitch)
-    wanted = wanted_of(asked, liner, chosen, basis, backward, further_lines)
+    wanted = wanted_of(asked, liner, chosen, basis, every_rule, further_lines)
     velocity, first, used = _first_reading(plane, cells, wanted, chosen, progress, notes)
     notes += review_survey(plane, first.survey, used)
     kept = cells.kept(used)
@@ -97,25 +100,29 @@ def read_plane(
 
 
 def wanted_of(
-    asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, backward: bool,
+    asked: Asked, liner: LinerModel, chosen: Choices, basis: Basis | None, every_rule: bool = False,
     further_lines: Sequence[float] = (),
 ) -> Wanted:  # fmt: skip
     """What the readings of a plane are asked for; arguments as for ``read_plane``."""
     plane, record = asked.plane, asked.record
-    rate = plane.sampling_rate
+    rate, several = plane.sampling_rate, phase_rule(chosen.phase).several_tones
     lines: tuple[float, ...] = ()
     if basis is not None:
-        of_window = lines_needed(reader_lines(record, chosen), asked.frequency, backward)
+        turns = turns_of(asked.frequency, chosen, every_rule)
+        of_window = lines_needed(reader_lines(record, chosen), turns)
         lines = merged((*of_window, *further_lines))
     plan = PassPlan(plane.samples, rate, record.start, record.end, asked.blocks, lines)
     harmonics = None
     if chosen.order == ORDERS[2]:
-        harmonics = Harmonics.of(coherent_tones(plane.frequency, asked.frequency), rate)
+        tones = coherent_tones(plane.frequency, asked.frequency)
+        if several:
+            tones = tuple(asked.frequency.tolist())
+        harmonics = Harmonics.of(tones, rate)
     running = chosen.running_window or 1 / float(asked.frequency.min())
     return Wanted(
         plan, _measured(plane, asked.frequency, chosen), record.weights(0, plane.samples), basis,
         chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics, chosen.oncoming_rms,
-        keeps_blocks=chosen.interval is not None and chosen.incident is None,
+        keeps_blocks=several or (chosen.interval is not None and chosen.incident is None),
         velocity_blocks=phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms",
         true_extremes=not (liner.speed_max is None and chosen.velocity_max is None),
     )  # fmt: skip

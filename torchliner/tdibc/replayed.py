@@ -73,7 +73,10 @@ class Replayed:
         prepared, rule = self.prepared, self.rule(phase, reference_phase)
         reflection = rule.reflection(self.means)
         wall, wall_notes = find_walls(prepared)
-        notes = [*prepared.notes, *rule.notes(prepared.plane.probes)]
+        notes = [
+            *prepared.notes,
+            *rule.notes(prepared.plane.probes, self.means, prepared.frequency),
+        ]
         uncertainty, series = None, Series()
         if rule.phase is not None:
             notes += _review_phase(prepared, rule.phase.cpu())

@@ -1,0 +1,108 @@
+"""Tables and pictures of docs/frequencies.md: several tones, many frequencies, one for another.
+
+python scripts/frequencies_page.py [-o docs/figures]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+import torchliner as tl
+from common import DATA, FIGURES, options_of, parser_of
+from torchliner.conversions import impedance_from_reflection
+from torchliner.liners.response import reflection_of
+from torchliner.report.figure import finish, label_axes, panels_of, styled
+from torchliner.report.figures import draw_spectrum
+
+RATE, SAMPLES = 42e3, 4200  # 0.1 s
+TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+PAIRS = ((1050.0, 1400.0), (1400.0, 2800.0), (1050.0, 3150.0))
+LINERS = ("polito", "onera")
+TOTAL, OTHER = 3.0, 2000.0  # rms of v, m/s; Hz
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.99)
+NODES = 256
+
+
+def text(z: complex) -> str:
+    return f"{z.real:.2f}{z.imag:+.2f}j"
+
+
+def joint_rows() -> list[tuple[str, ...]]:
+    """v of two tones, 3 and 2 m/s peak, and of 0.3 m/s rms of noise, under three phase rules."""
+    generator = torch.Generator().manual_seed(0)
+    noise = 0.3 * torch.randn(SAMPLES, generator=generator, dtype=torch.float64)
+    rows = []
+    for one, other in PAIRS:
+        v = 3 * torch.cos(2 * torch.pi * one * TIMES) + 2 * torch.sin(2 * torch.pi * other * TIMES)
+        plane = tl.VelocityPlane((v + noise)[None], sampling_rate=RATE)
+        found = []
+        for rule in ("averaged", "self-consistent", "joint"):
+            z = tl.educe(
+                plane, tl.load_liner("polito"), [one, other], phase=rule, interval=None,
+                minimum_coherence=0.0, order="probes first",
+            ).liner_impedance  # fmt: skip
+            found.append(", ".join(text(complex(each)) for each in z))
+        rows.append((f"{one:g}, {other:g}", *found))
+    return rows
+
+
+def impedance_of(liner: tl.SDoFLiner, speed: Tensor) -> complex:
+    """Z at ``OTHER`` of the mean R over velocities."""
+    frequency = torch.tensor(OTHER, dtype=torch.float64)
+    mean = reflection_of(liner, frequency, speed.abs().flatten()).mean()
+    return complex(impedance_from_reflection(mean))
+
+
+def with_and_without(liner: tl.SDoFLiner, share: float) -> tuple[complex, complex]:
+    """Z with a tone that has a share of the variance of v, beside Gaussian turbulence, and of that
+    turbulence alone."""
+    middle = (torch.arange(NODES, dtype=torch.float64) + 0.5) / NODES
+    turbulent = TOTAL * (1 - share) ** 0.5 * 2**0.5 * torch.erfinv(2 * middle - 1)
+    tonal = TOTAL * share**0.5 * 2**0.5 * torch.cos(2 * torch.pi * middle)
+    return impedance_of(liner, turbulent[:, None] + tonal), impedance_of(liner, turbulent)
+
+
+@styled
+def draw_shares(path: Path) -> list[tuple[str, ...]]:
+    """The table, and its picture."""
+    rows, shares = [], torch.linspace(0.01, 0.99, 99).tolist()
+    figure, (axis,) = panels_of(1, 2.8)
+    for name in LINERS:
+        liner = tl.load_liner(name)
+        change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]
+        axis.plot([100 * s for s in shares], [100 * c for c in change], label=name)
+    axis.axhline(5, color="0.6", linewidth=0.8)
+    across = "share of the variance of $v$ that is in step with the tone, %"
+    label_axes(axis, across, f"change of $Z$ at {OTHER:g} Hz without it, %")
+    finish(figure, path, f"v of {TOTAL:g} m/s rms in all; grey: the note's limit", legend=2)
+    for share in SHARES:
+        cells = [f"{100 * share:g} %"]
+        for name in LINERS:
+            beside, alone = with_and_without(tl.load_liner(name), share)
+            cells += [text(beside), text(alone), f"{100 * abs(alone / beside - 1):.0f} %"]
+        rows.append(tuple(cells))
+    return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    options = options_of(parser_of(__doc__, FIGURES), arguments)
+    for row in joint_rows():
+        print("|", " | ".join(row), "|")
+    print()
+    for row in draw_shares(options.output / "frequencies_tone_share.png"):
+        print("|", " | ".join(row), "|")
+    plane = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5")
+    found = tl.educe(plane, tl.load_liner(plane.liner), [300 + 100.0 * i for i in range(58)])
+    draw_spectrum([found], options.output / "frequencies_g03_145.png")
+    print()
+    print("\n".join(found.notes))
+    print(found.choices["basis"], found.choices["model_error"], found.choices["tone_share"])
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,80 @@
+"""What |v| under one tone says of others: by the share of v that is the tone's own."""
+
+import re
+import warnings
+
+import pytest
+import torch
+from conftest import RATE, plane_of, turbulence
+
+import torchliner as tl
+from torchliner.tdibc.tone_share import LARGEST_CHANGE
+
+SAMPLES = 4200  # 100 ms
+TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+TONE = torch.cos(2 * torch.pi * 1400 * TIMES)
+GIVEN = r"Without this one it would be about (\S+) instead of (\S+) at 2100 Hz"
+
+
+def educed(velocity, liner, frequency, **choices):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        return tl.educe(plane_of(velocity), liner, frequency, interval=None, **choices)
+
+
+def shown(found):
+    (note,) = (each for each in found.notes if "weak second tone" in each)
+    return note
+
+
+@pytest.mark.parametrize(
+    ("tone", "rms", "share"),
+    [(3.0, 0.0, 1.0), (3.0, 0.5, 0.947), (2.0, 2.0, 1 / 3), (0.0, 2.0, 0.0)],
+)
+def test_share_is_that_of_the_variance(tone, rms, share, liner):
+    v = tone * TONE + (turbulence((20, SAMPLES), rms=rms) if rms else torch.zeros(20, SAMPLES))
+    found = educed(v, liner, 2100.0)
+    assert found.choices["tone_share"] == pytest.approx(share, abs=0.01)
+    assert bool(found.notes) == (share > 0)
+
+
+def test_the_number_is_what_the_turbulence_alone_gives(liner):
+    """The note's values are those that planes with and without the tone give."""
+    flow = turbulence((40, SAMPLES), seed=2, rms=1.0)
+    both = educed(flow + 3 * TONE, liner, 2100.0)
+    alone = educed(flow, liner, 2100.0)
+    without, beside = (complex(text) for text in re.search(GIVEN, shown(both)).groups())
+    assert without == pytest.approx(complex(alone.liner_impedance[0]), rel=0.03)
+    assert beside == pytest.approx(complex(both.liner_impedance[0]), rel=0.03)
+    assert not alone.notes
+
+
+def test_a_tone_that_changes_little_is_no_warning(liner):
+    """Below the limit |v| is the turbulence's, and Z at 2100 Hz moves by less than it."""
+    flow = turbulence((40, SAMPLES), seed=3, rms=2.0)
+    weak, none = (educed(flow + a * TONE, liner, 2100.0) for a in (0.4, 0.0))
+    assert weak.choices["tone_share"] < 0.1
+    assert not weak.notes
+    moved = (weak.liner_impedance / none.liner_impedance - 1).abs()
+    assert float(moved[0]) < LARGEST_CHANGE
+
+
+def test_one_note_for_many_frequencies(liner):
+    found = educed(3 * TONE.expand(4, -1), liner, [300.0 + 300 * i for i in range(20)])
+    assert "v is 100 % (of its variance) in step with the tone of 1400" in shown(found)
+    assert "at 300 to 6000 Hz Z is that of a weak second tone" in shown(found)
+
+
+@pytest.mark.parametrize(
+    ("about", "choices"),
+    [({"frequency": 2100.0}, {}), ({"frequency": None}, {}), ({}, {"order": "probes first"})],
+)
+def test_nothing_is_said_where_nothing_is_known(about, choices, liner):
+    """At the tone itself, of a plane that states none, where v was not taken apart."""
+    v = 3 * torch.cos(2 * torch.pi * 2100 * TIMES).expand(4, -1)
+    plane = plane_of(v, **about)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        found = tl.educe(plane, liner, 2100.0, interval=None, **choices)
+    assert not [note for note in found.notes if "second tone" in note]
+    assert found.choices.get("tone_share") is None or about.get("frequency")
