@@ -44,6 +44,7 @@ GROUPS = {
         "duct": "sound field and modes of a lined duct with flow",
         "sensitivity": "change of Z with each parameter of a liner; tolerances",
         "calibrate": "parameters of a liner fitted to known impedances",
+        "identify": "response of a liner to |v| found from runs of known impedance",
         "verify": "checks of the duct solvers; exit code 1 if one fails",
     },
     "files": {
