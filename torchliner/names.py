@@ -48,6 +48,8 @@ LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and 
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
     "perforate": "torchliner.liners.sheets.perforate:Perforate",
 }
+CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|
+REACTANCES = ("falling", "rising")  # over |v|
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 

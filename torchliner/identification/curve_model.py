@@ -11,12 +11,12 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.identification.curve_problem import BOUNDS, CurveProblem, Datum
+from torchliner.identification.parameter_model import WIDTH
 from torchliner.identification.runs import Run
 from torchliner.identification.speed_curve import Knots, prior_shape
 from torchliner.liners.model import LinerModel
 
 ON_BOUND = 1e-3  # of ``BOUNDS``
-WIDTH = 1.959964  # standard deviations of a 95 % interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class CurveFit:
         parts = torch.stack([rows.real, rows.imag])
         return found, parts @ self.covariance @ parts.T
 
-    def band(self, speed: Tensor) -> tuple[Tensor, Tensor]:
-        """Ends of the 95 % band of R and of X apart, complex, (V,) each; R stays above 0."""
+    def band(self, speed: Tensor) -> Tensor:
+        """Z at |v|, and the ends of the 95 % bands of R, above 0, and X apart, (3, V)."""
         rising = self.problem.knots.rising(speed)
         slopes = self.problem.shape.slopes(self.parameters, rising)
         best = self.curve(speed)
@@ -73,8 +73,8 @@ class CurveFit:
             for each in (slopes.real, slopes.imag)
         )
         factor = (up / best.real).exp()
-        return (torch.complex(best.real / factor, best.imag - across),
-                torch.complex(best.real * factor, best.imag + across))  # fmt: skip
+        low = torch.complex(best.real / factor, best.imag - across)
+        return torch.stack([best, low, torch.complex(best.real * factor, best.imag + across)])
 
 
 def fit_curve(problem: CurveProblem) -> CurveFit:
@@ -164,6 +164,10 @@ class FittedCurves:
                 for i, f in enumerate(run.frequency.tolist())]  # fmt: skip
         values, spreads = zip(*rows, strict=True)
         return torch.stack(values), torch.stack(spreads)
+
+    def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
+        """See ``FittedParameters``."""
+        return self.at(frequency).band(speed)
 
     def law(self, run: Run, index: int, speed: Tensor) -> Tensor:
         """Z at |v|, (V,), at one frequency of a plane."""

@@ -96,24 +96,21 @@ class Identification:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a parameter ends on a bound or is not seen, or a prediction leaves the data."""
+        """Whether a parameter ends on a bound or is not seen."""
         fitted = self.best.fitted
-        left = any(row.outside > OUTSIDE for row in self.best.rows)
         if isinstance(fitted, FittedCurves):
-            return left or any(fit.on_bound for fit in fitted.fits)
+            return any(fit.on_bound for fit in fitted.fits)
         assert isinstance(fitted, FittedParameters)
-        return left or bool(fitted.found.on_bound or fitted.found.unseen)
+        return bool(fitted.found.on_bound or fitted.found.unseen)
 
     def curve(self, frequency: float, speed: Any) -> Tensor:
         """Z at |v|, and the ends of the 95 % bands of R and of X, complex, (3, V).
 
         Args:
-            frequency: Hz, of the runs.  speed: m/s, (V,).
-        Raises:
-            TypeError: parameters were found, which are a liner: see ``liner``.
+            frequency: Hz; for a curve one of the runs.  speed: m/s, (V,).
         """
-        fit, at = self._curves().at(frequency), torch.as_tensor(speed, dtype=torch.float64)
-        return torch.stack([fit.curve(at), *fit.band(at)])
+        at = torch.as_tensor(speed, dtype=torch.float64)
+        return self.best.fitted.band(self.runs[0].liner, frequency, at)
 
     def table(self, reach: float | None = None) -> TabulatedLiner:
         """The curve as a liner, linear between ``ROWS`` speeds.
@@ -173,7 +170,7 @@ class Identification:
         weights = read_weights(plane, base, frequency, self.choices)
         facts = weights.ready.plane
         unknown = torch.full_like(weights.ready.frequency, torch.nan).to(torch.complex128)
-        run = Run(weights, with_flow(base, facts), facts.name, unknown, unknown)
+        run = Run(weights, with_flow(base, facts.mach), facts.name, unknown, unknown)
         fitted = self.best.fitted
         found, spread = fitted.predict(run)
         weight = seen_by([run], fitted, self.knots)

@@ -62,8 +62,8 @@ def identify(
             measured; by default R is free within factors of e and X within 0.5.
         freedom: standard deviation, from rest to the last knot, of the logarithm of the ratio of
             the curve's steps to those of its prior shape; default the best of ``FREEDOMS``.
-        prior: shape of the curve where nothing is known, one of ``SHAPES``: the liner's own "law",
-            or "smooth", in proportion to |v|.
+        prior: shape of the curve where nothing is known, one of ``names.CURVE_SHAPES``: the
+            liner's own "law", or "smooth", in proportion to |v|.
         reactance: "falling" over |v|, as where mass is lost, or "rising".
         frequency: Hz; default each plane's tone. Curves are found at each frequency apart.
         choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
@@ -93,7 +93,7 @@ def identify(
         )
     facts = [each.plane if isinstance(each, Moments) else each for each in several]
     names = _groups(facts, groups, CURVE in models)
-    bases = [with_flow(as_liner(liner), plane)
+    bases = [with_flow(as_liner(liner), plane.mach)
              for liner, plane in zip(given, facts, strict=True)]  # fmt: skip
     free = _parameters(models, bases, facts)
     weights = [read_weights(plane, liner, frequency, chosen)

@@ -14,6 +14,7 @@ from torchliner.calibration.misfit import driving_columns
 from torchliner.identification.curve_problem import Datum
 from torchliner.identification.runs import Run
 from torchliner.identification.speed_curve import Knots
+from torchliner.liners.model import LinerModel
 
 SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
 OUTSIDE = 0.1  # of a plane's weight, at speeds that no other run saw, that is warned of
@@ -39,6 +40,9 @@ class Fitted(Protocol):
 
     def law(self, run: Run, index: int, speed: Tensor) -> Tensor:
         """Z at |v|, (V,), at one frequency of a plane."""
+
+    def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
+        """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V)."""
 
 
 class Model(Protocol):

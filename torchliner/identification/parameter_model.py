@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.calibration.budget import standard_of
 from torchliner.calibration.fit import Fit, fit_misfit
 from torchliner.calibration.misfit import FreeLiners
 from torchliner.calibration.targets import bounds_of
@@ -24,6 +25,7 @@ BOUNDS = {  # of factors, whose neutral value says nothing of how far they go
     "mach_resistance": (-5.0, 5.0),
     "mach_mass_loss": (-10.0, 10.0),
 }
+WIDTH = 1.959964  # standard deviations of a 95 % interval
 START = (0.02, 0.98)  # of the box
 
 
@@ -113,6 +115,20 @@ class FittedParameters:
         """Z at |v|, (V,), at one frequency of a plane."""
         found: Tensor = self.liner_of(run.liner).impedance(run.frequency[index], speed)
         return found.detach()
+
+    def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
+        """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V)."""
+        at = [torch.tensor(v, dtype=torch.float64, requires_grad=True)
+              for v in self.values.values()]  # fmt: skip
+        moved = liner.with_numbers(dict(zip(self.values, at, strict=True)))
+        best = torch.as_tensor(moved.impedance(frequency, speed)).broadcast_to(speed.shape)
+        slopes = torch.stack([torch.zeros_like(best) if each is None else each
+                              for each in slopes_of(best, at)], dim=-1)  # fmt: skip
+        spread = standard_of(torch.stack([
+            parts @ self.covariance @ parts.T
+            for parts in torch.view_as_real(slopes.detach().resolve_conj()).transpose(-1, -2)
+        ]))  # fmt: skip
+        return best.detach() + WIDTH * torch.stack([0 * spread, -spread, spread])
 
     def liner_of(self, liner: LinerModel) -> LinerModel:
         """A liner with the parameters found."""

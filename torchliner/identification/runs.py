@@ -105,11 +105,9 @@ def misfit_of(runs: Sequence[Run], names: tuple[str, ...], low: Tensor, high: Te
     return found
 
 
-def with_flow(liner: LinerModel, plane: VelocityPlane) -> LinerModel:
-    """An SDoF liner with factors and the Mach number of the plane; any other as it is."""
-    if not isinstance(liner, SDoFLiner):
-        return liner
-    return AdjustedSDoFLiner.of(liner, mach=plane.mach or 0.0)
+def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
+    """An SDoF liner with factors and the Mach number of a plane; any other as it is."""
+    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0) if isinstance(liner, SDoFLiner) else liner
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.model import LinerModel
+from torchliner.names import CURVE_SHAPES, REACTANCES
 
 ORDER = 3  # cubic
 PARTS = 18  # steps in sqrt |v|, from rest to the last knot
@@ -29,7 +30,7 @@ FLOOR = 0.1  # of the mean step: the least step of a prior shape, so that a fact
 LEAST_RESISTANCE = 0.01  # at rest, of a prior shape without losses
 SMOOTH = 1.0 - 0.5j  # change of Z from rest to the largest |v|, of the prior shape "smooth"
 REST = (1.0, 0.5)  # spread of the logarithm of R, and of X, at rest, where none is stated
-SIGNS = {"falling": -1.0, "rising": 1.0}  # of reactance over |v|
+SIGNS = dict(zip(REACTANCES, (-1.0, 1.0), strict=True))
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,6 @@ def _smooth(liner: LinerModel, frequency: Tensor, speeds: Tensor) -> Tensor:
     return rest + SMOOTH * speeds / speeds[-1]
 
 
-SHAPES: dict[str, Callable[[LinerModel, Tensor, Tensor], Tensor]] = {
-    "law": _law, "smooth": _smooth,
-}  # fmt: skip
+SHAPES: dict[str, Callable[[LinerModel, Tensor, Tensor], Tensor]] = dict(
+    zip(CURVE_SHAPES, (_law, _smooth), strict=True)
+)
