@@ -142,8 +142,8 @@ class CurveProblem:
             return np.concatenate([slopes(at.tobytes())[1], prior])
 
         found = least_squares(residuals, np.zeros(self.shape.count), jacobian,
-                              bounds=(-BOUNDS, BOUNDS), x_scale="jac", xtol=1e-10, ftol=1e-10,
-                              gtol=1e-10, max_nfev=1000)  # fmt: skip
+                              bounds=(-BOUNDS, BOUNDS), x_scale="jac", xtol=1e-9, ftol=1e-9,
+                              gtol=1e-9, max_nfev=1000)  # fmt: skip
         if not found.success:
             raise RuntimeError(
                 f"the curve at {self.frequency:g} Hz does not settle in {found.nfev} evaluations "

@@ -81,10 +81,11 @@ class Identification:
         return seen_by(self.runs, self.best.fitted, self.knots)
 
     @property
-    def seen_speeds(self) -> tuple[float, float]:
+    def seen_speeds(self) -> tuple[float, ...]:
         """Least and greatest |v| about which the runs say something, m/s."""
-        known = self.knots.speeds[self.seen.amax(0) >= SEEN]
-        return float(known.min()), float(known.max())
+        known = (self.seen.amax(0) >= SEEN).nonzero()[:, 0].tolist()
+        # A spline reaches two steps to either side, and at rest nothing is slower.
+        return tuple(float(self.knots.speeds[i]) for i in (max(known[0] - 2, 0), known[-1]))
 
     @property
     def frequencies(self) -> list[float]:
@@ -131,8 +132,7 @@ class Identification:
         speed = torch.linspace(0, end**0.5, ROWS, dtype=torch.float64).square()
         values = torch.stack([fit.curve(speed) for fit in self._curves().fits])
         base = self.runs[0].liner
-        name = f"{getattr(base, 'name', type(base).__name__)} identified"
-        return TabulatedLiner(self.frequencies, values, speed, base.cell_pitch, name)
+        return TabulatedLiner(self.frequencies, values, speed, base.cell_pitch, self._name)
 
     @functools.cached_property
     def table_error(self) -> float:
@@ -149,7 +149,7 @@ class Identification:
         """A table, or the law with the parameters found and the flow of the first plane."""
         fitted = self.best.fitted
         if isinstance(fitted, FittedParameters):
-            return fitted.liner_of(self.runs[0].liner)
+            return fitted.liner_of(self.runs[0].liner).replace(name=self._name)
         return self.table()
 
     def predict(
@@ -179,6 +179,11 @@ class Identification:
         tell(notes, depth=2)
         return PlanePrediction(run.frequency, found, standard_of(spread), outside, notes)
 
+    @property
+    def _name(self) -> str:
+        base = self.runs[0].liner
+        return f"{getattr(base, 'name', type(base).__name__)} identified"
+
     def _curves(self) -> FittedCurves:
         fitted = self.best.fitted
         if not isinstance(fitted, FittedCurves):
@@ -189,7 +194,7 @@ class Identification:
         return fitted
 
 
-def beyond(name: str, outside: float, seen: tuple[float, float]) -> tuple[str, ...]:
+def beyond(name: str, outside: float, seen: tuple[float, ...]) -> tuple[str, ...]:
     """Whether a prediction leaves the speeds that runs saw."""
     if outside <= OUTSIDE:
         return ()

@@ -193,7 +193,9 @@ def _in_situ(ready: Sequence[Prepared], records: Any) -> list[Tensor]:
             except ValueError as error:
                 fault = str(error).removesuffix("; ")
                 continue
-            found.append(in_situ(record, one.frequency, interval=None).liner_impedance)
+            short = one.chosen.allow_short
+            beside = in_situ(record, one.frequency, interval=None, allow_short=short)
+            found.append(beside.liner_impedance)
             break
         else:
             held = plane.reference.get("in situ")
