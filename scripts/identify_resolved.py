@@ -1,4 +1,4 @@
-"""The response of the resolved liners found from their runs: tables and pictures of docs/identify.md.
+"""The response of the resolved liners found from their runs: what docs/identify.md shows.
 
     python scripts/identify_resolved.py [--write]
 

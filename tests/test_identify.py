@@ -280,7 +280,7 @@ def test_prediction_beyond_what_was_seen_is_warned_of():
 
 
 def test_several_frequencies_have_a_curve_each():
-    runs = [plane_of(turbulence((3, 420), i, rms), name=f"{i}") for i, rms in enumerate(LEVELS)]
+    runs = [plane_of(turbulence((3, 420), i, LEVELS[i]), name=f"{i}") for i in range(3)]
     tones = [1000.0, FREQUENCY]
     wanted = []
     for run in runs:
@@ -290,7 +290,7 @@ def test_several_frequencies_have_a_curve_each():
     assert found.frequencies == tones
     assert found.table().frequency_range == (1000.0, FREQUENCY)
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, order=ORDER)
-    speed = [0.2, 1.0, 5.0]
+    speed = [0.2, 1.0, 2.0]
     assert found.curve(FREQUENCY, speed)[0].tolist() == pytest.approx(
         one.curve(FREQUENCY, speed)[0].tolist(), rel=0.01
     )
@@ -301,13 +301,13 @@ def test_several_frequencies_have_a_curve_each():
 @pytest.mark.filterwarnings("ignore:.*parameters of the curve|.*the misfit is")
 def test_liners_of_their_own_keep_their_linear_part():
     """Two offsets, one change over |v|."""
-    own = [base(impedance_offset=0.1j * i) for i in range(5)]
+    own = [base(impedance_offset=0.1j * i) for i in range(3)]
     wanted = [impedance(each, tl.AdjustedSDoFLiner.of(liner, **TRUE))
-              for each, liner in zip(planes(), own, strict=True)]  # fmt: skip
-    found = tl.identify(planes(), own, wanted, noise=1e-3, freedom=1.0, order=ORDER)
+              for each, liner in zip(planes(LEVELS[:3]), own, strict=True)]  # fmt: skip
+    found = tl.identify(planes(LEVELS[:3]), own, wanted, noise=1e-3, freedom=1.0, order=ORDER)
     assert [row.fitted for row in found.best.rows] == pytest.approx(wanted, abs=5e-3)
     assert found.best.fitted.misfit < 1
-    shared = tl.identify(planes(), own[0], wanted, noise=1e-3, freedom=1.0, order=ORDER)
+    shared = tl.identify(planes(LEVELS[:3]), own[0], wanted, noise=1e-3, freedom=1.0, order=ORDER)
     assert shared.best.fitted.misfit > 2
 
 
@@ -508,7 +508,7 @@ def test_in_situ_records_are_matched_by_case():
     options = {"models": [("vena_contracta",)], "allow_short": True}
     liner = tl.load_liner("lbm_orifice_coarse")
     found = tl.identify(runs, liner, "in-situ", pressure=records, **options)
-    wanted = [complex(tl.in_situ(record, interval=None).liner_impedance[0])
+    wanted = [complex(tl.in_situ(record, interval=None, allow_short=True).liner_impedance[0])
               for record in reversed(records)]  # fmt: skip
     assert [row.true for row in found.best.rows] == pytest.approx(wanted)
     with pytest.raises(ValueError, match=r"t00_130.* has no in situ impedance: .* not one case"):

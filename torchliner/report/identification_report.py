@@ -210,30 +210,32 @@ def write_table(found: Identification, path: str | Path, reach: float | None = N
 def draw_identification(
     found: Identification, path: str | Path | None = None, frequency: float | None = None
 ) -> Figure:
-    """R and X over |v| with their bands beside the law as it was, and which |v| each run weighs.
+    """R and X over |v| with bands, by the best model, the best of the other kind and the law as it
+    was (all of the first plane), and which |v| each run weighs.
 
     Args:
         frequency: Hz; default the first.
     """
     at = found.frequencies[0] if frequency is None else frequency
     speed = torch.linspace(0, found.knots.top**0.5, DRAWN, dtype=torch.float64).square()
-    rows = curve_rows(found, at, speed)
     figure, axes = subplots(1, 3, 3.0)
     across = r"$|v|$, m/s"
     law = torch.as_tensor(found.runs[0].liner.impedance(at, speed)).detach()
+    kind, liner = type(found.best.fitted), found.runs[0].liner
+    rival = next((each for each in found.candidates if not isinstance(each.fitted, kind)), None)
+    law = torch.as_tensor(liner.impedance(at, speed)).detach()
     for axis, (part, label) in zip(axes[0], PARTS, strict=False):
-        best, low, high = (
-            part_of(torch.tensor([row[name] for row in rows]), part)
-            for name in ("impedance", "low", "high")
-        )
-        draw_band(axis, speed, low, high, COLOURS[0])
-        axis.plot(speed, best, color=COLOURS[0], label=found.best.label)
+        for each, colour in zip((found.best, rival), COLOURS, strict=False):
+            if each is not None:
+                best, low, high = (part_of(z, part) for z in each.fitted.band(liner, at, speed))
+                draw_band(axis, speed, low, high, colour)
+                axis.plot(speed, best, color=colour, label=each.label)
         axis.plot(speed, part_of(law, part), "--", color="0.4", label="the law as it was")
         axis.axvspan(*found.seen_speeds, color="0.93", zorder=0)
         label_axes(axis, across, label)
     groups = list(dict.fromkeys(run.group for run in found.runs))
     for i, name in enumerate(groups):
-        colour = COLOURS[1 + i % 6]
+        colour = COLOURS[2 + i % 5]
         for run, weight in zip(_per_row(found), found.seen, strict=True):
             if run == name:
                 axes[0, 2].plot(found.knots.speeds, weight, color=colour, linewidth=0.9)
