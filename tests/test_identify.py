@@ -298,7 +298,7 @@ def test_several_frequencies_have_a_curve_each():
         found.predict(runs[0], frequency=700.0)
 
 
-@pytest.mark.filterwarnings("ignore:.*parameters of the curve|.*the misfit is")
+@pytest.mark.filterwarnings("ignore:.*parameters of the curve|.*the misfit is|R of the curve is")
 def test_liners_of_their_own_keep_their_linear_part():
     """Two offsets, one change over |v|."""
     own = [base(impedance_offset=0.1j * i) for i in range(3)]
@@ -309,6 +309,17 @@ def test_liners_of_their_own_keep_their_linear_part():
     assert found.best.fitted.misfit < 1
     shared = tl.identify(planes(LEVELS[:3]), own[0], wanted, noise=1e-3, freedom=1.0, order=ORDER)
     assert shared.best.fitted.misfit > 2
+
+
+@pytest.mark.filterwarnings("ignore:.*R of the curve is known")
+def test_a_table_may_be_the_prior_shape():
+    """Read at any |v|, though the table ends below that of the runs."""
+    speed = torch.linspace(0, 1, 40, dtype=torch.float64) ** 2 * 3
+    table = tl.TabulatedLiner([FREQUENCY], base().impedance(FREQUENCY, speed)[None], speed)
+    found = tl.identify(planes()[:3], table, known()[:3], freedom=1.0, order=ORDER)
+    assert [row.fitted for row in found.best.rows] == pytest.approx(list(known()[:3]), rel=0.05)
+    with pytest.raises(TypeError, match=r"TabulatedLiner, whose numbers\(\) names no parameter"):
+        tl.identify(planes()[:3], table, known()[:3], models=[("porosity",)], order=ORDER)
 
 
 def test_a_stated_linear_part_is_kept():

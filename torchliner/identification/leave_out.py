@@ -13,7 +13,7 @@ from torchliner.calibration.budget import standard_of
 from torchliner.calibration.misfit import driving_columns
 from torchliner.identification.curve_problem import Datum
 from torchliner.identification.runs import Run
-from torchliner.identification.speed_curve import Knots
+from torchliner.identification.speed_curve import Knots, law_of
 from torchliner.liners.model import LinerModel
 
 SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
@@ -140,8 +140,7 @@ def knots_for(runs: Sequence[Run]) -> Knots:
     for run in runs:
         for i, frequency in enumerate(run.frequency):
             datum = Datum(run, i)
-            law = torch.as_tensor(run.liner.impedance(frequency, datum.speeds)).detach()
-            below = datum.seen(law.to(torch.complex128), fine).cumsum(0)
+            below = datum.seen(law_of(run.liner, frequency, datum.speeds), fine).cumsum(0)
             top = max(top, float(fine.speeds[int((below < WITHIN).sum())]))
     return Knots(top)
 

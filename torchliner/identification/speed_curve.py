@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -134,7 +135,7 @@ def prior_shape(
         rest: standard uncertainty of R and X at rest; None for ``REST``.
     """
     at = torch.tensor(frequency, dtype=torch.float64)
-    values = torch.as_tensor(SHAPES[shape](liner, at, knots.speeds)).to(torch.complex128)
+    values = SHAPES[shape](liner, at, knots.speeds)
     sign, steps = SIGNS[direction], values.diff()[1:]
     resistance = max(float(values[0].real), LEAST_RESISTANCE)
     return PriorShape(
@@ -150,18 +151,18 @@ def _above_floor(steps: Tensor) -> Tensor:
     return steps.clamp(min=FLOOR * mean if mean > 0 else -SMOOTH.imag * FLOOR / PARTS)
 
 
-def _law(liner: LinerModel, frequency: Tensor, speeds: Tensor) -> Tensor:
-    """The liner's own, up to the largest |v| that it knows."""
-    found: Tensor = liner.impedance(frequency, speeds.clamp(max=liner.speed_max or torch.inf))
-    return found
+def law_of(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
+    """Z of a liner, complex, (V,); beyond the largest |v| that it knows, as there."""
+    held = speeds.clamp(max=liner.speed_max or torch.inf)
+    return torch.as_tensor(liner.impedance(frequency, held)).detach().to(torch.complex128)
 
 
 def _smooth(liner: LinerModel, frequency: Tensor, speeds: Tensor) -> Tensor:
     """From the liner's Z at rest in proportion to |v|."""
-    rest = torch.as_tensor(liner.impedance(frequency, torch.zeros(1, dtype=torch.float64)))
+    rest = law_of(liner, frequency, torch.zeros(1, dtype=torch.float64))
     return rest + SMOOTH * speeds / speeds[-1]
 
 
 SHAPES: dict[str, Callable[[LinerModel, Tensor, Tensor], Tensor]] = dict(
-    zip(CURVE_SHAPES, (_law, _smooth), strict=True)
+    zip(CURVE_SHAPES, (law_of, _smooth), strict=True)
 )

@@ -13,6 +13,7 @@ from torchliner.identification.curve_model import FittedCurves
 from torchliner.identification.found import Identification
 from torchliner.identification.leave_out import Candidate, RunRow
 from torchliner.identification.parameter_model import FittedParameters
+from torchliner.identification.speed_curve import law_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.figure import (
     COLOURS,
@@ -223,7 +224,7 @@ def draw_identification(
     law = torch.as_tensor(found.runs[0].liner.impedance(at, speed)).detach()
     kind, liner = type(found.best.fitted), found.runs[0].liner
     rival = next((each for each in found.candidates if not isinstance(each.fitted, kind)), None)
-    law = torch.as_tensor(liner.impedance(at, speed)).detach()
+    law = law_of(liner, at, speed)
     for axis, (part, label) in zip(axes[0], PARTS, strict=False):
         for each, colour in zip((found.best, rival), COLOURS, strict=False):
             if each is not None:
