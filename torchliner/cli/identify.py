@@ -22,13 +22,13 @@ OPTIONS = {
         "--reference Z ...": {
             "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
             "'closure' (the stated level alone), or one value each; default true"},
-        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ, by case",
-        "--fit MODEL": (("curve",), "what is fitted beside --free; default curve where nothing is "
-                        "free"),
+        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ, by case; "
+                               "default: what the planes hold",
+        "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
         "--free NAMES": {
             "action": "append", "default": [],
             "help": "a model: parameters of the liner's law, with commas between, each with its "
-            "bounds (NAME=LOW:HIGH, SI) or usual ones; may be given several times, to compare"},
+            "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: none"},
         "--noise U": "standard uncertainty of R and X of the references, of levels dB; default "
                      "2 %% of |Z|, 0.2 dB",
         "--rest U+Uj": "standard uncertainty of R and X of the liner at rest, e.g. 0.01+0.01j; "
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     models: list[Any] = [_bounds(text, liner) for text in options.free]
     found = identify(
         both[: len(options.planes)], liner, references,
-        models=[*models, *(["curve"] if options.fit or not models else [])], order=options.order,
+        models=[*models, *([options.fit or "curve"] if options.fit or not models else [])], order=options.order,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
         noise=options.noise, freedom=options.freedom, prior=options.prior or "law",
         rest=None if options.rest is None else complex_number(options.rest, "--rest"),
