@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
     models: list[Any] = [_bounds(text, liner) for text in options.free]
     found = identify(
         both[: len(options.planes)], liner, references,
-        models=[*models, *([options.fit or "curve"] if options.fit or not models else [])], order=options.order,
+        models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
+        order=options.order,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
         noise=options.noise, freedom=options.freedom, prior=options.prior or "law",
         rest=None if options.rest is None else complex_number(options.rest, "--rest"),
