@@ -351,6 +351,7 @@ def test_a_stated_linear_part_is_kept():
         ({"models": [("mas_loss",)]}, r"unknown parameter 'mas_loss' \(did you mean 'mass_loss'\?"),
         ({"models": ["curv"]}, r"unknown model 'curv' \(did you mean 'curve'\?\)"),
         ({"models": []}, r"no model is named"),
+        ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane, .* cannot be free"),
         ({"models": [("mach_resistance",)]}, r"mach_resistance cannot be told: run 0.2 states no"),
         ({"models": [{"mass_loss": (-1, 2)}]}, r"bounds of mass_loss are -1 to 2; it is at l"),
         ({"models": [(*tuple(FACTORS)[:3], "vena_contracta")], "planes": 2},

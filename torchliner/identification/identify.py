@@ -148,6 +148,11 @@ def _parameters(
             require_choice("model", names, [CURVE])
             continue
         bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, liners[0])
+        if "mach" in bounds:
+            raise ValueError(
+                "mach is that of each plane, as its file states it, and cannot be free; free "
+                "mach_resistance or mach_mass_loss"
+            )
         still = [plane.name for plane in planes if plane.mach is None]
         flow = [name for name in bounds if name.startswith("mach")]
         if flow and (still or not any(plane.mach for plane in planes)):
