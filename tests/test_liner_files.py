@@ -187,14 +187,25 @@ def test_nothing_is_extrapolated(frequency, speed, message):
     [
         (([1, 2], [1, 2, 3]), r"values have shape \(3,\), the axes \(2,\)"),
         (([1, 2], [1, float("inf")]), r"holds values that are not finite"),
-        (([2, 1], [1, 1]), r"frequency must increase and have at least two values"),
-        (([1], [1]), r"frequency must increase and have at least two values"),
+        (([2, 1], [1, 1]), r"frequency must increase and have at least 1 value"),
+        (([], []), r"frequency must increase and have at least 1 value"),
+        (([1, 2], [[1], [1]], [0]), r"speed must increase and have at least 2 values"),
         (([1, 2], [[1, 1], [1, 1]], [0.5, 1]), r"speed starts at 0.5, not at 0"),
     ],
 )
 def test_bad_tables_are_refused(arguments, message):
     with pytest.raises(ValueError, match=rf"table 'table'.*{message}"):
         tl.TabulatedLiner(*arguments)
+
+
+def test_one_frequency_stands_for_itself_alone():
+    """Within what makes no difference, over |v| as in any table; beside it nothing is known."""
+    liner = tl.TabulatedLiner([1400.0], [[1 - 1j, 3 - 2j]], [0.0, 2.0])
+    found = liner.impedance([[1400.0], [1400.0 * (1 + 5e-7)]], [0.0, 1.0, 2.0])
+    assert found.tolist() == [[1 - 1j, 2 - 1.5j, 3 - 2j]] * 2
+    assert tl.TabulatedLiner([1400.0], [2 + 1j]).impedance(1400.0, 9.0).tolist() == 2 + 1j
+    with pytest.raises(ValueError, match=r"frequency is 1401 Hz, outside the table's 1400-1400 Hz"):
+        liner.impedance(1401.0, 1.0)
 
 
 @pytest.mark.parametrize("mark", [",", ";", ", ", ";  "])

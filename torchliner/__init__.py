@@ -67,6 +67,8 @@ _HOMES = {
     "fit_field": "torchliner.wall_field.fit_field",
     "sensitivities": "torchliner.calibration.sensitivities",
     "calibrate": "torchliner.calibration.calibrate",
+    "identify": "torchliner.identification.identify",
+    "AdjustedSDoFLiner": "torchliner.liners.adjusted",
     "Tones": "torchliner.replay.waves",
     "Sweep": "torchliner.replay.waves",
     "BandNoise": "torchliner.replay.waves",

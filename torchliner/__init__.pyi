@@ -27,6 +27,7 @@ from torchliner.duct.presets import load_duct as load_duct
 from torchliner.flow_profiles import TanhProfile as TanhProfile
 from torchliner.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.fluid import Fluid as Fluid
+from torchliner.identification.identify import identify as identify
 from torchliner.in_situ_method.dean import in_situ as in_situ
 from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
 from torchliner.io.burst_sources import list_stations as list_stations
@@ -44,6 +45,7 @@ from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
 from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
 from torchliner.lee.settled import solve_settled as solve_settled
 from torchliner.lee.solver import DuctSolver as DuctSolver
+from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner

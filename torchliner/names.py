@@ -50,6 +50,7 @@ LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and 
     "sdof": "torchliner.liners.catalogue:SDoFFile",
     "sdof-end-loss": "torchliner.liners.end_loss:EndLossFile",
     "table": "torchliner.liners.catalogue:TableFile",
+    "adjusted-sdof": "torchliner.liners.adjusted:AdjustedSDoFFile",
 }
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
     "perforate": "torchliner.liners.sheets.perforate:Perforate",
@@ -60,6 +61,8 @@ SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a fi
     "melling": "torchliner.liners.sheets.melling:Melling",
     "mesh": "torchliner.liners.sheets.mesh:Mesh",
 }
+CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|
+REACTANCES = ("falling", "rising")  # over |v|
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 

@@ -96,11 +96,16 @@ def speed_weights(ready: Prepared, order: str) -> SpeedWeights:
     )  # fmt: skip
 
 
+def driving_columns(ready: Prepared, order: str) -> Tensor:
+    """Indices in the survey of the columns whose |v| drives the model."""
+    group = ORDERS.index(order)
+    first = (0, ready.plane.probes, ready.plane.probes + ready.cells.count)[group]
+    return first + _columns(ready, order).nonzero()[:, 0].to(ready.survey.mean_square.device)
+
+
 def driving_speed(ready: Prepared, order: str) -> float:
     """rms over the record and the columns of the |v| that drives the model, m/s."""
-    seen, group = ready.survey, ORDERS.index(order)
-    first = (0, ready.plane.probes, ready.plane.probes + ready.cells.count)[group]
-    columns = first + _columns(ready, order).nonzero()[:, 0].to(seen.mean_square.device)
+    seen, columns = ready.survey, driving_columns(ready, order)
     square = seen.mean_square[columns]
     if ready.chosen.mean == "removed":
         square = square - seen.mean[columns] ** 2

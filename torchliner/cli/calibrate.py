@@ -70,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--closure needs no --reference; leave one of them out")
     names = options.reference or ["true"]
     found = calibrate(
-        planes, liner, None if options.closure else _references(names),
-        _bounds(options.free, liner), order=options.order, closure=options.closure,
+        planes, liner, None if options.closure else references_given(names),
+        bounds_given(options.free, liner), order=options.order, closure=options.closure,
         noise=options.noise, draws=options.draws, seed=options.seed,
         **chosen_from(options, CHOICES),
     )  # fmt: skip
@@ -111,7 +111,8 @@ def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> lis
         ]  # fmt: skip
 
 
-def _references(texts: list[str]) -> Any:
+def references_given(texts: list[str]) -> Any:
+    """One name, or a value each."""
     try:
         return [complex(text) for text in texts]
     except ValueError:
@@ -123,7 +124,8 @@ def _references(texts: list[str]) -> Any:
     return texts[0]
 
 
-def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
+def bounds_given(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
+    """From NAME=LOW:HIGH, or names alone."""
     from torchliner.liners.model import named_numbers
 
     found: dict[str, tuple[float, float]] = {}

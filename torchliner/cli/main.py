@@ -47,6 +47,7 @@ GROUPS = {
         "sensitivity": "change of Z with each parameter of a liner; tolerances",
         "ir-tdibc": "impedance over level from the incident wave alone",
         "calibrate": "parameters of a liner fitted to known impedances",
+        "identify": "response of a liner to |v| found from runs of known impedance",
         "verify": "checks of the duct solvers; exit code 1 if one fails",
     },
     "files": {

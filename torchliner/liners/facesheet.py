@@ -26,6 +26,11 @@ from torchliner.fluid import Fluid
 LARGEST_EXPONENT = 700.0  # exp of more overflows float64; the resistance is 0 long before
 
 
+def end_correction(radius: Tensor, porosity: Tensor) -> Tensor:
+    """eps_e of one side, m, eq. (2.2b)."""
+    return 0.85 * radius * (1 - 1.14 * torch.sqrt(porosity))
+
+
 def facesheet_impedance(
     omega: Tensor, thickness: Tensor, radius: Tensor, porosity: Tensor, fluid: Fluid
 ) -> Tensor:
@@ -36,7 +41,7 @@ def facesheet_impedance(
         porosity: phi_p, that of the plate in front of the cavity.  fluid: gas.
     Source: Roncen et al. (2026), eq. (2.2a-c), after Atalla & Sgard (2007).
     """
-    extra = 0.85 * radius * (1 - 1.14 * torch.sqrt(porosity))  # eps_e of one side, eq. (2.2b)
+    extra = end_correction(radius, porosity)
     surface_resistance = torch.sqrt(fluid.dynamic_viscosity * omega * fluid.density)
     viscous = surface_resistance / (fluid.characteristic_impedance * porosity)
     viscous = viscous * (2 * thickness / radius + 4 * extra / radius) / 2**0.5

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, plain_array, real_tensor, tell
+from torchliner.checks import SAME_FREQUENCY, make_plain, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.text_columns import Array, Column, number_of, read_columns
@@ -28,7 +28,7 @@ class TabulatedLiner(LinerModel):
     """Impedance by linear interpolation in a table; nothing is extrapolated.
 
     Args:
-        frequency: Hz, increasing, (N,).
+        frequency: Hz, increasing, (N,); a single one stands for itself alone.
         values: Z normalised, complex, (N,) if Z does not depend on |v|, else (N, M).
         speed: |v| m/s, increasing from 0, (M,); None for a table over frequency alone.
         cell_pitch: m, for averages over cells.  name: for labels.
@@ -60,10 +60,10 @@ class TabulatedLiner(LinerModel):
         if not bool(torch.isfinite(values.real).all() and torch.isfinite(values.imag).all()):
             raise ValueError(f"table {self.name!r} holds values that are not finite")
         for label, axis in (("frequency", frequency), ("speed", speed)):
-            if axis is not None and (len(axis) < 2 or not bool((axis.diff() > 0).all())):
-                raise ValueError(
-                    f"table {self.name!r}: {label} must increase and have at least two values"
-                )
+            fewest = 1 if label == "frequency" else 2
+            if axis is not None and (len(axis) < fewest or not bool((axis.diff() > 0).all())):
+                least = f" and have at least {fewest} value{'s' * (fewest > 1)}"
+                raise ValueError(f"table {self.name!r}: {label} must increase{least}")
         if speed is not None and float(speed[0]) != 0:
             raise ValueError(f"table {self.name!r}: speed starts at {float(speed[0]):g}, not at 0")
         object.__setattr__(self, "frequency", frequency)
@@ -72,8 +72,9 @@ class TabulatedLiner(LinerModel):
 
     @property
     def frequency_range(self) -> tuple[float, float]:
-        """First and last frequency, Hz."""
-        return float(self.frequency[0]), float(self.frequency[-1])
+        """First and last frequency, Hz; about a single one by as much as makes no difference."""
+        slack = SAME_FREQUENCY if len(self.frequency) == 1 else 0.0
+        return (1 - slack) * float(self.frequency[0]), (1 + slack) * float(self.frequency[-1])
 
     @property
     def speed_max(self) -> float | None:
@@ -134,14 +135,15 @@ class TabulatedLiner(LinerModel):
         low, high = self.frequency_range
         _require_inside(f, low, high, f"table {self.name!r}: frequency", "Hz")
         row, across = _bracket(self.frequency, f)
+        above = (row + 1).clamp(max=len(self.frequency) - 1)
         if self.speed is None:
-            flat = self.values[row] * (1 - across) + self.values[row + 1] * across
+            flat = self.values[row] * (1 - across) + self.values[above] * across
             return flat.broadcast_to(np.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
         column, along = _bracket(self.speed, v)
         lower, upper = (
             self.values[i, column] * (1 - along) + self.values[i, column + 1] * along
-            for i in (row, row + 1)
+            for i in (row, above)
         )
         return lower * (1 - across) + upper * across
 
@@ -193,6 +195,8 @@ def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str
 
 def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
     """Lower neighbour and share of the step, clamped to the axis."""
+    if len(axis) == 1:
+        return torch.zeros_like(value, dtype=torch.int64), torch.zeros_like(value)
     index = (torch.searchsorted(axis, value.contiguous(), right=True) - 1).clamp(0, len(axis) - 2)
     share = (value - axis[index]) / (axis[index + 1] - axis[index])
     return index, share.clamp(0, 1)

@@ -1,0 +1,225 @@
+"""What is known of the runs: weights of node speeds, and what each plane is held to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.calibration.misfit import (
+    ClosureMisfit,
+    Misfit,
+    SpeedWeights,
+    driving_speed,
+    speed_weights,
+)
+from torchliner.calibration.targets import nepers_of, noise_of, references_of, ties_of
+from torchliner.conversions import reflection_from_impedance
+from torchliner.in_situ_method.dean import in_situ
+from torchliner.liners.adjusted import AdjustedSDoFLiner
+from torchliner.liners.model import LinerModel
+from torchliner.liners.sdof import SDoFLiner
+from torchliner.records import PressureRecord, VelocityPlane
+from torchliner.records.same_case import require_same_case
+from torchliner.reduction.basis import ANY_LINER, Chebyshev
+from torchliner.reduction.moments import Moments
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.prepare import prepare
+from torchliner.tdibc.prepared import Prepared
+
+SHARE = 0.02  # of |Z|: noise of references for which none is stated
+LEVEL_NOISE = 0.2  # dB, of levels
+CLOSURE, IN_SITU = "closure", "in-situ"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One plane and what its impedance is held to.
+
+    Args:
+        weights: of node speeds.  liner: with the plane's own flow.  group: label of its run.
+        wanted: Z, (F,); nan where closure alone is known.
+        noise: u(R) + j u(X), (F,); of closure u of level (nepers) and phase (rad).
+        ratio: implied over known pressure, from Z (F,); None with references.
+        has_phase: whether the phase of that is known.
+    """
+
+    weights: SpeedWeights
+    liner: LinerModel
+    group: str
+    wanted: Tensor
+    noise: Tensor
+    ratio: Callable[[Tensor], Tensor] | None = None
+    has_phase: bool = True
+
+    @property
+    def ready(self) -> Prepared:
+        """The plane prepared."""
+        return self.weights.ready
+
+    @property
+    def plane(self) -> VelocityPlane:
+        """Its facts."""
+        return self.ready.plane
+
+    @property
+    def frequency(self) -> Tensor:
+        """Hz, (F,)."""
+        return self.ready.frequency
+
+    @property
+    def speed(self) -> float:
+        """rms of the |v| that drives the model, m/s."""
+        return driving_speed(self.ready, self.weights.order)
+
+    def misses(self, impedance: Tensor) -> Tensor:
+        """What is left, complex, (F,): Z less the reference, or the logarithm of the ratio of
+        pressures, without a phase where none is known."""
+        if self.ratio is None:
+            return impedance - self.wanted
+        left = self.ratio(impedance).log()
+        return left if self.has_phase else left.real.to(left.dtype)
+
+    def off(self, impedance: Tensor) -> Tensor:
+        """Error by which models are compared, (F,): of the reflection coefficient, or relative of
+        the pressure."""
+        if self.ratio is not None:
+            return self.misses(impedance).abs()
+        return reflection_from_impedance(torch.stack([impedance, self.wanted])).diff(dim=0)[0].abs()
+
+
+def misfit_of(runs: Sequence[Run], names: tuple[str, ...], low: Tensor, high: Tensor) -> Misfit:
+    """Of parameters that the liners of some runs share."""
+    about: Any = (
+        [run.weights for run in runs], [run.liner for run in runs], names, low, high,
+        torch.cat([run.wanted for run in runs]), torch.cat([run.noise for run in runs]), {},
+    )  # fmt: skip
+    ratios = [run.ratio for run in runs if run.ratio is not None]
+    held = [ratios, [run.has_phase for run in runs]] if ratios else []
+    kind: Any = ClosureMisfit if ratios else Misfit
+    found: Misfit = kind(*about, *held)
+    return found
+
+
+def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
+    """An SDoF liner with factors and the Mach number of a plane; any other as it is."""
+    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0) if isinstance(liner, SDoFLiner) else liner
+
+
+@dataclass(frozen=True)
+class AtRest(LinerModel):
+    """A table's Z at rest, at any |v|: what reads the data must be smooth."""
+
+    liner: LinerModel
+    cell_pitch: float | None = None
+
+    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
+        """See ``LinerModel``."""
+        rest = self.liner.impedance(frequency, torch.zeros(1, dtype=torch.float64))
+        return rest + 0 * torch.as_tensor(speed)
+
+
+def read_weights(
+    plane: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices
+) -> SpeedWeights:
+    """A plane read once, for any liner.
+
+    Raises:
+        ValueError: a window whose lines lie beside the tone.
+    """
+    drawn = liner if liner.speed_max is None else AtRest(liner, liner.cell_pitch)
+    ready = prepare([plane], drawn, frequency, chosen, basis=Chebyshev(*ANY_LINER))[0]
+    found = speed_weights(ready, chosen.order)
+    if found.reader.read.shape[1] != 1:
+        raise ValueError(
+            f"window {chosen.window!r} reads R beside the tone as well, where no curve is known; "
+            "leave window out"
+        )
+    return found
+
+
+def gather(
+    weights: Sequence[SpeedWeights], liners: Sequence[LinerModel], groups: Sequence[str],
+    references: Any, pressure: Any, noise: Any,
+) -> list[Run]:  # fmt: skip
+    """Runs with their references, or with closure.
+
+    Raises:
+        ValueError: a reference that is missing or of a wall that feeds sound, pressures that do
+            not fit the planes.
+    """
+    ready = [each.ready for each in weights]
+    counts = [len(each.frequency) for each in ready]
+    ratios: list[Any] = [None] * len(ready)
+    if isinstance(references, str) and references == CLOSURE:
+        ratios, phases = ties_of(ready, None, pressure)
+        wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
+        spread = noise_of(nepers_of(LEVEL_NOISE if noise is None else noise), counts)
+    else:
+        if isinstance(references, str) and references == IN_SITU:
+            references = _in_situ(ready, pressure)
+        phases = [True] * len(ready)
+        wanted = references_of([each.plane for each in ready], references, counts)
+        spread = noise_of(noise, counts)
+        if noise is None:
+            spread = torch.complex(SHARE * wanted.abs(), SHARE * wanted.abs())
+    rows = zip(weights, liners, groups, wanted.split(counts), spread.split(counts),
+               ratios, phases, strict=True)  # fmt: skip
+    runs = [Run(*row) for row in rows]
+    for run in runs:
+        if bool((run.wanted.real < 0).any()):
+            raise ValueError(
+                f"{run.plane.name}: its reference has a resistance of "
+                f"{float(run.wanted.real.min()):.3g}; the response of a passive liner, R at least "
+                "0 at every |v|, cannot give it: leave that plane out"
+            )
+    return runs
+
+
+def _in_situ(ready: Sequence[Prepared], records: Any) -> list[Tensor]:
+    """In situ Z of each plane from the record of its case, or the one it holds."""
+    several = [records] if isinstance(records, PressureRecord) else list(records or [])
+    found = []
+    for one in ready:
+        plane, fault = one.plane, "no pressure record is given"
+        for record in several:
+            try:
+                require_same_case(plane, record, ("frequency", "incident_level", "mach"), "",
+                                  where_stated=True)  # fmt: skip
+            except ValueError as error:
+                fault = str(error).removesuffix("; ")
+                continue
+            short = one.chosen.allow_short
+            beside = in_situ(record, one.frequency, interval=None, allow_short=short)
+            found.append(beside.liner_impedance)
+            break
+        else:
+            held = plane.reference.get("in situ")
+            if held is None or len(one.frequency) > 1:
+                raise ValueError(
+                    f"{plane.name} has no in situ impedance: {fault}; give the pressure record of "
+                    "the same run, or leave the plane out"
+                )
+            found.append(torch.tensor([held], dtype=torch.complex128))
+    return found
+
+
+def require_spread(runs: Sequence[Run], least: float) -> None:
+    """Runs at different speeds, by which a curve can be told.
+
+    Raises:
+        ValueError: the rms |v| of the fastest is less than ``least`` times the slowest's.
+    """
+    speeds = [run.speed for run in runs]
+    low, high = min(speeds), max(speeds)
+    if high < least * low or not math.isfinite(high):
+        ratio = high / low if low > 0 else math.nan
+        raise ValueError(
+            f"all runs are at one speed: rms |v| is {low:.3g} to {high:.3g} m/s, a ratio of "
+            f"{ratio:.3g} (at least {least:g} is needed to tell a curve over |v|); add runs at "
+            "other levels, or fit one parameter instead (models=[('vena_contracta',)])"
+        )
