@@ -45,6 +45,9 @@ from torchliner.lee.solver import DuctSolver as DuctSolver
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
+from torchliner.liners.layered import Cavity as Cavity
+from torchliner.liners.layered import LayeredLiner as LayeredLiner
+from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.records import BurstRecord as BurstRecord

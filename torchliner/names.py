@@ -43,6 +43,7 @@ LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per h
 LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and how it is built
     "sdof": "torchliner.liners.catalogue:SDoFFile",
     "table": "torchliner.liners.catalogue:TableFile",
+    "layered": "torchliner.liners.layered_file:LayeredFile",
 }
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
     "perforate": "torchliner.liners.sheets.perforate:Perforate",
