@@ -57,6 +57,7 @@ _HOMES = {
     "wavenumber_from_impedance": "torchliner.duct.dispersion",
     "audit": "torchliner.audits.audit",
     "compare": "torchliner.audits.compare",
+    "compare_models": "torchliner.audits.compare_models",
     "onto_grid": "torchliner.signals.arrivals",
     "tone_attenuation": "torchliner.signals.attenuation",
     "load_duct": "torchliner.duct.presets",

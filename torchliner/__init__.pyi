@@ -14,6 +14,7 @@ from torchliner.tdibc.prepared import Progress
 
 from torchliner.audits.audit import audit as audit
 from torchliner.audits.compare import compare as compare
+from torchliner.audits.compare_models import compare_models as compare_models
 from torchliner.calibration.calibrate import calibrate as calibrate
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection

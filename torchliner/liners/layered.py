@@ -27,6 +27,7 @@ from torchliner.liners.model import Number
 from torchliner.liners.sheets.sheet import Layer, Sheet, parameter
 from torchliner.names import SHEET_LAWS, resolve
 
+LARGEST = 10.0  # m; more are millimetres given as metres
 SEPTUM = {"septum_ratio": "1", "septum_speed": "m/s"}  # and units
 
 
@@ -35,14 +36,14 @@ class Cavity(Layer):
     """Air between two sheets, or between a sheet and the backplate.
 
     Args:
-        depth: H_c, m.  hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
+        depth: H_c, m, at most 10.  hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
         porosity: phi_c, its share of the cell.
     """
 
     law = "cavity"
 
-    depth: Parameter = parameter("m")
-    hydraulic_radius: Parameter = parameter("m")
+    depth: Parameter = parameter("m", high=LARGEST)
+    hydraulic_radius: Parameter = parameter("m", high=LARGEST)
     porosity: Parameter = parameter(default=1.0, high=1.0)
 
     def down(self, omega: Tensor, below: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:

@@ -81,8 +81,8 @@ def _guarded(path: Path, function: Function) -> Function:
             found = found if isinstance(found, Tensor) else torch.from_numpy(np.asarray(found))
         except Exception as error:
             raise ValueError(
-                f"{_place(path, error) or where}: impedance(frequency, speed) failed for tensors of "
-                f"shape {tuple(f.shape)} and {tuple(v.shape)}: {_words(error)}"
+                f"{_place(path, error) or where}: impedance(frequency, speed) failed for tensors "
+                f"of shape {tuple(f.shape)} and {tuple(v.shape)}: {_words(error)}"
             ) from error
         if not found.is_complex():
             raise ValueError(
