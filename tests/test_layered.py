@@ -102,13 +102,13 @@ def test_two_degrees_of_freedom_worked_by_hand():
     liner = tl.LayeredLiner([
         Weave(0.1, 0.05), cavity(25e-3), Weave(0.5, 0.3, 2e-5), cavity(15e-3),
     ], fluid=SMOOTH)  # fmt: skip
-    assert complex(liner.impedance(1000.0, speed)) == pytest.approx(wanted, rel=1e-7)
+    assert complex(liner.impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
     assert abs(ratio - 1) > 0.05  # the septum does not just see |v|
     for stated, here in (({"septum_ratio": 0.5}, 1.0), ({"septum_speed": 3.0}, 3.0)):
         loud = 0.5 + 0.3 * here + 2e-5j * omega + behind
         wanted = 0.1 + 0.05 * speed + (loud + 1j * upper) / (1 + 1j * loud * upper)
         assert complex(liner.replace(**stated).impedance(1000.0, speed)) == pytest.approx(
-            wanted, rel=1e-7
+            wanted, rel=2e-6
         )
 
 
@@ -176,10 +176,12 @@ def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
     k = 2 * math.pi * frequency / AIR.sound_speed
     below = 0.7 - 1j / math.tan(k * lower)
     ratio = 1 / abs(cmath.cos(k * upper) + 1j * below * cmath.sin(k * upper))
-    assert z.real == pytest.approx(0.2 + 0.7 * ratio**2, rel=1e-5, abs=1e-7)
+    assert z.real == pytest.approx(0.2 + 0.7 * ratio**2, rel=1e-4, abs=1e-6)
 
 
-DOUBLE = tl.LayeredLiner([PLATE, cavity(15e-3), Perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3)])
+DOUBLE = tl.LayeredLiner(
+    [PLATE, cavity(15e-3, 0.9), Perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3, 0.9)]
+)
 
 
 @pytest.mark.parametrize("stated", [{}, {"septum_ratio": 0.6}])
@@ -209,7 +211,7 @@ def test_numbers_are_named_by_layer():
     assert "septum_ratio" not in numbers
     moved = DOUBLE.with_numbers({"cavity2.depth": 30e-3, "temperature": 350.0})
     assert moved.layers[:3] == DOUBLE.layers[:3]
-    assert moved.layers[3] == cavity(30e-3)
+    assert moved.layers[3] == cavity(30e-3, 0.9)
     assert moved.fluid.sound_speed > DOUBLE.fluid.sound_speed
     assert moved.with_numbers({"cavity2.depth": 22e-3}).layers == DOUBLE.layers
     with pytest.raises(ValueError, match=r"cavity: depth is -0.01 m; it is above 0 m"):

@@ -47,6 +47,12 @@ LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and 
 }
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
     "perforate": "torchliner.liners.sheets.perforate:Perforate",
+    "guess": "torchliner.liners.sheets.guess:Guess",
+    "goodrich": "torchliner.liners.sheets.goodrich:Goodrich",
+    "two-parameter": "torchliner.liners.sheets.two_parameter:TwoParameter",
+    "maa": "torchliner.liners.sheets.maa:Maa",
+    "melling": "torchliner.liners.sheets.melling:Melling",
+    "mesh": "torchliner.liners.sheets.mesh:Mesh",
 }
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")

@@ -1,11 +1,17 @@
-"""The classical flow term, drawn beside educed values for comparison, never fed to the replay."""
+"""The classical flow term: drawn beside educed values, in a replay only where a sheet states it."""
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+from torch import Tensor
+
+Real = TypeVar("Real", float, Tensor)
+
 
 def goodrich_resistance(
-    bulk_mach: float, flow_facing_porosity: float, displacement_thickness: float, diameter: float
-) -> float:
+    bulk_mach: Real, flow_facing_porosity: Real, displacement_thickness: Real, diameter: Real
+) -> Real:
     r"""Resistance added by grazing flow, normalised: M/(phi (2 + 1.256 delta*/d)).
 
     Args:

@@ -9,26 +9,37 @@ from torch import Tensor
 
 from torchliner.fluid import Fluid
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
-from torchliner.liners.sheets.sheet import Sheet, parameter
+from torchliner.liners.sheets.plate import Plate
+from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)
-class Perforate(Sheet):
+class Perforate(Plate):
     """Plate with round holes: eqs (2.2a-c) and (2.4).
 
     Args:
         thickness: L_p, m.  orifice_diameter: 2 r_p, m.  porosity: phi_p.
         vena_contracta: C_vc.
+    Raises:
+        ValueError: a thin plate of more than 77 % open area, whose end corrections (2.2b) are so
+            far below 0 that its mass and resistance are, too.
     Source: Roncen et al. (2026), after Atalla & Sgard (2007), Temiz et al. (2016), Shah et al.
         (2024); see ``liners/facesheet.py``.
     """
 
     law = "perforate"
 
-    thickness: float | Tensor = parameter("m")
-    orifice_diameter: float | Tensor = parameter("m")
-    porosity: float | Tensor = parameter(high=1.0)
     vena_contracta: float | Tensor = parameter(default=0.8, high=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        thickness, diameter, porosity, _ = (each.value for each in self.numbers().values())
+        if (length := thickness + 0.85 * diameter * (1 - 1.14 * porosity**0.5)) <= 0:
+            raise ValueError(
+                f"sheet {self.law!r}: thickness {thickness:g} m and end corrections are "
+                f"{length:.3g} m together at porosity {porosity:g}; eq. (2.2b) holds to 0.77, "
+                "take law 'melling' above"
+            )
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
         """See ``Sheet``."""

@@ -13,11 +13,12 @@ from typing import Any, ClassVar
 
 from torch import Tensor
 
-from torchliner.checks import one_number, plain_number, real_tensor
+from torchliner.checks import one_number, real_tensor
 from torchliner.fluid import Fluid
 from torchliner.liners.model import Number, plain_fields
 
 REQUIRED: Any = dataclasses.MISSING
+SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
 
 
 def parameter(
@@ -57,9 +58,10 @@ class Layer:
                 edge = "at least" if number.low_included else "above"
                 unit = "" if number.unit == "1" else f" {number.unit}"
                 most = "" if number.high == math.inf else f" and at most {number.high:g}{unit}"
+                slip = SLIPS.get(number.unit, "") if number.value > number.high else ""
                 raise ValueError(
                     f"{self.label}: {name} is {number.value:g}{unit}; it is {edge} "
-                    f"{number.low:g}{unit}{most}"
+                    f"{number.low:g}{unit}{most}{slip}"
                 )
 
     def numbers(self) -> dict[str, Number]:
@@ -68,7 +70,8 @@ class Layer:
             each.name: Number(one_number(f"{self.label}: {each.name}", plain), **each.metadata)
             for each in dataclasses.fields(self)
             if each.metadata
-            for plain in (plain_number(getattr(self, each.name)),)
+            for given in (getattr(self, each.name),)
+            for plain in (given.detach() if isinstance(given, Tensor) else given,)
         }
 
     def tensors(self, omega: Tensor) -> dict[str, Tensor]:
