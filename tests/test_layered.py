@@ -166,7 +166,7 @@ def test_any_stack_is_passive(layers, frequency, speed):
 
 
 @settings(max_examples=50)
-@given(frequency=st.floats(100, 6000), upper=st.floats(1e-3, 0.1), lower=st.floats(1e-3, 0.1),
+@given(frequency=st.floats(500, 6000), upper=st.floats(5e-3, 0.1), lower=st.floats(5e-3, 0.1),
        speed=st.floats(0, 10))  # fmt: skip
 def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
     """Without losses in the air Re Z |v|^2 is R_1 |v|^2 + R_2 |v_s|^2, |v_s| = ratio |v|."""
