@@ -56,7 +56,11 @@ def read_liner(path: Path) -> LinerModel:
         )
     if not isinstance(members.get("fluid", Fluid()), Fluid):
         raise ValueError(f"{path}: fluid is {members['fluid']!r}; a torchliner.Fluid is needed")
-    about = {key: value for key, value in members.items() if not callable(value)}
+    about = {
+        key: value.item() if isinstance(value, Tensor) else value
+        for key, value in members.items()
+        if not callable(value)
+    }
     if "fluid" in about:
         about["fluid"] = dataclasses.asdict(about["fluid"])
     digest = hashlib.sha256(text.encode()).hexdigest()
