@@ -155,7 +155,8 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
     assert liner.flow_resistance == pytest.approx(added, rel=0.05)  # and takes some friction away
     plane = noisy()
     given = tl.moments(plane, cell_pitch=liner.cell_pitch) if reduced else plane
-    text = rf"law of liner 'goodrich_example' adds {liner.flow_resistance:.3g} rho c .* count twice; set the law's"
+    added = f"{liner.flow_resistance:.3g}"
+    text = rf"law of liner 'goodrich_example' adds {added} rho c .* count twice; set the law's"
     with pytest.warns(tl.DataWarning, match=text):
         tl.educe(given, liner)
     with pytest.warns(tl.DataWarning, match=f"windy: the {text}"):
