@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import assume, given
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import solve_banded
@@ -69,8 +69,10 @@ HAND_FREQUENCY, HAND_SPEED = 6800 / math.tau, 1.36
 def test_guess_by_hand():
     """Friction 2 sqrt(0.816)/13.6 = 0.132842, radiation 4e-4/0.32 = 0.00125, jets 24.96 (0.1 +
     0.06) = 3.9936; delta = 0.848826 mm * 0.86 * 51/101/3.44 = 0.107154 mm, mass 500 (t + delta)."""
-    found = z(LAWS["guess"](**HAND, mach=0.2), HAND_FREQUENCY, HAND_SPEED, ROUND)
+    sheet = LAWS["guess"](**HAND, mach=0.2)
+    found = z(sheet, HAND_FREQUENCY, HAND_SPEED, ROUND)
     assert found == pytest.approx(4.127692 + 0.686419j, abs=2e-6)
+    assert sheet.flow_resistance == pytest.approx(24.96 * 0.06)
 
 
 def test_two_parameter_by_hand():
@@ -83,16 +85,18 @@ def test_two_parameter_by_hand():
     assert sheet.flow_resistance == pytest.approx(1.287333, abs=1e-6)
 
 
-# What |v| adds, of the jet's slope 1.953125 * 0.9984 = 1.95: Goodrich all, and minus 2.07e-5 * 20 /
-# 0.0016 * 1.36 of mass; Melling 1.200422 of it; Maa 3.2/pi of it, and of the mass 0.85 * 20e-3/0.04
-# = 0.425 it leaves 1/(1 + 1.36/(340 * 0.0016)) = 1/3.5.
-ADDED = {"goodrich": 1.95 - 0.35190j, "melling": 2.340823, "maa": 1.986254 - 0.303571j}
+# What |v| adds, of the jet's slope 1.953125 * 0.9984 = 1.95: Melling 1.200422 of it; Maa 3.2/pi of
+# it, and of the mass 0.85 * 20e-3/0.04 = 0.425 it leaves 1/(1 + 1.36/(340 * 0.0016)) = 1/3.5.
+# Goodrich has C_D = 0.80695 sqrt(0.724779 * 1.660635) = 0.885292, so 1.336541 * 0.9984 * 1.36 /
+# (1.088 * 0.783742), and takes 2.07e-5 * 20/0.0016 * 1.36 of mass.
+ADDED = {"goodrich": 2.128256 - 0.35190j, "melling": 2.340823, "maa": 1.986254 - 0.303571j}
 
 
 @pytest.mark.parametrize(("law", "wanted"), ADDED.items())
 def test_what_speed_adds_by_hand(law, wanted):
     """The nonlinear terms alone."""
-    sheet = LAWS[law](**HAND, discharge_coefficient=0.8)
+    stated = {} if law == "goodrich" else {"discharge_coefficient": 0.8}
+    sheet = LAWS[law](**HAND, **stated)
     added = z(sheet, HAND_FREQUENCY, HAND_SPEED, ROUND) - z(sheet, HAND_FREQUENCY, 0.0, ROUND)
     assert added == pytest.approx(wanted, abs=2e-6)
 
@@ -199,6 +203,14 @@ def test_two_parameter_as_in_a_public_code():
     assert z(sheet, 2000.0, 2.0, gas) == pytest.approx(wanted, abs=1e-6)
 
 
+def test_goodrich_as_in_a_public_code():
+    """Function impedanceUTAS of an eduction: S_r, S_m and R_cm for sigma 8 %, t 0.8 mm, d 1 mm."""
+    sheet = in_flow("goodrich", 0.3, porosity=0.08)
+    added = z(sheet, 1500.0, 2.0) - z(sheet, 1500.0)
+    assert added == pytest.approx(2 * (0.3983043 - 0.0888207j), abs=1e-6)
+    assert sheet.flow_resistance == pytest.approx(0.9654995, abs=1e-7)
+
+
 @pytest.mark.parametrize("constant", [0.1, 1.0, 3.0, 5.5, 10.0])
 def test_maa_against_his_approximation(constant):
     """Maa's rational form, as acoustipy documents it, is within 6.5 % of the exact tube."""
@@ -233,9 +245,9 @@ def test_slow_flow_is_poiseuilles(law, longer):
     assert z(make("guess"), 1e-3).real < 0.01 * wanted
 
 
-@pytest.mark.parametrize("law", PLATES)
+@pytest.mark.parametrize("law", [name for name in PLATES if name != "goodrich"])
 def test_fast_flow_is_a_mass(law):
-    """Thick plate, wide holes, little viscosity: X = omega t/(c sigma) within 2 %, R below 1 %."""
+    """Thick plate (Goodrich's never is), little viscosity: X = omega t/(c sigma), hardly any R."""
     thin = tl.Fluid(dynamic_viscosity=1e-9)
     plate = LAWS[law](thickness=0.1, orifice_diameter=1e-3, porosity=0.2)
     found = z(plate, 20.0, 0.0, thin)
@@ -313,6 +325,7 @@ def test_goodrich_mass_ends_where_it_says():
 # Everywhere, and derivatives.
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), frequency=st.floats(1e-3, 1e6), speed=st.floats(0, 30))
 def test_passive_and_finite_everywhere(data, frequency, speed):
     """Re Z >= 0, so |R| <= 1, of every law, for any plate and flow, 1e-3 Hz to 1 MHz."""
@@ -324,6 +337,8 @@ def test_passive_and_finite_everywhere(data, frequency, speed):
               "surface_mass": (0, 10)}  # fmt: skip
     numbers = {name: data.draw(st.floats(*ranges[name])) for name in fields(law)}
     ends = numbers.get("orifice_diameter", 0) * (1.14 * numbers.get("porosity", 0) ** 0.5 - 1)
+    if law == "goodrich":
+        numbers["thickness"] = min(numbers["thickness"], 0.8 * numbers["orifice_diameter"])
     assume(law != "perforate" or 0.85 * ends < numbers["thickness"])
     sheet = LAWS[law](**numbers)
     impedance = z(sheet, frequency, speed)
@@ -382,7 +397,8 @@ BAD = [
     ("mesh", {"resistance_rayl": -1.0}, "resistance_rayl is -1 Pa s/m; it is at least 0"),
     ("mesh", {"surface_mass": float("nan")}, "surface_mass is nan"),
     *((law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
-      for law in ("goodrich", "two-parameter", "maa", "melling")),
+      for law in ("two-parameter", "maa", "melling")),
+    ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15 .* holds to 1, law 'two-p"),
 ]  # fmt: skip
 
 

@@ -51,7 +51,6 @@ class GrazedPlate(Plate):
     """Plate in grazing flow that adds R_f = M/(sigma (2 + 1.256 delta*/d)).
 
     Args:
-        discharge_coefficient: C_D, at most 1.
         mach: M, of the flow, 0 to 1: bulk in Roncen et al. (2026), eq. (2.7), on the centre line
             in NASA's use of the same term.
         displacement_thickness: delta*, m, at most 0.1; needed with a Mach number above 0.
@@ -60,7 +59,6 @@ class GrazedPlate(Plate):
     Source: Rice & Heidelberg, as in ``liners/grazing.py``.
     """
 
-    discharge_coefficient: float | Tensor = parameter(default=DISCHARGE, high=1.0)
     mach: float | Tensor = parameter(default=0.0, high=1.0, low_included=True)
     displacement_thickness: float | Tensor = parameter(
         "m", default=0.0, high=LARGEST, low_included=True

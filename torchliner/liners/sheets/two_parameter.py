@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from torchliner.fluid import Fluid
-from torchliner.liners.sheets.plate import GrazedPlate, ingard_end, left_by_flow
+from torchliner.liners.sheets.plate import DISCHARGE, GrazedPlate, ingard_end, left_by_flow
+from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,14 @@ class TwoParameter(GrazedPlate):
             + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} + j\,\frac{k (t + \epsilon d)}{\sigma},
         \qquad \epsilon = \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}.
 
-    It differs from ``goodrich`` in its friction, which is that of a steady flow at all frequencies,
-    with C_D, in the missing (1 - sigma^2), and in a mass that sound does not change.
+    It differs from ``goodrich`` in its friction, that of a steady flow at all frequencies, over
+    C_D; in its C_D, which is stated; in the missing (1 - sigma^2); and in a mass that sound does
+    not change.
 
     Args:
         thickness, orifice_diameter, porosity: t, d, sigma; see ``Plate``.
-        discharge_coefficient, mach, displacement_thickness: see ``GrazedPlate``.
+        mach, displacement_thickness: see ``GrazedPlate``.
+        discharge_coefficient: C_D, at most 1.
 
     Range: friction is too small where the viscous layer is thin, d sqrt(omega/(4 nu)) above 3,
     that is in most plates, and small there beside the other terms. |v|: rms, in front.
@@ -37,6 +40,8 @@ class TwoParameter(GrazedPlate):
     """
 
     law = "two-parameter"
+
+    discharge_coefficient: float | Tensor = parameter(default=DISCHARGE, high=1.0)
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
         """See ``Sheet``."""
