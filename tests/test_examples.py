@@ -55,6 +55,7 @@ def microphones() -> dict[str, object]:
 
 
 PAGES = {"calibration": slits, "duct": dict, "formats": dict, "in_situ": dict, "ldv": stations,
+         "liners": lambda: {"tl": tl},
          "ldv_grid": arrivals, "ldv_line": stations, "moments": dict,
          "package": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip

@@ -52,7 +52,7 @@ def _table(found: ModelComparison) -> Table:
     shown += [Column("", in_order(name), f"Z, {name}", format_complex)
               for name in orders if name != found.order]  # fmt: skip
     if any(row.closure is not None for row in found.rows):
-        shown += [Column("", "closure", "closure dB", "+.2f"), Column("", "verdict", "verdict")]
+        shown += [Column("", lambda row: (row.closure, row.verdict), "closure dB", _closed)]
     shown += [Column("", distance(name), f"|Z - {name}|", ".3f") for name in found.references]
     shown += [Column("", "model_error", "error in R", ".0e")]
     plain = [*plain_columns("model frequency impedance* low* high*")]
@@ -66,6 +66,10 @@ def _table(found: ModelComparison) -> Table:
 
 def _part_in(order: str, part: str) -> Any:
     return lambda row: float(part_of(row.orders[order], part))
+
+
+def _closed(value: tuple[float | None, str]) -> str:
+    return "-" if value[0] is None else f"{value[0]:+.2f} {value[1]}"
 
 
 def _bounds(row: ModelRow) -> Any:
