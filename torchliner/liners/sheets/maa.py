@@ -36,11 +36,10 @@ class Maa(Plate):
     other). |v|: rms; Laly's V is that in the hole, |v|/sigma.
 
     Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy (whose
-        1/sqrt(1 + K^2/2) there is 1/sqrt(9 + K^2/2), the limit of the exact form). The terms in
-        |v|: Laly et al. (2018), J. Sound Vib.,
-        S0022-460X(17)30674-0, after Maa's of high intensities, with
-        beta = 1.6, C_D = 0.76, as in public MATLAB classes that name the paper's equations 20 to
-        23 and 27. Neither paper could be opened.
+        1/sqrt(1 + K^2/2) is 1/sqrt(9 + K^2/2) here, the limit of the exact form). The terms in
+        |v|: Laly et al. (2018), J. Sound Vib., S0022-460X(17)30674-0, after Maa's of high
+        intensities, with beta = 1.6 and C_D = 0.76, as in public MATLAB classes that name the
+        paper's equations 20 to 23 and 27. Neither paper could be opened.
     """
 
     law = "maa"
