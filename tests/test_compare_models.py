@@ -167,7 +167,7 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
 @pytest.mark.parametrize(
     ("names", "options", "message"),
     [
-        (("onera",), {}, r"1 model is given \(onera\); name two or more, or use educe"),
+        (("onera",), {}, r"models given: onera; name two or more, or use educe"),
         (("onera", "polito"), {"engine": "unfold"}, r"engine 'spectral', not 'unfold'; leave eng"),
         (("onera", "polito"), {"cell_pitch": -1.0}, r"cell_pitch \(m\) is -1; it must be finite"),
         (("onera", "polito"), {"frequency": -1.0}, r"frequenc"),
@@ -234,8 +234,10 @@ def test_slips_of_a_newcomer_are_named(capsys, more, message):
 
 
 def test_one_liner_is_not_compared(capsys):
+    assert main(COMMAND[:2]) == 2
+    assert "models given: none; name two or more" in capsys.readouterr().err
     assert main(COMMAND[:4]) == 2
-    assert "1 model is given (lbm_orifice); name two or more" in capsys.readouterr().err
+    assert "models given: lbm_orifice; name two or more" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("frequency", [None, [1000.0, 1500.0, 2000.0]])

@@ -104,7 +104,7 @@ def compare_models(
         raise TypeError(f"plane is {type(plane).__name__}; a VelocityPlane or Moments is needed")
     if len(liners) < 2:
         raise ValueError(
-            f"{len(liners)} model is given ({', '.join(liners)}); name two or more, or use educe"
+            f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe"
         )
     chosen = Choices(**choices)
     if chosen.engine != "spectral":

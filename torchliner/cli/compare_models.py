@@ -17,8 +17,8 @@ OPTIONS = (
         "": {
             "plane PLANE": "file of a plane, or what torchliner reduce made of it",
             "--liner LINER": {
-                "action": "append", "required": True,
-                "help": "a model: preset, .toml, .csv or .py file; give --liner twice or more",
+                "action": "append", "default": [],
+                "help": "a model, preset, .toml, .csv or .py file; required twice or more",
             },
             **frequency_option("the tone of the file"),
             "--cell-pitch M": "side of the cells, m, for all models; default: that of the moments, "
