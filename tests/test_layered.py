@@ -116,6 +116,23 @@ def test_two_degrees_of_freedom_worked_by_hand():
         )
 
 
+@pytest.mark.parametrize("nonlinear", [0, 1])
+def test_each_of_two_septa_sees_its_own_speed(nonlinear):
+    """Three cavities: |v| at one septum as its ratio stated, the other being linear."""
+    septa = [Weave(0.4, 0.5, 1e-5), Weave(0.9, 0.0, 2e-5)][:: 1 - 2 * nonlinear]
+    depths = [11e-3, 17e-3, 8e-3]
+    layers = [Weave(0.1), cavity(depths[0]), septa[0], cavity(depths[1]), septa[1],
+              cavity(depths[2])]  # fmt: skip
+    liner = tl.LayeredLiner(layers, fluid=SMOOTH)
+    k, ratio = 2 * math.pi * 2300.0 / AIR.sound_speed, 1.0
+    for i in range(nonlinear + 1):
+        below = tl.LayeredLiner(layers[2 * i + 2 :], fluid=SMOOTH).impedance(2300.0, 0.0)
+        turn = k * depths[i]
+        ratio /= abs(math.cos(turn) + 1j * math.sin(turn) * complex(below))
+    wanted = liner.replace(septum_ratio=ratio).impedance(2300.0, 2.5)
+    assert complex(liner.impedance(2300.0, 2.5)) == pytest.approx(complex(wanted), rel=1e-6)
+
+
 def test_a_transparent_septum_is_one_deep_cavity():
     """A sheet without any impedance changes nothing, wherever it is, losses included."""
     one = tl.LayeredLiner([PLATE, cavity(40e-3)])
