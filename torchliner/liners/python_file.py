@@ -56,7 +56,7 @@ def read_liner(path: Path) -> LinerModel:
         )
     if not isinstance(members.get("fluid", Fluid()), Fluid):
         raise ValueError(f"{path}: fluid is {members['fluid']!r}; a torchliner.Fluid is needed")
-    about = {
+    about: dict[str, Any] = {
         key: value.item() if isinstance(value, Tensor) else value
         for key, value in members.items()
         if not callable(value)
