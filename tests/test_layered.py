@@ -301,6 +301,25 @@ def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"a.toml has 1 mistake\(s\):\s+layers: missing"),
+        ("[layers]\nkind = 'cavity'", r"write \[\[layers\]\], with two brackets"),
+        ("layers = [3]", r"layers.0 = 3: a table \[\[layers\]\] is needed"),
+        ("layers = []", r"a.toml: liner 'a' has no layers"),
+        ("[[layers]]\nkind = 'cavity'\ndepth = 0.1\nhydraulic_radius = 1e-3",
+         r"a.toml: liner 'a' begins with cavity; the first layer is the sheet"),
+        ("[[layers]]\nkind = 'cavity'\ndepth = 38.1\nhydraulic_radius = 1e-3",
+         r"layers.0.cavity.depth = 38.1: input should be less than or equal to 10"),
+    ],
+)  # fmt: skip
+def test_files_that_are_no_stack_are_refused(tmp_path, text, message):
+    (tmp_path / "a.toml").write_text(f"model = 'layered'\n{text}\n")
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
     ("layers", "more", "message"),
     [
         ([], {}, r"liner 'layered' has no layers; a sheet and a cavity are the least"),

@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator, ValidationError, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationError, create_model
 from pydantic_core import InitErrorDetails
 
 from torchliner.liners.catalogue import CellFile
@@ -64,11 +64,17 @@ def layer_of(table: Any) -> Layer:
     return kinds[kind](**stated)
 
 
+def _listed(value: Any) -> Any:
+    if not isinstance(value, list):
+        raise ValueError("write [[layers]], with two brackets, above the table of each layer")
+    return value
+
+
 class LayeredFile(CellFile):
     """Keys of a file with ``model = "layered"``."""
 
     model: Literal["layered"]
-    layers: list[Annotated[Any, PlainValidator(layer_of)]]
+    layers: Annotated[list[Annotated[Any, PlainValidator(layer_of)]], BeforeValidator(_listed)]
     septum_ratio: float | None = Field(None, gt=0)
     septum_speed: float | None = Field(None, gt=0)
 
