@@ -56,8 +56,8 @@ def microphones() -> dict[str, object]:
 
 PAGES = {"calibration": slits, "duct": dict, "formats": dict, "frequencies": dict,
          "identify": slits, "in_situ": dict, "ir_tdibc": dict, "ldv": stations,
-         "ldv_grid": arrivals, "ldv_line": stations, "moments": dict, "package": dict,
-         "results": dict,
+         "ldv_grid": arrivals, "ldv_line": stations, "liners": lambda: {"tl": tl},
+         "moments": dict, "package": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip
 
 SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction

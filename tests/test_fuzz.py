@@ -106,9 +106,10 @@ def make(name: str, folder: Path) -> Case:
         station(0, seconds=0.2).write(path)
         words = [*kind.split(), *told]
         words += ["--segment", "0.04", "--liner", "onera"] if kind == "ldv educe" else []
-    elif kind == "liner":
+    elif kind in ("liner", "liner layers"):
         if path.suffix == ".toml":
-            path.write_text(tl.liners.catalogue.preset_text("onera"), encoding="utf-8")
+            preset = "double_layer_example" if kind == "liner layers" else "onera"
+            path.write_text(tl.liners.catalogue.preset_text(preset), encoding="utf-8")
         else:
             path.write_text("\n".join(table_rows()) + "\n")
         words = ["liner", *told, "--frequency", "800", "1500", "--speed", "0", "1"]
@@ -152,6 +153,7 @@ def python_record(kind: str, path: Path):
 NAMES = [
     ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu",
     ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
+    ".toml liner layers",
     ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident",
     ".h5 read_map", ".h5 read_line", ".h5 read_points",
 ]  # fmt: skip
@@ -209,6 +211,7 @@ COMMANDS = {
     "ldv educe": ["bursts.csv", "--segment", "0.04", "--liner", "onera"],
     "duct modes": ["b2a", "--count", "1"], "insitu": ["record.h5"],
     "convert": ["v.npy", "-o", "out.h5", "--axes", "time,x", *RATE],
+    "compare-models": ["plane.h5", "--liner", "onera", "--liner", "mesh_example"],
 }  # fmt: skip
 
 

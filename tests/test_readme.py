@@ -22,6 +22,7 @@ PAGES = [
         ROOT / "docs" / f"{n}.md"
         for n in (
             "formats",
+            "liners",
             "calibration",
             "ldv",
             "ldv_line",

@@ -14,7 +14,7 @@ import torchliner as tl
 from torchliner.calibration.budget import covariance_of
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.conversions import impedance_from_reflection
-from torchliner.liners.sdof import air_state
+from torchliner.liners.cell import air_state
 from torchliner.units import parse_tolerance
 
 pytestmark = [

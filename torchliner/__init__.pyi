@@ -14,6 +14,7 @@ from torchliner.tdibc.prepared import Progress
 
 from torchliner.audits.audit import audit as audit
 from torchliner.audits.compare import compare as compare
+from torchliner.audits.compare_models import compare_models as compare_models
 from torchliner.calibration.calibrate import calibrate as calibrate
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection
@@ -50,6 +51,9 @@ from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
+from torchliner.liners.layered import Cavity as Cavity
+from torchliner.liners.layered import LayeredLiner as LayeredLiner
+from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.records import BurstRecord as BurstRecord

@@ -51,6 +51,7 @@ LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and 
     "sdof-end-loss": "torchliner.liners.end_loss:EndLossFile",
     "table": "torchliner.liners.catalogue:TableFile",
     "adjusted-sdof": "torchliner.liners.adjusted:AdjustedSDoFFile",
+    "layered": "torchliner.liners.layered_file:LayeredFile",
 }
 SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
     "perforate": "torchliner.liners.sheets.perforate:Perforate",

@@ -157,8 +157,8 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
     """One line a user can act on."""
     place = ".".join(str(part) for part in mistake["loc"])
     if mistake["type"] == "extra_forbidden":
-        inside = len(mistake["loc"]) > 1
-        schema = tables.get(str(mistake["loc"][0]), model) if inside else model
+        inside = [tables[str(part)] for part in mistake["loc"][:-1] if str(part) in tables]
+        schema = inside[-1] if inside else model
         key, known = str(mistake["loc"][-1]), list(schema.model_fields)
         return f"{place}: no such key{did_you_mean(key, known)}"
     if mistake["type"] == "missing":

@@ -105,6 +105,7 @@ def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
 def setting_of(found: ImpedanceMap, index: int = 0) -> Setting | None:
     """Of a map; None where its liner states no holes."""
     liner = found.choices.get("liner", {})
+    liner = {**liner, **next(iter(liner.get("layers") or [{}]))}  # the sheet that faces the flow
     if not {"porosity", "orifice_diameter"} <= set(liner):
         return None
     return Setting(

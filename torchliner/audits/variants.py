@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import torch
 
 from torchliner.checks import FEWEST_PERIODS
+from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.readings import Readings, porosity_readings, velocity_readings
 from torchliner.liners.sdof import SDoFLiner
@@ -43,18 +45,19 @@ class CannotApply(ValueError):
     """A factor that cannot be varied here; the text says why."""
 
 
-def other_liners(liner: LinerModel) -> tuple[list[tuple[str, str, SDoFLiner]], dict[str, str]]:
+def other_liners(liner: LinerModel) -> tuple[list[tuple[str, str, CellLiner]], dict[str, str]]:
     """Factor, name and liner of each variant of a liner, and why a factor has none."""
     found, skipped = [], {}
-    for factor, of in (
-        ("vena contracta", _vena_contracta),
-        ("velocity reading", velocity_readings),
-        ("porosity reading", porosity_readings),
-    ):
+    factors: tuple[tuple[str, Any, type[CellLiner], str], ...] = (
+        ("vena contracta", _vena_contracta, SDoFLiner, "SDoF liners"),
+        ("velocity reading", velocity_readings, CellLiner, "SDoF and layered liners"),
+        ("porosity reading", porosity_readings, SDoFLiner, "SDoF liners"),
+    )
+    for factor, of, needed, words in factors:
         try:
-            if not isinstance(liner, SDoFLiner):
+            if not isinstance(liner, needed):
                 kind = type(liner).__name__
-                raise CannotApply(f"{kind} has no such parameter; only SDoF liners have")
+                raise CannotApply(f"{kind} has no such parameter; only {words} have")
             found += [(factor, name, other) for name, other in of(liner).items()]
         except ValueError as reason:
             skipped[factor] = str(reason)
@@ -88,7 +91,7 @@ class Variants:
         liners: of ``other_liners``, which the basis of ``ready`` serves too.
     """
 
-    def __init__(self, ready: Prepared, liners: list[tuple[str, str, SDoFLiner]]) -> None:
+    def __init__(self, ready: Prepared, liners: list[tuple[str, str, CellLiner]]) -> None:
         assert ready.reader is not None
         self.ready, self.reader, self.liners = ready, ready.reader, liners
         self.frequency, self.rate = float(ready.frequency[0]), ready.record.sampling_rate

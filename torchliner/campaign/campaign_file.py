@@ -235,7 +235,16 @@ def _beside(folder: Path, name: Any) -> Any:
 
 
 def _liner(folder: Path, name: str) -> str:
-    """A preset, or a file beside the campaign's."""
+    """A preset, or a file beside the campaign's.
+
+    Raises:
+        ValueError: a program, which runs only where a user names it.
+    """
+    if Path(name).suffix.lower() == ".py":
+        raise ValueError(
+            f"liner {name} is a program, which no campaign runs; give its values as .csv "
+            "(frequency, speed, resistance, reactance), or name it on the command line of educe"
+        )
     return str(folder / name) if Path(name).suffix.lower() in (".toml", ".csv") else name
 
 

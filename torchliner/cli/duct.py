@@ -21,7 +21,7 @@ DUCT = {
     "duct [DUCT]": "preset or .toml file; without: list the presets",
     **frequency_option("the duct's"),
     "--impedance Z ...": "R+Xj or rigid, one a lined patch; default: the duct's",
-    "--liner LINER": "preset, .toml or .csv file: Z(f) of a liner; default: --impedance",
+    "--liner LINER": "preset, .toml, .csv or .py file: Z(f) of a liner; default: --impedance",
     "--speed M/S": "|v| at the liner, rms, with --liner; default 0",
     "--bulk-mach M": "Mach number of the flow; default: the duct's",
     "--profile": (names.FLOW_PROFILES, "of the flow; default: the duct's"),

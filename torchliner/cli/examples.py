@@ -14,6 +14,7 @@ EXAMPLES = {
     "height": ("plane_y*.h5 -o rows.csv --figure pictures",),
     "compare": ("first.h5 second.h5",),
     "truth": ("data/slit_n130_y*.h5 -o rules.csv",),
+    "compare-models": ("plane.h5 --liner onera --liner mine.toml --figure models.png",),
     "insitu": ("pressure.h5 -o z.csv --figure z.png",),
     "kt": ("wall.csv --mach 0.3 --draws 500 --figure z.png", "wall.csv --method field --duct b2a"),
     "liner": ("onera --frequency 500:3000:500", "onera --copy mine.toml"),

@@ -13,7 +13,7 @@ FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
 SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
 OPTIONS = {
     "": {
-        "liners [LINER ...]": "presets, .toml or .csv files; without: list the presets",
+        "liners [LINER ...]": "presets, .toml, .csv or .py files; without: list the presets",
         **frequency_option(" ".join(f"{f:g}" for f in FREQUENCIES), value=FREQUENCIES),
         "--speed M/S ...": SPEEDS,
         "--figure PICTURE": "draw Z over frequency there; of several liners the linear Z",
@@ -62,11 +62,11 @@ def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float
 
     lines = []
     for key, value in facts.items():
-        unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""
         if key == "fluid":
             value = ", ".join(f"{name} {number:g}" for name, number in value.items())
-        text = f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}"
-        lines.append(f"{key:26s} {text}")
+        layer = dict(value) if isinstance(value, dict) else {}
+        lines.append(_fact(key, layer.pop("kind", value)))
+        lines += [_fact(f"  {name}", number) for name, number in layer.items()]
     lines.append("\nZ, normalised by rho c, at |v| in m/s")
     lines.append(f"{'f Hz':>8s}" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds))
     for first in range(0, len(table), len(speeds)):
@@ -74,6 +74,11 @@ def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float
         cells = "".join(f"{format_complex(cell['impedance']):>18s}" for cell in row)
         lines.append(f"{row[0]['frequency']:8.1f}{cells}")
     return "\n".join(lines)
+
+
+def _fact(key: str, value: Any) -> str:
+    unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""
+    return f"{key:26s} {value:.6g}{unit}" if isinstance(value, float) else f"{key:26s} {value}"
 
 
 def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:

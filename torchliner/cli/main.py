@@ -35,6 +35,7 @@ GROUPS = {
         "audit": "how far each open choice moves the impedance",
         "height": "impedance over height, and which height to take",
         "compare": "difference of two maps, by cell and for the liner",
+        "compare-models": "several models of the liner on one plane, in one pass",
         "truth": "every rule beside the true impedance of resolved cases",
     },
     "measure an impedance from pressure": {
@@ -114,7 +115,7 @@ def _module(command: str) -> Any:
 
 def _overview() -> str:
     return "\n\n".join(
-        "\n".join([f"{title}:", *(f"  {name:13s}{text}" for name, text in group.items())])
+        "\n".join([f"{title}:", *(f"  {name:15s}{text}" for name, text in group.items())])
         for title, group in GROUPS.items()
     )
 

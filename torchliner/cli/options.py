@@ -72,7 +72,8 @@ def frequency_option(
 SHARED: dict[str, Any] = {
     "planes PLANE ...": "files of planes, of any format; 'run_*.nc' joins restarts",
     "plane PLANE": "file of a plane, of any format; 'run_*.nc' joins restarts",
-    "--liner LINER": "liner model: preset, .toml or .csv file; default: the one the file names",
+    "--liner LINER": "preset, or .toml, .csv or .py file of a model; default: the one the file "
+    "names",
     **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
     "--figure FOLDER": "draw pictures there",

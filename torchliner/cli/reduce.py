@@ -18,8 +18,8 @@ OPTIONS = {
     "": shared("plane")
     | {
         "--output FILE": {"required": True, "help": "write the moments as .h5/.nc"},
-        "--liner LINER": "model: preset, .toml or .csv file, for which K and c are chosen and over "
-                         "whose cells v is averaged; default: any liner",
+        "--liner LINER": "model: preset, .toml, .csv or .py file, for which K and c are chosen and "
+                         "over whose cells v is averaged; default: any liner",
         "--cell-pitch M": "side of the cells, m, without --liner; default: that of the preset that "
                           "the file names, else all probes are one cell",
         **frequency_option("the tone of the file; rows of --phase and --window are kept for it"),
@@ -60,7 +60,7 @@ def _facts(options: argparse.Namespace, plane: Any, found: Any, liner: Any) -> d
         "cell_pitch": found.cell_pitch, "blocks": found.sums.plan.rest,
         "functions": basis.count, "centre": basis.describe().get("centre"),
         "any_liner": options.liner is None, "readings": found.readings,
-        "liner": None if liner is None else liner.name,
+        "liner": None if liner is None else liner.describe().get("name"),
         "error_in_R": None if liner is None else found.error(
             liner, None if options.liner is None else options.frequency or plane.frequency),
     }  # fmt: skip

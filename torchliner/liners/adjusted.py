@@ -21,9 +21,10 @@ from pydantic import Field
 
 from torchliner.checks import one_number, plain_number, real_tensor
 from torchliner.liners.catalogue import SDoFFile
+from torchliner.liners.cell import Parameter
 from torchliner.liners.facesheet import SpeedLaw, end_correction
 from torchliner.liners.model import Number
-from torchliner.liners.sdof import Parameter, SDoFLiner
+from torchliner.liners.sdof import SDoFLiner
 
 FACTORS = {  # least value, and whether it makes sense itself
     "end_correction": (0.0, True),

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from torchliner import toml_files
 from torchliner.liners.model import LinerModel
+from torchliner.liners.python_file import read_liner
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, VELOCITY_READINGS, did_you_mean, resolve
@@ -24,6 +25,11 @@ class LinerFile(Strict):
     source: str = ""
     cell_pitch: float | None = Field(None, gt=0)
 
+    @classmethod
+    def tables(cls) -> dict[str, type[Strict]]:
+        """Keys of the tables in the file, by name."""
+        return {"fluid": FluidTable}
+
     def build(self, path: Path, name: str) -> LinerModel:
         """The liner.
 
@@ -34,7 +40,29 @@ class LinerFile(Strict):
         raise NotImplementedError
 
 
-class SDoFFile(LinerFile):
+class CellFile(LinerFile):
+    """Keys of all models that derive from ``CellLiner``; fractions 0 to 1."""
+
+    open_area_fraction: float = Field(1.0, gt=0, le=1)
+    velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
+    velocity_gain: float = Field(1.0, gt=0)
+    impedance_offset: tuple[float, float] = (0.0, 0.0)
+    flow_facing_porosity: float | None = Field(None, gt=0, le=1)
+    fluid: FluidTable = FluidTable()
+
+    def arguments(self, name: str) -> dict[str, Any]:
+        """Of the liner, with those of the model as the file has them."""
+        given = {key: getattr(self, key) for key in type(self).model_fields}
+        for key in ("model", "description", "source"):
+            del given[key]
+        return given | {
+            "impedance_offset": complex(*self.impedance_offset),
+            "fluid": self.fluid.build(),
+            "name": self.name or name,
+        }
+
+
+class SDoFFile(CellFile):
     """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
 
     model: Literal["sdof"]
@@ -44,19 +72,11 @@ class SDoFFile(LinerFile):
     cavity_depth: float = Field(gt=0, lt=10)
     cavity_hydraulic_radius: float = Field(gt=0, lt=10)
     cavity_porosity: float = Field(1.0, gt=0, le=1)
-    open_area_fraction: float = Field(1.0, gt=0, le=1)
     vena_contracta: float = Field(0.8, gt=0, le=1)
-    velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
-    velocity_gain: float = Field(1.0, gt=0)
-    impedance_offset: tuple[float, float] = (0.0, 0.0)
-    flow_facing_porosity: float | None = Field(None, gt=0, le=1)
-    fluid: FluidTable = FluidTable()
 
     def build(self, path: Path, name: str) -> SDoFLiner:
         """See ``LinerFile``."""
-        values = self.model_dump(exclude={"model", "name", "description", "source", "fluid"})
-        values["impedance_offset"] = complex(*self.impedance_offset)
-        return SDoFLiner(**values, fluid=self.fluid.build(), name=self.name or name)
+        return SDoFLiner(**self.arguments(name))
 
 
 class TableFile(LinerFile):
@@ -71,13 +91,13 @@ class TableFile(LinerFile):
         return TabulatedLiner.read_csv(table, name=self.name or name, cell_pitch=self.cell_pitch)
 
 
-PACKAGE, KIND = "torchliner.liners", ("liner", ".toml or .csv")
+PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 
 
 def preset_names() -> list[str]:
     """Names of the liners shipped with the package.
 
-    >>> tl.preset_names()
+    >>> [name for name in tl.preset_names() if not name.endswith("_example")]
     ['lbm_orifice', 'lbm_orifice_coarse', 'lbm_slit', 'lbm_slit_coarse', 'onera', 'polito']
     """
     return toml_files.preset_names(PACKAGE)
@@ -93,13 +113,14 @@ def preset_text(name: str) -> str:
 
 
 def load_liner(name: str | Path) -> LinerModel:
-    """A liner by preset name, or from a TOML or CSV file.
+    """A liner by preset name, or from a TOML, CSV or Python file.
 
     Args:
-        name: one of ``preset_names()``, or a path that ends in .toml or .csv.
+        name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py. A Python
+            file is run; it has ``impedance(frequency, speed)`` or an object ``liner``.
     Raises:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
-            listed, each mistyped key with the nearest valid one.
+            listed, each mistyped key with the nearest valid one; of a Python file the line.
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
@@ -108,6 +129,8 @@ def load_liner(name: str | Path) -> LinerModel:
     """
     if Path(name).suffix.lower() == ".csv":
         return TabulatedLiner.read_csv(name)
+    if Path(name).suffix.lower() == ".py":
+        return read_liner(Path(name))
     return _build(*preset_or_file(PACKAGE, name, *KIND))
 
 
@@ -115,13 +138,16 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
     """TOML text that ``load_liner`` reads back as ``liner``, of plain numbers and with a name;
     ``source`` says where the numbers come from."""
     facts = liner.describe()
-    fluid = facts.pop("fluid", {})
+    tables = [("[[layers]]", layer) for layer in facts.pop("layers", [])]
+    tables += [("[fluid]", facts.pop("fluid"))] if facts.get("fluid") else []
     facts = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description,
              "source": source, **facts}  # fmt: skip
     # A JSON string, number or list of these is a TOML one.
-    lines = [f"{key} = {json.dumps(value)}" for key, value in facts.items() if value is not None]
-    if fluid:
-        lines += ["", "[fluid]", *(f"{key} = {json.dumps(value)}" for key, value in fluid.items())]
+    lines: list[str] = []
+    for heading, table in (("", facts), *tables):
+        lines += ["", heading] if heading else []
+        lines += [f"{key} = {json.dumps(value)}" for key, value in table.items()
+                  if value is not None]  # fmt: skip
     return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
 
 
@@ -132,7 +158,8 @@ def _build(content: dict[str, Any], path: Path) -> LinerModel:
             f"{path}: model is {kind!r}{did_you_mean(str(kind), list(LINER_MODELS))}; "
             f"it is one of {', '.join(LINER_MODELS)}"
         )
-    file = validated(resolve(LINER_MODELS[kind]), content, path, {"fluid": FluidTable})
+    keys = resolve(LINER_MODELS[kind])
+    file = validated(keys, content, path, keys.tables())
     try:
         return file.build(path, path.stem)
     except ValueError as error:

@@ -25,9 +25,10 @@ from torch import Tensor
 
 from torchliner.checks import one_number, plain_number, real_tensor
 from torchliner.liners.catalogue import SDoFFile
+from torchliner.liners.cell import Parameter
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, powers
 from torchliner.liners.model import Number
-from torchliner.liners.sdof import Parameter, SDoFLiner
+from torchliner.liners.sdof import SDoFLiner
 
 FITTED = {"loss_displacement": 0.29, "mach_loss": 1.54}  # scripts/mass_loss.py
 OWN = {  # highest value, and whether 0 makes sense

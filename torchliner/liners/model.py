@@ -94,6 +94,11 @@ class LinerModel:
         return None
 
     @property
+    def flow_resistance(self) -> float:
+        """Resistance that the model itself adds for grazing flow, normalised; 0 without."""
+        return 0.0
+
+    @property
     def hole_diameter(self) -> float | None:
         """Of the holes that face the flow, m, for eqs (2.7) and (A2)."""
         return None
@@ -117,21 +122,29 @@ class LinerModel:
 
     def describe(self) -> dict[str, Any]:
         """The model and all its arguments as plain values, for provenance and liner files."""
-        plain: dict[str, Any] = {"model": self.model or type(self).__name__}
-        for name in getattr(self, "__dataclass_fields__", ()):
-            value = getattr(self, name)
-            if isinstance(value, Tensor):
-                value = value.detach().item()
-            if isinstance(value, Fluid):
-                value = dataclasses.asdict(value)
-            if isinstance(value, complex):
-                value = [value.real, value.imag]
-            plain[name] = value
-        return plain
+        stated: dict[str, Any] = plain_fields(self) if dataclasses.is_dataclass(self) else {}
+        return {"model": self.model or type(self).__name__, **stated}
 
     def facts(self) -> dict[str, Any]:
         """What ``torchliner liner`` prints."""
         return self.describe()
+
+
+def plain_fields(record: Any) -> dict[str, Any]:
+    """Fields of a dataclass as plain values."""
+    plain: dict[str, Any] = {}
+    for name in (each.name for each in dataclasses.fields(record)):
+        value = getattr(record, name)
+        if isinstance(value, Tensor):
+            value = value.detach().item()
+        if isinstance(value, Fluid):
+            value = dataclasses.asdict(value)
+        if isinstance(value, complex):
+            value = [value.real, value.imag]
+        if isinstance(value, tuple):
+            value = [each.describe() if hasattr(each, "describe") else each for each in value]
+        plain[name] = value
+    return plain
 
 
 STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range",

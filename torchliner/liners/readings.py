@@ -7,14 +7,18 @@ whole surface (phi_c = 1) or as its share of it.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 from torchliner.checks import plain_number
+from torchliner.liners.cell import CellLiner
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import VELOCITY_READINGS
 
 Readings = dict[str, SDoFLiner]
+Cells = TypeVar("Cells", bound=CellLiner)
 
 
-def velocity_readings(liner: SDoFLiner) -> Readings:
+def velocity_readings(liner: Cells) -> dict[str, Cells]:
     """The liner with the other reading of |v|.
 
     Raises:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,22 +10,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    frequency_tensor,
-    make_plain,
-    plain_number,
-    real_tensor,
-    require_choice,
-    require_positive,
-)
-from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
+from torchliner.checks import make_plain, plain_number, real_tensor
+from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_impedance
+from torchliner.liners.cell import LENGTH, SHARE, CellLiner, Parameter, omega_of, speed_of
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
-from torchliner.liners.model import LinerModel, Number
-from torchliner.names import VELOCITY_READINGS
+from torchliner.liners.model import Number
 
-Parameter = float | Tensor
-LENGTH, SHARE = ("m", math.inf), ("1", 1.0)
 NUMBERS = {  # arguments above 0: unit and highest value
     "facesheet_thickness": LENGTH,
     "orifice_diameter": LENGTH,
@@ -38,11 +28,10 @@ NUMBERS = {  # arguments above 0: unit and highest value
     "vena_contracta": SHARE,
     "velocity_gain": ("1", math.inf),
 }
-OFFSET = ("offset_resistance", "offset_reactance")
 
 
 @dataclass(frozen=True)
-class SDoFLiner(LinerModel):
+class SDoFLiner(CellLiner):
     r"""Perforated plate over a closed cavity: eqs (2.2)-(2.4) of the paper.
 
     :math:`Z = [Z_0(\omega) + G_{NL}(\omega, |v_c|)]/\alpha + \text{offset}`, normalised by rho c.
@@ -74,7 +63,6 @@ class SDoFLiner(LinerModel):
     """
 
     model = "sdof"
-    groups = dict.fromkeys(("offset", "impedance_offset"), OFFSET)
 
     facesheet_thickness: Parameter
     orifice_diameter: Parameter
@@ -94,45 +82,23 @@ class SDoFLiner(LinerModel):
 
     def __post_init__(self) -> None:
         make_plain(self, tensors=True)
-        stated = {} if self.flow_facing_porosity is None else {"flow_facing_porosity": SHARE}
-        for name, (unit, high) in {**NUMBERS, **stated}.items():
-            value = getattr(self, name)
-            require_positive(f"liner {name} (m)" if unit == "m" else f"liner {name}", value)
-            if plain_number(value) > high:
-                raise ValueError(
-                    f"liner {name} is {plain_number(value):g}; it is a fraction, at most 1 (5.5 % "
-                    "is 0.055)"
-                )
-        require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
-        if self.cell_pitch is not None:
-            require_positive("liner cell_pitch (m)", self.cell_pitch)
-            diameter = plain_number(self.orifice_diameter)
-            if diameter > self.cell_pitch:
-                raise ValueError(
-                    f"liner orifice_diameter is {diameter:g} m, larger than cell_pitch, "
-                    f"{self.cell_pitch:g} m; both are in metres"
-                )
-
-    @property
-    def surface_porosity(self) -> float:
-        """Open area over the whole surface, for eq. (2.7)."""
-        if self.flow_facing_porosity is not None:
-            return self.flow_facing_porosity
-        return plain_number(self.porosity) * plain_number(self.open_area_fraction)
+        self._check(NUMBERS)
 
     @property
     def hole_diameter(self) -> float:
         """d, m."""
         return plain_number(self.orifice_diameter)
 
+    @property
+    def _facing(self) -> float:
+        return plain_number(self.porosity)
+
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """Z(|v|) at fixed frequencies as coefficients, each of the shape of ``frequency`` (Hz)."""
-        wanted = real_tensor(frequency)
-        frequency_tensor(wanted)
-        omega = 2 * torch.pi * wanted
+        omega = omega_of(frequency)
         number = {n: real_tensor(getattr(self, n)).to(omega.device) for n in NUMBERS}
         radius, porosity = number["orifice_diameter"] / 2, number["porosity"]
-        alpha, k = number["open_area_fraction"], number["velocity_gain"]
+        alpha, k = number["open_area_fraction"], self._gain().to(omega.device)
         linear = facesheet_impedance(
             omega, number["facesheet_thickness"], radius, porosity, self.fluid
         )
@@ -144,7 +110,6 @@ class SDoFLiner(LinerModel):
             omega, radius, porosity, number["vena_contracta"], self.fluid
         )
         # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
-        k = k / alpha if self.velocity_reading == "conserved" else k
         return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
@@ -160,90 +125,10 @@ class SDoFLiner(LinerModel):
             ValueError: a frequency not above 0, or a negative or non-finite speed.
         """
         law = self.speed_law(frequency)
-        values = real_tensor(speed).to(law.a.device)
-        if not bool(torch.isfinite(values).all() and (values >= 0).all()):
-            raise ValueError("speed is |v| in m/s; it must be finite and not negative")
-        return torch.complex(*law.parts(values))
+        return torch.complex(*law.parts(speed_of(speed).to(law.a.device)))
 
-    def resonance(self, lowest: float = 100.0, highest: float = 6000.0) -> float:
-        """First frequency (Hz) in the given range where the linear reactance is 0.
+    def _arguments(self) -> dict[str, Number]:
+        return self._named(NUMBERS)
 
-        Raises:
-            ValueError: there is none.
-        """
-        from scipy.optimize import brentq  # takes a quarter of a second to import
-
-        grid = torch.linspace(lowest, highest, 2000, dtype=torch.float64)
-        reactance = self.impedance(grid).imag.detach()
-        rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)
-        if rising.numel() == 0:
-            raise ValueError(f"liner {self.name!r} has no resonance in {lowest:g}-{highest:g} Hz")
-        i = int(rising[0])
-
-        def at(frequency: float) -> float:
-            return plain_number(self.impedance(frequency).imag)
-
-        return float(brentq(at, float(grid[i]), float(grid[i + 1]), xtol=1e-9))
-
-    def facts(self) -> dict[str, Any]:
-        """All arguments, and the resonance, None where there is none."""
-        try:
-            return {**self.describe(), "resonance_hz": self.resonance()}
-        except ValueError:
-            return {**self.describe(), "resonance_hz": None}
-
-    def numbers(self) -> dict[str, Number]:
-        """Lengths, shares, gain, both parts of the offset, and the state of the gas."""
-        offset = self.impedance_offset
-        offset = complex(offset.detach() if isinstance(offset, Tensor) else offset)
-        temperature, pressure = air_state(self.fluid)
-        arguments = {
-            name: Number(plain_number(getattr(self, name)), unit, high=high)
-            for name, (unit, high) in NUMBERS.items()
-        }
-        return {
-            **arguments,
-            "offset_resistance": Number(offset.real, low=-math.inf),
-            "offset_reactance": Number(offset.imag, low=-math.inf),
-            "temperature": Number(temperature, "K", 150.0, 1500.0),
-            "pressure": Number(pressure, "Pa"),
-        }
-
-    def with_numbers(self, values: Mapping[str, Any]) -> SDoFLiner:
-        """See ``LinerModel``; temperature and pressure move the gas as dry air."""
-        changes = {name: value for name, value in values.items() if name in NUMBERS}
-        if any(name in values for name in OFFSET):
-            numbers = self.numbers()
-            parts = [values.get(name, numbers[name].value) for name in OFFSET]
-            tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
-            offset = torch.complex(*tensors)
-            tensor = any(isinstance(part, Tensor) for part in parts)
-            changes["impedance_offset"] = offset if tensor else complex(offset)
-        state = {name: values[name] for name in ("temperature", "pressure") if name in values}
-        if state:
-            changes["fluid"] = fluid_at(self.fluid, **state)
-        return self.replace(**changes)
-
-
-def air_state(fluid: Fluid) -> tuple[float, float]:
-    """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``.
-
-    For gases that are not air they are the state about which c, rho and eta are scaled as those
-    of air: c as sqrt(T), rho as p/T, eta by Sutherland's law.
-    """
-    temperature = plain_number(fluid.sound_speed) ** 2 / (1.4 * GAS_CONSTANT_AIR)
-    return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
-
-
-def fluid_at(fluid: Fluid, temperature: Any = None, pressure: Any = None) -> Fluid:
-    """The gas at another temperature (K) or pressure (Pa); gamma and Pr stay."""
-    here = air_state(fluid)
-    base = Fluid.from_temperature(*here)
-    moved = Fluid.from_temperature(
-        here[0] if temperature is None else temperature, here[1] if pressure is None else pressure
-    )
-    scaled: dict[str, Any] = {
-        name: getattr(fluid, name) * (getattr(moved, name) / getattr(base, name))
-        for name in ("sound_speed", "density", "dynamic_viscosity")
-    }
-    return dataclasses.replace(fluid, **scaled)
+    def _changes(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in values.items() if name in NUMBERS}

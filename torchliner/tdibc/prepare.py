@@ -31,7 +31,7 @@ from torchliner.tdibc.level_range import kernel_band, review_signal, velocity_gr
 from torchliner.tdibc.prepared import Prepared, Progress, kernel_response, top_speed
 from torchliner.tdibc.reading import Asked, read_plane, reader_lines, turns_of
 from torchliner.tdibc.reduced import fitted, record_of
-from torchliner.tdibc.review import needs_kernels, review_liner, review_record
+from torchliner.tdibc.review import needs_kernels, review_liner, review_model, review_record
 from torchliner.tdibc.review_kernels import frequencies_read, review_tables
 from torchliner.tdibc.several_tones import each_alone, review_tones
 from torchliner.tdibc.tone_share import review_other_tones
@@ -160,7 +160,8 @@ def ask(
         plane, plan = given.plane, given.sums.plan
         wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
         record = record_of(given, chosen)
-        notes = [*given.notes, *review_record(plane, wanted, record, chosen)]
+        found = [*review_record(plane, wanted, record, chosen), *review_model(plane, liner)]
+        notes = list(dict.fromkeys([*given.notes, *found]))
         return Asked(plane, wanted, record, plan.blocks, None, notes, given)
     plane, sent = given, None
     start = round(chosen.pre_roll * plane.sampling_rate)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,17 +18,21 @@ from torchliner.tdibc.review_kernels import frequencies_read
 
 
 class AnyLiner(LinerModel):
-    """A liner that is not known yet, but for its cells."""
+    """Liners that are not known yet, or several, by what they share: cells, the largest |v|."""
 
-    def __init__(self, cell_pitch: float | None) -> None:
+    speed_max: float | None = None
+
+    def __init__(self, cell_pitch: float | None, several: Sequence[LinerModel] = ()) -> None:
         self.cell_pitch = cell_pitch
+        tops = [liner.speed_max for liner in several if liner.speed_max is not None]
+        self.speed_max = min(tops, default=None)
 
 
 @dataclass(frozen=True)
 class Request:
-    """What ``moments`` is asked for; arguments as there."""
+    """What ``moments`` is asked for; arguments as there, ``liner`` also several of one pitch."""
 
-    liner: Liner | None = None
+    liner: Liner | Sequence[LinerModel] | None = None
     frequency: Any = None
     cell_pitch: float | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
@@ -53,11 +57,17 @@ def requested(plane: VelocityPlane, request: Request) -> tuple[Asked, LinerModel
         )
     if liner is not None and cell_pitch is not None:
         raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
-    model = AnyLiner(cell_pitch) if liner is None else as_liner(liner)
+    models: Sequence[LinerModel] = ()
+    model: LinerModel = AnyLiner(cell_pitch)
+    if isinstance(liner, (list, tuple)):
+        models, model = liner, AnyLiner(liner[0].cell_pitch, liner)
+    elif liner is not None:
+        model = as_liner(liner)
+        models = [model]
     asked = ask(plane, model, frequency, chosen)
     basis: Basis = Chebyshev(*ANY_LINER)
-    if liner is not None:
+    if models:
         tolerance = chosen.model_tolerance(plane.velocity.dtype)
         read = frequencies_read(asked.record, asked.frequency, chosen)
-        basis = choose_basis([model], read, tolerance)
+        basis = choose_basis(models, read, tolerance)
     return asked, model, chosen, basis

@@ -111,15 +111,27 @@ def _whole_cut(record: Record, frequency: float) -> str:
 
 
 def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
-    """Whether liner and data state the same gas, and the plane lies within a cell of it."""
-    gas = liner.fluid
+    """As ``review_model``, and whether the plane lies within a cell of the liner."""
+    return height_warnings(plane, liner.cell_pitch) + review_model(plane, liner)
+
+
+def review_model(plane: VelocityPlane, liner: LinerModel) -> list[str]:
+    """Whether liner and data state the same gas, and whether flow would count twice."""
+    notes, gas = [], liner.fluid
+    if liner.flow_resistance > 0:
+        notes.append(
+            f"the law of liner {liner.describe().get('name', '')!r} adds "
+            f"{liner.flow_resistance:.3g} rho c of resistance for grazing flow, but |v| as "
+            f"measured in {plane.name} holds the turbulence already (Roncen et al. 2026, section "
+            "2.4), so flow would count twice; set the law's mach to 0"
+        )
     if gas is None:
-        return height_warnings(plane, liner.cell_pitch)
+        return notes
     pairs = (
         ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
         ("density", gas.density, plane.fluid.density, "kg/m3"),
     )
-    return height_warnings(plane, liner.cell_pitch) + [
+    return notes + [
         f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
         f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
         "takes the data's)"

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchliner.checks import one_number, real_tensor
 from torchliner.fluid import Fluid
-from torchliner.liners.model import Number
+from torchliner.liners.model import Number, plain_fields
 
 REQUIRED: Any = dataclasses.MISSING
 SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
@@ -38,11 +38,16 @@ def parameter(
 
 
 @dataclasses.dataclass(frozen=True)
-class Sheet:
-    """A plate, a mesh, or whatever takes no room and lets through all that comes to it."""
+class Layer:
+    """What a liner is stacked from: parameters with units and ranges."""
 
     law: ClassVar[str] = ""
-    """Its name in liner files, a key of ``names.SHEET_LAWS``."""
+    """Its ``kind`` in liner files: of sheets a key of ``names.SHEET_LAWS``."""
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return self.law
 
     def __post_init__(self) -> None:
         for name, number in self.numbers().items():
@@ -55,9 +60,37 @@ class Sheet:
                 most = "" if number.high == math.inf else f" and at most {number.high:g}{unit}"
                 slip = SLIPS.get(number.unit, "") if number.value > number.high else ""
                 raise ValueError(
-                    f"sheet {self.law!r}: {name} is {number.value:g}{unit}; it is {edge} "
+                    f"{self.label}: {name} is {number.value:g}{unit}; it is {edge} "
                     f"{number.low:g}{unit}{most}{slip}"
                 )
+
+    def numbers(self) -> dict[str, Number]:
+        """Parameters by name."""
+        return {
+            each.name: Number(one_number(f"{self.label}: {each.name}", plain), **each.metadata)
+            for each in dataclasses.fields(self)
+            if each.metadata
+            for given in (getattr(self, each.name),)
+            for plain in (given.detach() if isinstance(given, Tensor) else given,)
+        }
+
+    def tensors(self, omega: Tensor) -> dict[str, Tensor]:
+        """Parameters as float64 tensors beside ``omega``, gradients kept."""
+        return {name: real_tensor(getattr(self, name)).to(omega.device) for name in self.numbers()}
+
+    def describe(self) -> dict[str, Any]:
+        """A table ``[[layers]]`` of a liner file."""
+        return {"kind": self.law, **plain_fields(self)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet(Layer):
+    """A plate, a mesh, or whatever takes no room and lets through all that comes to it."""
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"sheet {self.law!r}"
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
         """Pressure drop over velocity, normalised by rho c, complex128, e^(j omega t).
@@ -70,22 +103,6 @@ class Sheet:
             fluid: gas.
         """
         raise NotImplementedError(f"{type(self).__name__} defines no impedance")
-
-    def numbers(self) -> dict[str, Number]:
-        """Parameters by name."""
-        return {
-            each.name: Number(
-                one_number(f"sheet {self.law!r}: {each.name}", plain), **each.metadata
-            )
-            for each in dataclasses.fields(self)
-            if each.metadata
-            for given in (getattr(self, each.name),)
-            for plain in (given.detach() if isinstance(given, Tensor) else given,)
-        }
-
-    def tensors(self, omega: Tensor) -> dict[str, Tensor]:
-        """Parameters as float64 tensors beside ``omega``, gradients kept."""
-        return {name: real_tensor(getattr(self, name)).to(omega.device) for name in self.numbers()}
 
     @property
     def open_area(self) -> float | None:

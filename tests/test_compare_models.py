@@ -1,0 +1,254 @@
+"""Models of a liner on one plane: as educed one by one, sorted by what is known, in one pass."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.report.models_report import draw_models
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+PLANE = DATA / "slit_n130_y0.5mm.h5"
+SILENT = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+pytestmark = SILENT
+NAMES = ("lbm_orifice", "lbm_slit", "goodrich_example")
+
+
+def presets(names=NAMES):
+    """Of one pitch, as the plane names it."""
+    return {name: tl.load_liner(name).replace(cell_pitch=12.45e-3) for name in names}
+
+
+def noisy(**facts):
+    """Ten probes in one cell: turbulence and a tone of 1500 Hz."""
+    noise = torch.Generator().manual_seed(3)
+    t = torch.arange(4200, dtype=torch.float64) / 42e3
+    velocity = 0.5 * torch.randn(10, 4200, dtype=torch.float64, generator=noise)
+    velocity = velocity + torch.cos(2 * torch.pi * 1500.0 * t)
+    x = 1e-3 * torch.arange(10.0, dtype=torch.float64)
+    return tl.VelocityPlane(
+        velocity, sampling_rate=42e3, x=x, **{"frequency": 1500.0, "height": 1e-3} | facts
+    )
+
+
+def test_each_row_is_what_educe_gives():
+    """Z, interval, orders and closure of each model, and the frequency table of all."""
+    plane, liners = tl.read_plane(PLANE), presets()
+    found = tl.compare_models(plane, liners, [1000.0, 1400.0], tolerance=1e-9)
+    assert len(found.rows) == 6
+    for name, liner in liners.items():
+        alone = tl.educe(plane, liner, [1000.0, 1400.0], tolerance=1e-9)
+        for i, row in enumerate(row for row in found.rows if row.model == name):
+            assert row.frequency == (1000.0, 1400.0)[i]
+            assert abs(row.impedance - complex(alone.answer[i])) < 1e-7
+            for order in alone.orders:
+                assert abs(row.orders[order] - complex(alone.of_liner(order)[i])) < 1e-7
+            low, high = alone.bounds_of_liner(alone.order, i)
+            assert max(abs(row.low - low), abs(row.high - high)) < 1e-6
+            assert row.model_error <= 1e-9
+        wanted = float(alone.closure.liner.level[alone.closure.orders.index(alone.order), 1])
+        assert row.closure == pytest.approx(wanted, abs=1e-5)
+
+
+def test_the_nearest_to_the_truth_comes_first():
+    """By |Z - true| where the plane holds it, which the slit's own model wins on slit data."""
+    found = tl.compare_models(tl.read_plane(PLANE), presets())
+    assert found.sorted_by == "|Z - true|"
+    off = [row.distance["true"] for row in found.rows]
+    assert found.rows[0].model == "lbm_slit"
+    assert off == sorted(off)
+    assert off[0] < 0.01 < 0.05 < off[1]
+    for row in found.rows:
+        assert row.distance["true"] == abs(row.impedance - found.references["true"])
+    assert list(found.maps) == [row.model for row in found.rows]
+
+
+def test_without_truth_closure_sorts_and_without_a_level_nothing():
+    liners = presets()
+    known = tl.compare_models(noisy(incident_level=140.0, source_side="normal"), liners)
+    assert known.sorted_by == "|closure|"
+    off = [abs(row.closure) for row in known.rows]
+    assert off == sorted(off)
+    assert off[0] < off[-1]
+    found = tl.compare_models(noisy(), liners)
+    assert found.sorted_by == "as given"
+    assert [row.model for row in found.rows] == list(liners)
+    assert found.rows[0].closure is None
+    assert found.rows[0].distance == {}
+
+
+def test_one_pass_over_the_data_for_all_models():
+    """As many samples are read for three models as for one."""
+    plane, done = noisy(), []
+    tl.educe(plane, presets()["lbm_slit"], progress=done.append)
+    alone, done[:] = sum(done), []
+    tl.compare_models(plane, presets(), progress=done.append)
+    assert sum(done) == alone
+
+
+def test_moments_serve_as_well(tmp_path):
+    """Read from their file, without the plane; with their cells, which models cannot change."""
+    plane = noisy()
+    tl.moments(plane, cell_pitch=12.45e-3).write(tmp_path / "m.h5")
+    known = tl.read_moments(tmp_path / "m.h5")
+    liners = presets(("polito", "mesh_example"))
+    found, direct = tl.compare_models(known, liners), tl.compare_models(plane, liners)
+    for one, other in zip(found.rows, direct.rows, strict=True):
+        assert abs(one.impedance - other.impedance) < 1e-5
+    with pytest.raises(ValueError, match=r"moments over cells of 12.45 mm, not 5 mm; leave cell"):
+        tl.compare_models(known, liners, cell_pitch=5e-3)
+
+
+def test_tables_and_models_share_one_pass():
+    """A table over |v| has kinks and an end; the smooth models beside it are still known."""
+    liner = tl.load_liner("polito")
+    speeds = torch.linspace(0, 12, 25, dtype=torch.float64)
+    axis = torch.tensor([1400.0, 1500.0, 1600.0], dtype=torch.float64)
+    table = tl.TabulatedLiner(axis, liner.impedance(axis[:, None], speeds), speeds)
+    found = tl.compare_models(noisy(), {"model": liner, "table": table})
+    first, second = (row.impedance for row in found.rows)
+    assert abs(first - second) < 0.05
+    assert max(row.model_error for row in found.rows) < 1e-4
+
+
+@pytest.mark.filterwarnings("always::torchliner.DataWarning")
+def test_cells_belong_to_the_data():
+    """Those of the preset that the plane names, or as stated; otherwise models must agree."""
+    liners = {name: tl.load_liner(name) for name in ("onera", "lbm_orifice", "mesh_example")}
+    with pytest.raises(ValueError, match=r"different cells: onera 12.44 mm, lbm_orifice 4.428 mm, "
+                       r"mesh_example all probes; state cell_pitch"):  # fmt: skip
+        tl.compare_models(noisy(), liners)
+    with pytest.warns(tl.DataWarning, match=r"cells are of 3 mm \(cell_pitch\) for all models; as "
+                      r"files: onera 12.44 mm, lbm_orifice 4.428 mm"):  # fmt: skip
+        found = tl.compare_models(noisy(), liners, cell_pitch=3e-3)
+    assert len(found.maps["onera"].cell_x) == 3
+    assert liners["onera"].cell_pitch == 12.44e-3
+    with pytest.warns(tl.DataWarning, match=r"cells are of 12.45 mm \(lbm_slit, which the plane"):
+        tl.compare_models(tl.read_plane(PLANE), liners)
+
+
+@pytest.mark.filterwarnings("always::torchliner.DataWarning")
+def test_models_that_are_one_are_told():
+    onera = tl.load_liner("onera")
+    with pytest.warns(tl.DataWarning, match=r"a and b give the same Z to the last digit: one mod"):
+        found = tl.compare_models(noisy(), {"a": onera, "b": onera.replace(name="again")})
+    assert not [note for note in found.notes if note.startswith("a, b:")]  # what concerns all
+
+
+@pytest.mark.filterwarnings("always::torchliner.DataWarning")
+@pytest.mark.parametrize("reduced", [False, True])
+def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
+    """By ``educe`` and here; the plane's turbulence is in |v| already."""
+    calm = tl.load_liner("goodrich_example")
+    plate = calm.layers[0]
+    windy = tl.sheet("goodrich", **{n: each.value for n, each in plate.numbers().items()}
+                     | {"mach": 0.3, "displacement_thickness": 1.7e-3})  # fmt: skip
+    liner = calm.replace(layers=(windy, calm.layers[1]), open_area_fraction=0.5)
+    still = calm.replace(open_area_fraction=0.5)
+    added = complex(liner.impedance(1500.0, 1.0) - still.impedance(1500.0, 1.0)).real
+    assert liner.flow_resistance == pytest.approx(added, rel=0.05)  # and takes some friction away
+    plane = noisy()
+    given = tl.moments(plane, cell_pitch=liner.cell_pitch) if reduced else plane
+    added = f"{liner.flow_resistance:.3g}"
+    text = rf"law of liner 'goodrich_example' adds {added} rho c .* count twice; set the law's"
+    with pytest.warns(tl.DataWarning, match=text):
+        tl.educe(given, liner)
+    with pytest.warns(tl.DataWarning, match=f"windy: the {text}"):
+        tl.compare_models(given, {"calm": calm, "windy": liner})
+    assert not [note for note in tl.educe(plane, calm).notes if "count twice" in note]
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "message"),
+    [
+        (("onera",), {}, r"models given: onera; name two or more, or use educe"),
+        (("onera", "polito"), {"engine": "unfold"}, r"engine 'spectral', not 'unfold'; leave eng"),
+        (("onera", "polito"), {"cell_pitch": -1.0}, r"cell_pitch \(m\) is -1; it must be finite"),
+        (("onera", "polito"), {"frequency": -1.0}, r"frequenc"),
+    ],
+)
+def test_comparisons_that_are_none_are_refused(names, options, message):
+    with pytest.raises(ValueError, match=message):
+        tl.compare_models(noisy(), {name: tl.load_liner(name) for name in names}, **options)
+
+
+def test_a_model_that_does_not_reach_the_frequency_is_named_before_the_data_are_read():
+    table = tl.TabulatedLiner([500.0, 1000.0], [1 - 1j, 3 + 1j], name="mine")
+    done = []
+    with pytest.raises(ValueError, match=r"table 'mine': frequency is 1500 Hz, outside the"):
+        tl.compare_models(
+            noisy(), {"mine": table, "onera": tl.load_liner("onera")}, progress=done.append
+        )
+    assert done == []
+    with pytest.raises(TypeError, match=r"plane is str; a VelocityPlane or Moments is needed"):
+        tl.compare_models("plane.h5", {})
+
+
+COMMAND = ["compare-models", str(PLANE), "--liner", "lbm_orifice", "--liner", "lbm_slit"]
+
+
+def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys):
+    """Table, CSV and JSON agree; the nearest first; a liner file goes by its stem."""
+    (tmp_path / "mine.py").write_text(
+        "def impedance(f, v):\n    return 0.15 + 0.1 * v - 0.1j + 0 * f\n"
+    )
+    command = [*COMMAND, "--liner", str(tmp_path / "mine.py"), "--quiet"]
+    assert main([*command, "-o", str(tmp_path / "a.csv")]) == 0
+    text = capsys.readouterr().out
+    names = [line.split()[0] for line in text.splitlines()[2:5]]
+    assert names[0] == "lbm_slit"
+    assert sorted(names) == ["lbm_orifice", "lbm_slit", "mine"]
+    assert "by |Z - true|" in text
+    assert "0.174-0.063j" in text
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert main([*command, "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["sorted_by"] == "|Z - true|"
+    for row, other in zip(rows, plain["rows"], strict=True):
+        assert row["model"] == other["model"]
+        assert float(row["impedance_resistance"]) == pytest.approx(
+            other["impedance_resistance"], rel=1e-8
+        )
+        assert float(row["distance to true"]) == pytest.approx(other["distance to true"], rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--liner", "lbm_slit"], "--liner lbm_slit is given twice; name each model once"),
+        (["--liner", "onerra"], "unknown liner 'onerra' (did you mean 'onera'?)"),
+        (["--liner", "nothing.toml"], "nothing.toml: no such file"),
+        (["--phase", "given"], "reference"),
+    ],
+)
+def test_slips_of_a_newcomer_are_named(capsys, more, message):
+    assert main([*COMMAND, *more]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_one_liner_is_not_compared(capsys):
+    assert main(COMMAND[:2]) == 2
+    assert "models given: none; name two or more" in capsys.readouterr().err
+    assert main(COMMAND[:4]) == 2
+    assert "models given: lbm_orifice; name two or more" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("frequency", [None, [1000.0, 1500.0, 2000.0]])
+def test_the_picture_shows_all_models(tmp_path, frequency):
+    """A line or a curve a model in both panels, with the references."""
+    pytest.importorskip("matplotlib")
+    found = tl.compare_models(tl.read_plane(PLANE), presets(), frequency)
+    figure = draw_models(found, tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 1e4
+    assert len(figure.axes) == 2
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert set(NAMES) <= set(words if frequency else labels)
+    assert ("true" in words) == (frequency is None)

@@ -1,0 +1,365 @@
+"""Liners of several layers: limits, a case by hand, passivity, gradients, files, bad input."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import torchliner as tl
+from torchliner.liners.catalogue import liner_text
+from torchliner.liners.layered import layer_kinds
+from torchliner.liners.sheets.perforate import Perforate
+from torchliner.liners.sheets.sheet import Sheet, parameter
+from torchliner.names import SHEET_LAWS
+
+AIR = tl.Fluid()
+SMOOTH = tl.Fluid(dynamic_viscosity=1e-15)  # in which cavities lose nothing
+BAND = torch.linspace(200.0, 5000.0, 97, dtype=torch.float64)
+SPEEDS = torch.tensor([[0.0], [0.3], [2.0], [9.0]], dtype=torch.float64)
+PLATE = Perforate(0.6e-3, 1e-3, 0.06, 0.75)
+
+
+@dataclass(frozen=True)
+class Weave(Sheet):
+    """R0 + R1 |v| + j omega m, all normalised, m in s: enough to work by hand."""
+
+    law = "weave"
+
+    resistance: float = parameter(low_included=True)
+    slope: float = parameter("s/m", default=0.0, low_included=True)
+    mass: float = parameter("s", default=0.0, low_included=True)
+
+    def impedance(self, omega, speed, fluid):
+        n = self.tensors(omega)
+        return torch.complex(n["resistance"] + n["slope"] * speed, n["mass"] * omega)
+
+
+@pytest.fixture
+def weave(monkeypatch):
+    monkeypatch.setitem(SHEET_LAWS, "weave", f"{__name__}:Weave")
+
+
+def cavity(depth=20e-3, porosity=1.0):
+    return tl.Cavity(depth, 5e-3, porosity)
+
+
+def difference(one, other, **at):
+    """Largest |dR| over band and speeds."""
+    found = [tl.reflection_from_impedance(each.impedance(BAND, SPEEDS)) for each in (one, other)]
+    return float((found[0] - found[1]).abs().max())
+
+
+SHARED = {
+    "open_area_fraction": 0.63, "velocity_reading": "conserved", "velocity_gain": 1.3,
+    "impedance_offset": 0.1 - 0.02j, "cell_pitch": 12e-3, "flow_facing_porosity": 0.04,
+    "fluid": tl.Fluid.from_temperature(310.0, 9e4), "name": "cell",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [None, *SHARED])
+def test_one_perforate_over_one_cavity_is_the_sdof(name):
+    """With any of the arguments that both have, to rounding; numbers of cell and gas too."""
+    more = {} if name is None else {name: SHARED[name]}
+    wanted = tl.SDoFLiner(0.6e-3, 1e-3, 0.06, 20e-3, 5e-3, 0.8, vena_contracta=0.75, **more)
+    found = tl.LayeredLiner([PLATE, cavity(porosity=0.8)], **more)
+    z, z0 = (each.impedance(BAND, SPEEDS) for each in (found, wanted))
+    assert float(((z - z0) / z0).abs().max()) < 1e-13
+    assert found.surface_porosity == wanted.surface_porosity
+    assert (found.hole_diameter, found.cell_pitch) == (wanted.hole_diameter, wanted.cell_pitch)
+    shared = ("open_area_fraction", "velocity_gain", "offset_resistance", "temperature", "pressure")
+    for number in shared:
+        assert found.numbers()[number] == wanted.numbers()[number]
+    if name not in ("name", "cell_pitch", "flow_facing_porosity"):
+        assert found.resonance() == pytest.approx(wanted.resonance(), rel=1e-9)
+
+
+def lossless(depth, omega):
+    """Its own arithmetic: tan and cos of k h."""
+    return math.tan(omega * depth / AIR.sound_speed), math.cos(omega * depth / AIR.sound_speed)
+
+
+def test_two_degrees_of_freedom_worked_by_hand():
+    """1000 Hz, |v| = 2 m/s, cavities that lose nothing: every step written out.
+
+    Lower cavity 15 mm: -j cot kh. The septum at rest, 0.5 + 2e-5 j omega, on top of it; 25 mm up
+    the line Z -> (Z + j tan/phi)/(1 + j phi Z tan), phi 0.8. Velocity at the septum over that at
+    the facesheet 1/|cos + j phi Z sin|; with it the septum's resistance, and once more up the line.
+    """
+    omega, speed = 2 * math.pi * 1000.0, 2.0
+    lower, _ = lossless(15e-3, omega)
+    upper, cosine = lossless(25e-3, omega)
+
+    def up(z):
+        return (z + 1j * upper / 0.8) / (1 + 0.8j * z * upper)
+
+    behind = -1j / lower
+    at_rest = 0.5 + 2e-5j * omega + behind
+    ratio = 1 / abs(cosine * (1 + 0.8j * at_rest * upper))
+    loud = 0.5 + 0.3 * ratio * speed + 2e-5j * omega + behind
+    wanted = 0.1 + 0.05 * speed + up(loud)
+    liner = tl.LayeredLiner([
+        Weave(0.1, 0.05), cavity(25e-3, 0.8), Weave(0.5, 0.3, 2e-5), cavity(15e-3),
+    ], fluid=SMOOTH)  # fmt: skip
+    assert complex(liner.impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
+    assert abs(ratio - 1) > 0.05  # the septum does not just see |v|
+    for stated, here in (({"septum_ratio": 0.5}, 1.0), ({"septum_speed": 3.0}, 3.0)):
+        loud = 0.5 + 0.3 * here + 2e-5j * omega + behind
+        wanted = 0.1 + 0.05 * speed + up(loud)
+        assert complex(liner.replace(**stated).impedance(1000.0, speed)) == pytest.approx(
+            wanted, rel=2e-6
+        )
+
+
+@pytest.mark.parametrize("nonlinear", [0, 1])
+def test_each_of_two_septa_sees_its_own_speed(nonlinear):
+    """Three cavities: |v| at one septum as its ratio stated, the other being linear."""
+    septa = [Weave(0.4, 0.5, 1e-5), Weave(0.9, 0.0, 2e-5)][:: 1 - 2 * nonlinear]
+    depths = [11e-3, 17e-3, 8e-3]
+    layers = [Weave(0.1), cavity(depths[0]), septa[0], cavity(depths[1]), septa[1],
+              cavity(depths[2])]  # fmt: skip
+    liner = tl.LayeredLiner(layers, fluid=SMOOTH)
+    k, ratio = 2 * math.pi * 2300.0 / AIR.sound_speed, 1.0
+    for i in range(nonlinear + 1):
+        below = tl.LayeredLiner(layers[2 * i + 2 :], fluid=SMOOTH).impedance(2300.0, 0.0)
+        turn = k * depths[i]
+        ratio /= abs(math.cos(turn) + 1j * math.sin(turn) * complex(below))
+    wanted = liner.replace(septum_ratio=ratio).impedance(2300.0, 2.5)
+    assert complex(liner.impedance(2300.0, 2.5)) == pytest.approx(complex(wanted), rel=1e-6)
+
+
+def test_a_transparent_septum_is_one_deep_cavity():
+    """A sheet without any impedance changes nothing, wherever it is, losses included."""
+    one = tl.LayeredLiner([PLATE, cavity(40e-3)])
+    for depth in (1e-3, 13e-3, 39e-3):
+        both = tl.LayeredLiner([PLATE, cavity(depth), Weave(0.0), cavity(40e-3 - depth)])
+        assert difference(one, both) < 1e-13
+    assert difference(one, tl.LayeredLiner([PLATE, cavity(10e-3), cavity(30e-3)])) < 1e-13
+    below = [PLATE, cavity(22e-3, 0.7)]  # a septum that |v| at it tells apart
+    parted = [PLATE, cavity(6e-3, 0.7), Weave(0.0), cavity(7e-3, 0.7), *below]
+    whole = tl.LayeredLiner([PLATE, cavity(13e-3, 0.7), *below])
+    assert difference(whole, tl.LayeredLiner(parted)) < 1e-12
+    seen = tl.LayeredLiner([PLATE, cavity(13e-3), Weave(1.0), cavity(27e-3)])
+    assert difference(one, seen) > 0.1
+
+
+def test_an_opaque_septum_is_the_backplate():
+    """The error falls as 1/R of the septum; the lower cavity does not count any more."""
+    alone = tl.LayeredLiner([PLATE, cavity(13e-3)])
+    off = [
+        difference(alone, tl.LayeredLiner([PLATE, cavity(13e-3), Weave(r), cavity(5e-3)]))
+        for r in (1e6, 1e9)
+    ]
+    assert off[1] < 1e-6
+    assert off[1] == pytest.approx(off[0] / 1e3, rel=1e-2)
+
+
+def test_sheets_in_series_add():
+    """Perforate plus mesh on one cavity; both see the measured |v|."""
+    mesh = Weave(0.4, 0.2, 1e-5)
+    omega = 2 * torch.pi * BAND
+    one = tl.LayeredLiner([PLATE, cavity()]).impedance(BAND, SPEEDS)
+    found = tl.LayeredLiner([PLATE, mesh, cavity()]).impedance(BAND, SPEEDS)
+    torch.testing.assert_close(found - one, mesh.impedance(omega, SPEEDS, AIR) + 0 * one)
+    swapped = tl.LayeredLiner([mesh, PLATE, cavity()])
+    assert difference(swapped, tl.LayeredLiner([PLATE, mesh, cavity()])) < 1e-14
+    assert swapped.hole_diameter is None and swapped.surface_porosity is None  # noqa: PT018
+
+
+sheets = st.one_of(
+    st.builds(Perforate, st.floats(2e-4, 3e-3), st.floats(1e-4, 3e-3), st.floats(0.005, 0.6)),
+    st.builds(Weave, st.floats(0, 50), st.floats(0, 10), st.floats(0, 1e-3)),
+)
+cavities = st.builds(tl.Cavity, st.floats(1e-4, 0.5), st.floats(2e-4, 0.1), st.floats(0.05, 1))
+stacks = st.tuples(
+    st.lists(sheets, min_size=1, max_size=2),
+    st.lists(st.one_of(sheets, cavities), max_size=4), cavities,
+).map(lambda parts: [*parts[0], *parts[1], parts[2]])  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(layers=stacks, frequency=st.floats(1, 2e5), speed=st.floats(0, 30))
+def test_any_stack_is_passive(layers, frequency, speed):
+    """|R| <= 1, finite, from 1 Hz to 200 kHz and up to 30 m/s."""
+    found = complex(tl.LayeredLiner(layers).impedance(frequency, speed))
+    assert abs(complex(tl.reflection_from_impedance(torch.tensor(found)))) <= 1 + 1e-12
+
+
+@settings(max_examples=50)
+@given(frequency=st.floats(500, 6000), upper=st.floats(5e-3, 0.1), lower=st.floats(5e-3, 0.1),
+       speed=st.floats(0, 10))  # fmt: skip
+def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
+    """Without losses in the air Re Z |v|^2 is R_1 |v|^2 + R_2 |v_s|^2, |v_s| = ratio |v|."""
+    layers = [Weave(0.2), cavity(upper), Weave(0.7), cavity(lower)]
+    linear = tl.LayeredLiner(layers, fluid=SMOOTH)
+    z = complex(linear.impedance(frequency, speed))
+    k = 2 * math.pi * frequency / AIR.sound_speed
+    below = 0.7 - 1j / math.tan(k * lower)
+    ratio = 1 / abs(cmath.cos(k * upper) + 1j * below * cmath.sin(k * upper))
+    assert z.real == pytest.approx(0.2 + 0.7 * ratio**2, rel=1e-4, abs=1e-6)
+
+
+DOUBLE = tl.LayeredLiner(
+    [PLATE, cavity(15e-3, 0.9), Perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3, 0.9)]
+)
+
+
+@pytest.mark.parametrize("stated", [{}, {"septum_ratio": 0.6}])
+def test_every_number_has_a_gradient(stated):
+    """gradcheck of Z over all numbers, backward and forward, through the speed at the septum."""
+    liner = DOUBLE.replace(impedance_offset=0.1 + 0.05j, open_area_fraction=0.7, **stated)
+    names = [name for name in liner.numbers() if not name.startswith("offset")]
+    scales = [liner.numbers()[name].value for name in names]
+
+    def impedance(*shares):
+        values = {n: s * x for n, s, x in zip(names, scales, shares, strict=True)}
+        z = liner.with_numbers(values).impedance([800.0, 2100.0], [0.0, 2.0])
+        return torch.view_as_real(z)
+
+    ones = [torch.ones((), dtype=torch.float64, requires_grad=True) for _ in names]
+    check = {"eps": 1e-6, "atol": 1e-5, "check_forward_ad": True, "fast_mode": True}
+    assert torch.autograd.gradcheck(impedance, ones, **check)
+
+
+def test_numbers_are_named_by_layer():
+    """They are what the layers hold, with their units; a copy with others differs there alone."""
+    numbers = DOUBLE.numbers()
+    assert list(DOUBLE.named_layers()) == ["facesheet", "cavity", "septum", "cavity2"]
+    assert (numbers["septum.porosity"].value, numbers["septum.porosity"].high) == (0.04, 1.0)
+    assert (numbers["cavity2.depth"].value, numbers["cavity2.depth"].unit) == (22e-3, "m")
+    assert "septum_ratio" not in numbers
+    moved = DOUBLE.with_numbers({"cavity2.depth": 30e-3, "temperature": 350.0})
+    assert moved.layers[:3] == DOUBLE.layers[:3]
+    assert moved.layers[3] == cavity(30e-3, 0.9)
+    assert moved.fluid.sound_speed > DOUBLE.fluid.sound_speed
+    assert moved.with_numbers({"cavity2.depth": 22e-3}).layers == DOUBLE.layers
+    with pytest.raises(ValueError, match=r"cavity: depth is -0.01 m; it is above 0 m"):
+        DOUBLE.with_numbers({"cavity2.depth": -0.01})
+
+
+@pytest.mark.parametrize("more", [{}, SHARED, {"septum_ratio": 0.4}, {"septum_speed": 2.5}])
+def test_a_liner_is_read_back_from_its_text(tmp_path, more):
+    (tmp_path / "mine.toml").write_text(liner_text(DOUBLE.replace(**more), "me"))
+    assert tl.load_liner(tmp_path / "mine.toml") == DOUBLE.replace(**more)
+
+
+@pytest.mark.usefixtures("weave")
+def test_a_new_law_needs_no_code_in_the_files(tmp_path):
+    """Its keys and ranges come from its fields."""
+    assert layer_kinds()["weave"] is Weave
+    liner = tl.LayeredLiner([tl.sheet("weave", resistance=0.3, mass=1e-5), cavity()], name="w")
+    (tmp_path / "w.toml").write_text(liner_text(liner, "me"))
+    assert tl.load_liner(tmp_path / "w.toml") == liner
+    with pytest.raises(ValueError, match=r"law of a sheet 'weeve' \(did you mean 'weave'\?\)"):
+        tl.sheet("weeve")
+    with pytest.raises(ValueError, match=r"parameter of sheet 'weave' 'resist' \(did you mean 're"):
+        tl.sheet("weave", resist=0.3)
+
+
+@pytest.mark.usefixtures("weave")
+def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
+    text = """
+    model = "layered"
+    septum_ratio = -1
+    [[layers]]
+    kind = "weave"
+    resistence = 0.1
+    slope = -0.5
+    [[layers]]
+    kind = "cavty"
+    [[layers]]
+    depth = 1
+    [[layers]]
+    kind = "cavity"
+    depth = -5e-3
+    hydraulic_radius = "5 mm"
+    porosity = 55
+    [fluid]
+    densty = 1
+    """
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(ValueError, match=r"a.toml has 10 mistake\(s\)") as caught:
+        tl.load_liner(tmp_path / "a.toml")
+    for line in (
+        "septum_ratio = -1: input should be greater than 0",
+        "layers.0.weave.resistance: missing",
+        "layers.0.weave.resistence: no such key (did you mean 'resistance'?)",
+        "layers.0.weave.slope = -0.5: input should be greater than or equal to 0",
+        "kind is 'cavty' (did you mean 'cavity'?); it is one of perforate,",
+        "kind is None; it is one of perforate,",
+        "layers.3.cavity.depth = -0.005: input should be greater than 0",
+        "layers.3.cavity.hydraulic_radius = '5 mm': input should be a valid number",
+        "layers.3.cavity.porosity = 55: input should be less than or equal to 1",
+        "fluid.densty: no such key (did you mean 'density'?)",
+    ):
+        assert line in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"a.toml has 1 mistake\(s\):\s+layers: missing"),
+        ("[layers]\nkind = 'cavity'", r"write \[\[layers\]\], with two brackets"),
+        ("layers = [3]", r"layers.0 = 3: a table \[\[layers\]\] is needed"),
+        ("layers = []", r"a.toml: liner 'a' has no layers"),
+        ("[[layers]]\nkind = 'cavity'\ndepth = 0.1\nhydraulic_radius = 1e-3",
+         r"a.toml: liner 'a' begins with cavity; the first layer is the sheet"),
+        ("[[layers]]\nkind = 'cavity'\ndepth = 38.1\nhydraulic_radius = 1e-3",
+         r"layers.0.cavity.depth = 38.1: input should be less than or equal to 10"),
+    ],
+)  # fmt: skip
+def test_files_that_are_no_stack_are_refused(tmp_path, text, message):
+    (tmp_path / "a.toml").write_text(f"model = 'layered'\n{text}\n")
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("layers", "more", "message"),
+    [
+        ([], {}, r"liner 'layered' has no layers; a sheet and a cavity are the least"),
+        ([cavity(), PLATE, cavity()], {}, r"begins with cavity; the first layer is the sheet"),
+        ([PLATE, cavity(), PLATE], {}, r"ends in septum \(sheet 'perforate'\), on the backplate"),
+        ([PLATE], {}, r"ends in facesheet \(sheet 'perforate'\), on the backplate or below it"),
+        ([PLATE, cavity()], {"septum_ratio": 0.5}, r"septum_ratio is stated, but no sheet lies"),
+        ([PLATE, cavity(), PLATE, cavity()], {"septum_ratio": 0.5, "septum_speed": 1.0},
+         r"septum_ratio and septum_speed are stated; one of them"),
+        ([PLATE, cavity(), PLATE, cavity()], {"septum_speed": -1.0}, r"liner septum_speed is -1;"),
+        ([PLATE, cavity()], {"cell_pitch": 0.5e-3}, r"orifice_diameter is 0.001 m, larger than"),
+        ([PLATE, cavity()], {"open_area_fraction": 55}, r"open_area_fraction is 55; it is a frac"),
+    ],
+)  # fmt: skip
+def test_stacks_that_are_no_liner_are_refused(layers, more, message):
+    with pytest.raises(ValueError, match=message):
+        tl.LayeredLiner(layers, **more)
+
+
+def test_layers_and_speeds_of_another_kind_are_refused():
+    with pytest.raises(TypeError, match=r"liner 'layered': layer 2 is 0.02; a Sheet or a Cavity"):
+        tl.LayeredLiner([PLATE, 0.02])
+    with pytest.raises(ValueError, match=r"cavity: depth is 0 m; it is above 0 m"):
+        tl.Cavity(0.0, 5e-3)
+    with pytest.raises(ValueError, match=r"speed is \|v\| in m/s; it must be finite"):
+        DOUBLE.impedance(1000.0, -1.0)
+
+
+def test_an_eduction_records_every_layer():
+    """With |v| frozen the map has the model's own Z, and its provenance the layers."""
+    steady = torch.full((2, 900), 3.0, dtype=torch.float64)
+    plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
+    found = tl.educe(plane, DOUBLE, interval=None)
+    assert abs(complex(found.answer[0]) - complex(DOUBLE.impedance(1400.0, 3.0))) < 1e-7
+    assert found.choices["liner"] == DOUBLE.describe()
+    assert found.choices["liner"]["layers"][2]["kind"] == "perforate"
+
+
+def test_files_of_results_keep_the_layers(tmp_path):
+    steady = torch.full((2, 900), 3.0, dtype=torch.float64)
+    plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
+    tl.educe(plane, DOUBLE, interval=None).write(tmp_path / "map.h5")
+    assert tl.read_map(tmp_path / "map.h5").choices["liner"] == DOUBLE.describe()
