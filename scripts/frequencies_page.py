@@ -14,6 +14,7 @@ from torch import Tensor
 import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import impedance_from_reflection
+from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
 from torchliner.report.figure import finish, label_axes, panels_of, styled
 from torchliner.report.figures import draw_spectrum
@@ -50,14 +51,14 @@ def joint_rows() -> list[tuple[str, ...]]:
     return rows
 
 
-def impedance_of(liner: tl.SDoFLiner, speed: Tensor) -> complex:
+def impedance_of(liner: LinerModel, speed: Tensor) -> complex:
     """Z at ``OTHER`` of the mean R over velocities."""
     frequency = torch.tensor(OTHER, dtype=torch.float64)
     mean = reflection_of(liner, frequency, speed.abs().flatten()).mean()
     return complex(impedance_from_reflection(mean))
 
 
-def with_and_without(liner: tl.SDoFLiner, share: float) -> tuple[complex, complex]:
+def with_and_without(liner: LinerModel, share: float) -> tuple[complex, complex]:
     """Z with a tone that has a share of the variance of v, beside Gaussian turbulence, and of that
     turbulence alone."""
     middle = (torch.arange(NODES, dtype=torch.float64) + 0.5) / NODES

@@ -11,7 +11,6 @@ the tables into docs/mass_loss.md and the picture, with its numbers, into docs/f
 from __future__ import annotations
 
 import csv
-import dataclasses
 import functools
 import sys
 from collections.abc import Mapping, Sequence
@@ -101,10 +100,9 @@ def liner_of(case: str, law: Law) -> tl.SDoFLiner:
     base = base_liners()[case]
     if law is LAWS[0]:
         return base
-    own = {each.name: getattr(base, each.name) for each in dataclasses.fields(base)}
     twice = 2 if case in SLITS and not law.width else 1
-    return EndLossSDoFLiner(
-        **own, mach=planes_of(case)[0].mach or 0.0,
+    return EndLossSDoFLiner.of(
+        base, mach=planes_of(case)[0].mach or 0.0,
         hydraulic_diameter=twice * base.orifice_diameter, **law.fixed,
     )  # fmt: skip
 

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.layered import layer_kinds
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.perforate import Perforate
-from torchliner.liners.sheets.sheet import Sheet, parameter
+from torchliner.liners.sheets.sheet import Sheet
 from torchliner.names import SHEET_LAWS
 
 AIR = tl.Fluid()

@@ -10,34 +10,19 @@ and the flow's Mach number M, factors neutral at 1 and coefficients at 0:
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any
 
-import torch
-from pydantic import Field
-
-from torchliner.checks import one_number, plain_number, real_tensor
-from torchliner.liners.catalogue import SDoFFile
-from torchliner.liners.cell import Parameter
+from torchliner.checks import real_tensor
+from torchliner.liners.cell import Parameter, omega_of
 from torchliner.liners.facesheet import SpeedLaw, end_correction
-from torchliner.liners.model import Number
-from torchliner.liners.sdof import SDoFLiner
-
-FACTORS = {  # least value, and whether it makes sense itself
-    "end_correction": (0.0, True),
-    "mass_loss": (0.0, True),
-    "mass_loss_speed": (0.0, False),
-    "mach": (0.0, True),
-    "mach_resistance": (-math.inf, False),
-    "mach_mass_loss": (-math.inf, False),
-}
+from torchliner.liners.further import FurtherSDoFLiner, file_of
+from torchliner.liners.parameters import parameter
 
 
 @dataclass(frozen=True)
-class AdjustedSDoFLiner(SDoFLiner):
+class AdjustedSDoFLiner(FurtherSDoFLiner):
     """``SDoFLiner`` with factors of its own on mass, lost mass and flow; neutral by default.
 
     Args:
@@ -55,41 +40,23 @@ class AdjustedSDoFLiner(SDoFLiner):
 
     model = "adjusted-sdof"
 
-    end_correction: Parameter = 1.0
-    mass_loss: Parameter = 1.0
-    mass_loss_speed: Parameter = 1.0
-    mach: Parameter = 0.0
-    mach_resistance: Parameter = 0.0
-    mach_mass_loss: Parameter = 0.0
+    end_correction: Parameter = parameter(default=1.0, low_included=True)
+    mass_loss: Parameter = parameter(default=1.0, low_included=True)
+    mass_loss_speed: Parameter = parameter(default=1.0)
+    mach: Parameter = parameter(default=0.0, low_included=True)
+    mach_resistance: Parameter = parameter(default=0.0, low=-math.inf)
+    mach_mass_loss: Parameter = parameter(default=0.0, low=-math.inf)
     name: str = "adjusted-sdof"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, (low, included) in FACTORS.items():
-            value = one_number(f"liner {name}", plain_number(getattr(self, name)))
-            if not (low < value < math.inf or (included and value == low)):
-                least = f"{'at least' if included else 'above'} {low:g}"
-                raise ValueError(
-                    f"liner {name} is {value:g}; it is finite"
-                    + (f" and {least}" if low > -math.inf else "")
-                )
-
-    @classmethod
-    def of(cls, liner: SDoFLiner, **factors: Any) -> AdjustedSDoFLiner:
-        """The same liner with factors, SI; those it has already stay where none is given."""
-        own = {each.name: getattr(liner, each.name) for each in dataclasses.fields(liner)}
-        return cls(**own | factors)
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
         law = super().speed_law(frequency)
-        number = {n: real_tensor(getattr(self, n)).to(law.a.device) for n in FACTORS}
+        number = self._tensors(law.a.device)
         porosity, alpha = real_tensor(self.porosity), real_tensor(self.open_area_fraction)
         facing = self.flow_facing_porosity
         open_area = porosity * alpha if facing is None else real_tensor(facing)
         length = 2 * end_correction(real_tensor(self.orifice_diameter) / 2, porosity)
-        ends = 2 * torch.pi * real_tensor(frequency) * length
-        ends = ends / (self.fluid.sound_speed * porosity * alpha)
+        ends = omega_of(frequency) * length / (self.fluid.sound_speed * porosity * alpha)
         factor, mach = number["end_correction"], number["mach"]
         gained = factor - 1 - number["mach_mass_loss"] * mach * factor
         return SpeedLaw(
@@ -101,34 +68,5 @@ class AdjustedSDoFLiner(SDoFLiner):
             law.d * number["mass_loss_speed"] ** 2.5,
         )
 
-    def numbers(self) -> dict[str, Number]:
-        """Those of ``SDoFLiner`` and the factors."""
-        factors = {
-            name: Number(plain_number(getattr(self, name)), low=low, low_included=included)
-            for name, (low, included) in FACTORS.items()
-        }
-        return {**super().numbers(), **factors}
 
-    def with_numbers(self, values: Mapping[str, Any]) -> Self:
-        """See ``LinerModel``."""
-        factors = {name: value for name, value in values.items() if name in FACTORS}
-        moved = super().with_numbers(values)
-        return dataclasses.replace(moved, **factors)  # type: ignore[return-value]
-
-
-class AdjustedSDoFFile(SDoFFile):
-    """Keys of a file with ``model = "adjusted-sdof"``: those of "sdof", and the factors."""
-
-    model: Literal["adjusted-sdof"]  # type: ignore[assignment]
-    end_correction: float = Field(1.0, ge=0)
-    mass_loss: float = Field(1.0, ge=0)
-    mass_loss_speed: float = Field(1.0, gt=0)
-    mach: float = Field(0.0, ge=0)
-    mach_resistance: float = 0.0
-    mach_mass_loss: float = 0.0
-
-    def build(self, path: Any, name: str) -> AdjustedSDoFLiner:
-        """See ``LinerFile``."""
-        values = self.model_dump(exclude={"model", "name", "description", "source", "fluid"})
-        values["impedance_offset"] = complex(*self.impedance_offset)
-        return AdjustedSDoFLiner(**values, fluid=self.fluid.build(), name=self.name or name)
+AdjustedSDoFFile = file_of(AdjustedSDoFLiner)

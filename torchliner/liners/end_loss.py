@@ -13,32 +13,17 @@ a slit; resistance is that of eq. (2.4a).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any
 
 import torch
-from pydantic import Field
 from torch import Tensor
 
-from torchliner.checks import one_number, plain_number, real_tensor
-from torchliner.liners.catalogue import SDoFFile
-from torchliner.liners.cell import Parameter
+from torchliner.checks import real_tensor
+from torchliner.liners.cell import Parameter, omega_of
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, powers
-from torchliner.liners.model import Number
-from torchliner.liners.sdof import SDoFLiner
-
-FITTED = {"loss_displacement": 0.29, "mach_loss": 1.54}  # scripts/mass_loss.py
-OWN = {  # highest value, and whether 0 makes sense
-    "end_loss": (1.0, True),
-    "loss_displacement": (math.inf, False),
-    "mach_loss": (math.inf, True),
-    "mach": (1.0, True),
-    "combination": (8.0, False),
-    "hydraulic_diameter": (math.inf, False),
-}
+from torchliner.liners.further import FurtherSDoFLiner, file_of
+from torchliner.liners.parameters import parameter
 
 
 @dataclass(frozen=True)
@@ -60,7 +45,7 @@ class EndLossLaw(SpeedLaw):
 
 
 @dataclass(frozen=True)
-class EndLossSDoFLiner(SDoFLiner):
+class EndLossSDoFLiner(FurtherSDoFLiner):
     """``SDoFLiner`` with the module's law in place of eq. (2.4b).
 
     Args:
@@ -77,78 +62,35 @@ class EndLossSDoFLiner(SDoFLiner):
 
     model = "sdof-end-loss"
 
-    mach: Parameter = 0.0
-    hydraulic_diameter: Parameter | None = None
-    end_loss: Parameter = 0.5
-    loss_displacement: Parameter = FITTED["loss_displacement"]
-    mach_loss: Parameter = FITTED["mach_loss"]
-    combination: Parameter = 2.0
+    mach: Parameter = parameter(default=0.0, high=1.0, low_included=True)
+    hydraulic_diameter: Parameter | None = parameter("m", default=None, high=0.2)
+    end_loss: Parameter = parameter(default=0.5, high=1.0, low_included=True)
+    loss_displacement: Parameter = parameter(default=0.29)  # scripts/mass_loss.py
+    mach_loss: Parameter = parameter(default=1.54, low_included=True)  # the same
+    combination: Parameter = parameter(default=2.0, high=8.0)
     name: str = "sdof-end-loss"
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.hydraulic_diameter is None:
             object.__setattr__(self, "hydraulic_diameter", self.orifice_diameter)
-        for name, number in self._own().items():
-            value = one_number(f"liner {name}", number.value)
-            if not (0 < value <= number.high or value == 0 == 1 - number.low_included):
-                least = "at least 0" if number.low_included else "above 0"
-                most = "" if number.high == math.inf else f" and at most {number.high:g}"
-                raise ValueError(f"liner {name} is {value:g}; it is finite, {least}{most}")
+        super().__post_init__()
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
-        law = super().speed_law(frequency)
-        omega = 2 * torch.pi * real_tensor(frequency)
-        own = {name: real_tensor(getattr(self, name)).to(omega.device) for name in OWN}
-        porosity = real_tensor(self.porosity)
-        plate = facesheet_impedance(
-            omega, real_tensor(self.facesheet_thickness),
-            real_tensor(self.orifice_diameter) / 2, porosity, self.fluid,
-        )  # fmt: skip
-        inside = omega * self.facesheet_thickness / (self.fluid.sound_speed * porosity)
+        law, omega = super().speed_law(frequency), omega_of(frequency)
+        own = self._tensors(omega.device)
+        porosity, thickness = real_tensor(self.porosity), real_tensor(self.facesheet_thickness)
+        radius = real_tensor(self.orifice_diameter) / 2
+        plate = facesheet_impedance(omega, thickness, radius, porosity, self.fluid)
+        inside = omega * thickness / (self.fluid.sound_speed * porosity)
         ends = (plate.imag - inside) / self.open_area_fraction
         ends = ends + real_tensor(torch.as_tensor(self.impedance_offset).imag)
-        gain = real_tensor(self.velocity_gain)
-        if self.velocity_reading == "conserved":
-            gain = gain / self.open_area_fraction
-        half = own["loss_displacement"] * porosity * omega * own["hydraulic_diameter"] / gain
+        half = own["loss_displacement"] * porosity * omega
+        half = half * own["hydraulic_diameter"] / self._gain()
         return EndLossLaw(
             law.resistance, law.reactance, law.a, law.b, ends, half**2.5, own["end_loss"],
             own["mach_loss"] * own["mach"], own["combination"],
         )  # fmt: skip
 
-    def _own(self) -> dict[str, Number]:
-        unit = {"hydraulic_diameter": "m"}
-        return {
-            name: Number(plain_number(getattr(self, name)), unit.get(name, "1"), high=high,
-                         low_included=included)
-            for name, (high, included) in OWN.items()
-        }  # fmt: skip
 
-    def numbers(self) -> dict[str, Number]:
-        """Those of ``SDoFLiner`` and of the law."""
-        return {**super().numbers(), **self._own()}
-
-    def with_numbers(self, values: Mapping[str, Any]) -> Self:
-        """See ``LinerModel``."""
-        own = {name: value for name, value in values.items() if name in OWN}
-        return super().with_numbers(values).replace(**own)  # type: ignore[return-value]
-
-
-class EndLossFile(SDoFFile):
-    """Keys of a file with ``model = "sdof-end-loss"``: those of "sdof", and those of the law."""
-
-    model: Literal["sdof-end-loss"]  # type: ignore[assignment]
-    mach: float = Field(0.0, ge=0, le=1)
-    hydraulic_diameter: float | None = Field(None, gt=0, lt=0.2)
-    end_loss: float = Field(0.5, ge=0, le=1)
-    loss_displacement: float = Field(FITTED["loss_displacement"], gt=0)
-    mach_loss: float = Field(FITTED["mach_loss"], ge=0)
-    combination: float = Field(2.0, gt=0, le=8)
-
-    def build(self, path: Path, name: str) -> EndLossSDoFLiner:
-        """See ``LinerFile``."""
-        values = self.model_dump(exclude={"model", "name", "description", "source", "fluid"})
-        values["impedance_offset"] = complex(*self.impedance_offset)
-        return EndLossSDoFLiner(**values, fluid=self.fluid.build(), name=self.name or name)
+EndLossFile = file_of(EndLossSDoFLiner)

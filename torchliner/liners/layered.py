@@ -24,7 +24,8 @@ from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.liners.cell import CELL, CellLiner, Parameter, omega_of, speed_of
 from torchliner.liners.model import Number
-from torchliner.liners.sheets.sheet import Layer, Sheet, parameter
+from torchliner.liners.parameters import parameter
+from torchliner.liners.sheets.sheet import Layer, Sheet
 from torchliner.names import SHEET_LAWS, resolve
 
 LARGEST = 10.0  # m; more are millimetres given as metres

@@ -5,7 +5,6 @@ The keys of a layer are the parameters of its class, so a new law needs nothing 
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,21 +13,16 @@ from pydantic_core import InitErrorDetails
 
 from torchliner.liners.catalogue import CellFile
 from torchliner.liners.layered import LayeredLiner, layer_kinds
+from torchliner.liners.parameters import keys_of
 from torchliner.liners.sheets.sheet import Layer
 from torchliner.names import did_you_mean
 from torchliner.toml_files import Strict
 
 
-def keys_of(kind: str, layer: type[Layer]) -> type[Strict]:
+def table_of(kind: str, layer: type[Layer]) -> type[Strict]:
     """Keys of a layer's table, with ranges and defaults."""
-    found: dict[str, Any] = {"kind": (Literal[kind], ...)}
-    for each in fields(layer):
-        limits: dict[str, Any] = {}
-        if about := each.metadata:
-            limits = {"ge" if about["low_included"] else "gt": about["low"], "le": about["high"]}
-        default: Any = ... if each.default is MISSING else each.default
-        found[each.name] = (float if limits else Any, Field(default, **limits))
-    made: type[Strict] = create_model(f"{layer.__name__}Table", __base__=Strict, **found)
+    keys = {"kind": (Literal[kind], ...)} | keys_of(layer)
+    made: type[Strict] = create_model(f"{layer.__name__}Table", __base__=Strict, **keys)
     return made
 
 
@@ -49,7 +43,7 @@ def layer_of(table: Any) -> Layer:
             f"{', '.join(kinds)}"
         )
     try:
-        stated = keys_of(kind, kinds[kind]).model_validate(table).model_dump(exclude={"kind"})
+        stated = table_of(kind, kinds[kind]).model_validate(table).model_dump(exclude={"kind"})
     except ValidationError as error:
         raise ValidationError.from_exception_data(
             error.title,
@@ -81,7 +75,7 @@ class LayeredFile(CellFile):
     @classmethod
     def tables(cls) -> dict[str, type[Strict]]:
         """See ``LinerFile``."""
-        return super().tables() | {kind: keys_of(kind, of) for kind, of in layer_kinds().items()}
+        return super().tables() | {kind: table_of(kind, of) for kind, of in layer_kinds().items()}
 
     def build(self, path: Path, name: str) -> LayeredLiner:
         """See ``LinerFile``."""

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import Plate, left_by_flow
-from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)

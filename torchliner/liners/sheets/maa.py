@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from torchliner.fluid import Fluid
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import DISCHARGE, Plate, jet_resistance, tube_impedance
-from torchliner.liners.sheets.sheet import parameter
 
 JET = 2 * 1.6 / math.pi  # of jet_resistance; Laly et al. print beta/pi, beta = 1.6
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from torchliner.fluid import Fluid
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import (
     DISCHARGE,
     TONE,
@@ -16,7 +17,6 @@ from torchliner.liners.sheets.plate import (
     jet_resistance,
     tube_impedance,
 )
-from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)

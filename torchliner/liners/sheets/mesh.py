@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from torchliner.fluid import Fluid
-from torchliner.liners.sheets.sheet import Sheet, parameter
+from torchliner.liners.parameters import parameter
+from torchliner.liners.sheets.sheet import Sheet
 
 
 @dataclass(frozen=True)

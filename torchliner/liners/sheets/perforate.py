@@ -9,8 +9,8 @@ from torch import Tensor
 
 from torchliner.fluid import Fluid
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import Plate
-from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
 from torchliner.liners.cavity import ratio_i2_i0
 from torchliner.liners.grazing import goodrich_resistance
-from torchliner.liners.sheets.sheet import Sheet, parameter
+from torchliner.liners.parameters import parameter
+from torchliner.liners.sheets.sheet import Sheet
 
 LARGEST = 0.1  # m; a plate above it is one whose millimetres were given as metres
 TONE = 8 * 2**0.5 / (3 * math.pi)

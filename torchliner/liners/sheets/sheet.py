@@ -1,40 +1,20 @@
 """What every sheet of a liner is: a law for the pressure drop across it, and its parameters.
 
 A law is one frozen dataclass in one file of this room and one row of ``names.SHEET_LAWS``. Its
-parameters are fields made by ``parameter``; from these follow the checks, the keys of liner files
-and what sensitivities and fits may vary.
+parameters are fields made by ``parameter`` of ``liners/parameters.py``.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, ClassVar
 
 from torch import Tensor
 
-from torchliner.checks import one_number, real_tensor
+from torchliner.checks import real_tensor
 from torchliner.fluid import Fluid
 from torchliner.liners.model import Number, plain_fields
-
-REQUIRED: Any = dataclasses.MISSING
-SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
-
-
-def parameter(
-    unit: str = "1", *, default: Any = REQUIRED, low: float = 0.0, high: float = math.inf,
-    low_included: bool = False,
-) -> Any:  # fmt: skip
-    """A field of a sheet: a number, or a 0-d float64 tensor through which derivatives pass.
-
-    Args:
-        unit: SI, "1" if it has none.
-        default: SI; without one it must be given.
-        low, high: what makes sense: above ``low``, at most ``high``.
-        low_included: whether ``low`` itself makes sense.
-    """
-    metadata = {"unit": unit, "low": low, "high": high, "low_included": low_included}
-    return dataclasses.field(default=default, metadata=metadata)
+from torchliner.liners.parameters import numbers_of, require_ranges
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,29 +30,11 @@ class Layer:
         return self.law
 
     def __post_init__(self) -> None:
-        for name, number in self.numbers().items():
-            below = number.value < number.low or (
-                number.value == number.low and not number.low_included
-            )
-            if below or not math.isfinite(number.value) or number.value > number.high:
-                edge = "at least" if number.low_included else "above"
-                unit = "" if number.unit == "1" else f" {number.unit}"
-                most = "" if number.high == math.inf else f" and at most {number.high:g}{unit}"
-                slip = SLIPS.get(number.unit, "") if number.value > number.high else ""
-                raise ValueError(
-                    f"{self.label}: {name} is {number.value:g}{unit}; it is {edge} "
-                    f"{number.low:g}{unit}{most}{slip}"
-                )
+        require_ranges(self.numbers(), self.label)
 
     def numbers(self) -> dict[str, Number]:
         """Parameters by name."""
-        return {
-            each.name: Number(one_number(f"{self.label}: {each.name}", plain), **each.metadata)
-            for each in dataclasses.fields(self)
-            if each.metadata
-            for given in (getattr(self, each.name),)
-            for plain in (given.detach() if isinstance(given, Tensor) else given,)
-        }
+        return numbers_of(self, self.label)
 
     def tensors(self, omega: Tensor) -> dict[str, Tensor]:
         """Parameters as float64 tensors beside ``omega``, gradients kept."""

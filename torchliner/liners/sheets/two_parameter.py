@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from torchliner.fluid import Fluid
+from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import DISCHARGE, GrazedPlate, ingard_end, left_by_flow
-from torchliner.liners.sheets.sheet import parameter
 
 
 @dataclass(frozen=True)
