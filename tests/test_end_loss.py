@@ -159,3 +159,11 @@ def test_a_case_of_the_page_comes_out_again():
     made = liner("lbm_orifice_coarse", mach=plane.mach, vena_contracta=0.411)
     z = complex(tl.educe(plane, made, interval=None).of_liner("coherent first")[0])
     assert z == pytest.approx(2.317 - 0.800j, abs=6e-3)
+
+
+def test_another_mach_number_than_that_of_the_data_is_told():
+    """The law needs the flow's; without one in the plane nothing is said."""
+    plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
+    for mach, told in ((0.0, 1), (0.3, 0)):
+        notes = tl.educe(plane, liner("lbm_orifice_coarse", mach=mach), interval=None).notes
+        assert sum("mach is 0 in the liner and 0.3 in" in note for note in notes) == told

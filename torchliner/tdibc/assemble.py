@@ -55,12 +55,14 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
 
 
 def goodrich_of(prepared: Prepared) -> Tensor | None:
-    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*."""
+    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and delta*; what the
+    liner's own law adds for the flow is taken off before."""
     plane, porosity = prepared.plane, prepared.liner.surface_porosity
     diameter = prepared.liner.hole_diameter
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
     added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter)
+    added = added - prepared.liner.flow_resistance
     with torch.no_grad():
         return impedance_of(prepared.liner, prepared.frequency, torch.zeros(1)) + added
 

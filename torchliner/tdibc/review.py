@@ -20,6 +20,7 @@ FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 FLUID_TOLERANCE = 1e-3
+SAME_MACH = 0.01
 EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 
@@ -116,7 +117,7 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[str]:
 
 
 def review_model(plane: VelocityPlane, liner: LinerModel) -> list[str]:
-    """Whether liner and data state the same gas, and whether flow would count twice."""
+    """Whether liner and data state the same gas and flow, and whether flow would count twice."""
     notes, gas = [], liner.fluid
     if liner.flow_resistance > 0:
         notes.append(
@@ -124,6 +125,12 @@ def review_model(plane: VelocityPlane, liner: LinerModel) -> list[str]:
             f"{liner.flow_resistance:.3g} rho c of resistance for grazing flow, but |v| as "
             f"measured in {plane.name} holds the turbulence already (Roncen et al. 2026, section "
             "2.4), so flow would count twice; set the law's mach to 0"
+        )
+    stated = liner.numbers().get("mach")
+    if stated is not None and plane.mach is not None and abs(stated.value - plane.mach) > SAME_MACH:
+        notes.append(
+            f"mach is {stated.value:g} in the liner and {plane.mach:g} in {plane.name}; the "
+            "liner's is used for the model: state the flow's there"
         )
     if gas is None:
         return notes
