@@ -194,6 +194,7 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
         tl.educe(record, MODEL, pressure=3.0)
 
 
+@pytest.mark.filterwarnings("ignore:.*in step with the tone:torchliner.checks.DataWarning")
 @pytest.mark.parametrize(
     ("about", "choices", "reason"),
     [

@@ -164,6 +164,6 @@ def test_a_case_of_the_page_comes_out_again():
 def test_another_mach_number_than_that_of_the_data_is_told():
     """The law needs the flow's; without one in the plane nothing is said."""
     plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
-    for mach, told in ((0.0, 1), (0.3, 0)):
-        notes = tl.educe(plane, liner("lbm_orifice_coarse", mach=mach), interval=None).notes
-        assert sum("mach is 0 in the liner and 0.3 in" in note for note in notes) == told
+    with pytest.warns(tl.DataWarning, match="mach is 0 in the liner and 0.3 in"):
+        tl.educe(plane, liner("lbm_orifice_coarse"), interval=None)
+    tl.educe(plane, liner("lbm_orifice_coarse", mach=0.3), interval=None)

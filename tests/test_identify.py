@@ -20,8 +20,11 @@ from torchliner.identification.curve_model import CurveModel
 from torchliner.identification.curve_problem import BOUNDS
 from torchliner.identification.leave_out import candidate_of, error_of
 from torchliner.identification.speed_curve import Knots, prior_shape
-from torchliner.liners.adjusted import FACTORS
+from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.catalogue import liner_text
+from torchliner.liners.parameters import parameters_of
+
+FACTORS = [each.name for each in parameters_of(AdjustedSDoFLiner)]
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
@@ -354,7 +357,7 @@ def test_a_stated_linear_part_is_kept():
         ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane, .* cannot be free"),
         ({"models": [("mach_resistance",)]}, r"mach_resistance cannot be told: run 0.2 states no"),
         ({"models": [{"mass_loss": (-1, 2)}]}, r"bounds of mass_loss are -1 to 2; it is at l"),
-        ({"models": [(*tuple(FACTORS)[:3], "vena_contracta")], "planes": 2},
+        ({"models": [(*FACTORS[:3], "vena_contracta")], "planes": 2},
          r"2 data of 1 planes cannot fix 4 parameters"),
         ({"models": [{"offset_resistance": (-3.0, -2.0)}]}, r"no fit is passive: R falls to -"),
         ({"reactance": "up"}, r"unknown direction of the reactance 'up'"),
@@ -450,9 +453,9 @@ def test_factors_go_through_files_and_gradients(tmp_path):
     assert torch.autograd.gradcheck(impedance_at, start)
     assert isinstance(made.with_numbers({"porosity": 0.05}), tl.AdjustedSDoFLiner)
     for name, bad, message in (
-        ("mass_loss", -0.1, "liner mass_loss is -0.1; it is finite and at least 0"),
-        ("mass_loss_speed", 0.0, "liner mass_loss_speed is 0; it is finite and above 0"),
-        ("mach_resistance", math.inf, "liner mach_resistance is inf"),
+        ("mass_loss", -0.1, "liner: mass_loss is -0.1; it is at least 0"),
+        ("mass_loss_speed", 0.0, "liner: mass_loss_speed is 0; it is above 0"),
+        ("mach_resistance", math.inf, "liner: mach_resistance is inf; it is finite"),
     ):
         with pytest.raises(ValueError, match=message):
             tl.AdjustedSDoFLiner.of(base(), **{name: bad})

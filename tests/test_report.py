@@ -109,6 +109,20 @@ def test_goodrich_stands_in_map_file_and_figure(liner, tmp_path):
     assert tl.educe(plane_of(turbulence((2, 480))), liner).goodrich is None
 
 
+@pytest.mark.filterwarnings("ignore:.*so flow would count twice")
+def test_goodrich_counts_the_flow_once(liner):
+    """A law that adds the same flow itself gives the same value."""
+    plane = plane_of(turbulence((5, 480)), x=np.arange(5) * 1e-3, mach=0.3,
+                     displacement_thickness=2e-3)  # fmt: skip
+    plate = {"thickness": 0.8e-3, "orifice_diameter": 1.17e-3, "porosity": 0.055}
+    still, moved = (
+        tl.LayeredLiner([tl.sheet("two-parameter", **plate, **flow), tl.Cavity(38e-3, 5e-3)])
+        for flow in ({}, {"mach": 0.3, "displacement_thickness": 2e-3})
+    )
+    values = [tl.educe(plane, each, interval=None).goodrich for each in (still, moved)]
+    assert float((values[0] - values[1]).real.abs().max()) < 1e-12
+
+
 def test_the_style_stays_ours(maps):
     """Drawing does not change the caller's matplotlib settings."""
     import matplotlib

@@ -184,3 +184,10 @@ def test_bad_arguments(frequency, speed, message):
     """A frequency of 0 or a negative |v| has no impedance."""
     with pytest.raises(ValueError, match=message):
         tl.load_liner("polito").impedance(frequency, speed)
+
+
+def test_a_plate_that_would_feed_sound_is_refused(liner):
+    """Thin and more than 77 % open: eq. (2.2b) makes mass and resistance negative."""
+    assert float(liner.replace(facesheet_thickness=1e-4, porosity=0.75).impedance(1400.0).real) > 0
+    with pytest.raises(ValueError, match=r"end corrections are -\S+ m together at porosity 1"):
+        liner.replace(facesheet_thickness=1e-4, porosity=1.0)

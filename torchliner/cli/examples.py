@@ -29,6 +29,10 @@ EXAMPLES = {
         "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
         "low.h5 high.h5 --closure --free vena_contracta=0.4:1",
     ),
+    "identify": (
+        "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",
+        "low.h5 high.h5 --free vena_contracta --free vena_contracta,mass_loss -o law.toml",
+    ),
     "verify": ("",),
     "demo": ("",),
     "info": ("plane.h5",),

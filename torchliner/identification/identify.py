@@ -46,7 +46,8 @@ def identify(
         planes: velocity planes, or their moments.
         liners: one for all planes, or one each: cells, gas, the prior shape of the curve (that of
             the first; differences of Z at rest stay), the law whose parameters are freed. An
-            ``SDoFLiner`` is taken as an ``AdjustedSDoFLiner`` with the Mach number of each plane.
+            ``SDoFLiner`` is taken as an ``AdjustedSDoFLiner``; that and an ``EndLossSDoFLiner``
+            take the Mach number of each plane.
         references: name of an impedance that every plane holds, values by plane, (F,) each,
             "in-situ" (by Dean's method from ``pressure``, else what the plane holds as "in situ"),
             or "closure" (the level alone).

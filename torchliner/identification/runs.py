@@ -106,8 +106,13 @@ def misfit_of(runs: Sequence[Run], names: tuple[str, ...], low: Tensor, high: Te
 
 
 def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
-    """An SDoF liner with factors and the Mach number of a plane; any other as it is."""
-    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0) if isinstance(liner, SDoFLiner) else liner
+    """An SDoF liner with the Mach number of a plane, and with factors unless its own law takes one;
+    any other as it is."""
+    if not isinstance(liner, SDoFLiner):
+        return liner
+    if "mach" in liner.numbers():
+        return liner.replace(mach=mach or 0.0)
+    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,20 @@ def end_correction(radius: Tensor, porosity: Tensor) -> Tensor:
     return 0.85 * radius * (1 - 1.14 * torch.sqrt(porosity))
 
 
+def require_mass(name: str, thickness: float, diameter: float, porosity: float) -> None:
+    """Refuse thin plates so open that eq. (2.2b) makes their mass and resistance negative.
+
+    Raises:
+        ValueError: thickness and end corrections (m) are not above 0 together; ``name`` the plate.
+    """
+    length = thickness + 0.85 * diameter * (1 - 1.14 * porosity**0.5)
+    if length <= 0:
+        raise ValueError(
+            f"{name}: thickness {thickness:g} m and end corrections are {length:.3g} m together at "
+            f"porosity {porosity:g}; eq. (2.2b) holds to 0.77, take law 'melling' above"
+        )
+
+
 def facesheet_impedance(
     omega: Tensor, thickness: Tensor, radius: Tensor, porosity: Tensor, fluid: Fluid
 ) -> Tensor:

@@ -14,7 +14,12 @@ from torchliner.checks import make_plain, plain_number, real_tensor
 from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.cell import LENGTH, SHARE, CellLiner, Parameter, omega_of, speed_of
-from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
+from torchliner.liners.facesheet import (
+    SpeedLaw,
+    facesheet_impedance,
+    require_mass,
+    speed_law_coefficients,
+)
 from torchliner.liners.model import Number
 
 NUMBERS = {  # arguments above 0: unit and highest value
@@ -57,7 +62,8 @@ class SDoFLiner(CellLiner):
             default porosity x open_area_fraction.
         fluid: gas.  name: for labels.
     Raises:
-        ValueError: a length or porosity outside its range, or a hole larger than the pitch.
+        ValueError: a length or porosity outside its range, a hole larger than the pitch, or a thin
+            plate so open that it would feed sound.
     Source: Roncen et al. (2026), section 2 and section 5.3, with the departures named in
         ``liners/cavity.py`` and ``fluid.py``.
     """
@@ -83,6 +89,8 @@ class SDoFLiner(CellLiner):
     def __post_init__(self) -> None:
         make_plain(self, tensors=True)
         self._check(NUMBERS)
+        plate = (self.facesheet_thickness, self.orifice_diameter, self.porosity)
+        require_mass(f"liner {self.name!r}", *map(plain_number, plate))
 
     @property
     def hole_diameter(self) -> float:

@@ -8,7 +8,12 @@ import torch
 from torch import Tensor
 
 from torchliner.fluid import Fluid
-from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, speed_law_coefficients
+from torchliner.liners.facesheet import (
+    SpeedLaw,
+    facesheet_impedance,
+    require_mass,
+    speed_law_coefficients,
+)
 from torchliner.liners.parameters import parameter
 from torchliner.liners.sheets.plate import Plate
 
@@ -34,12 +39,7 @@ class Perforate(Plate):
     def __post_init__(self) -> None:
         super().__post_init__()
         thickness, diameter, porosity, _ = (each.value for each in self.numbers().values())
-        if (length := thickness + 0.85 * diameter * (1 - 1.14 * porosity**0.5)) <= 0:
-            raise ValueError(
-                f"sheet {self.law!r}: thickness {thickness:g} m and end corrections are "
-                f"{length:.3g} m together at porosity {porosity:g}; eq. (2.2b) holds to 0.77, "
-                "take law 'melling' above"
-            )
+        require_mass(f"sheet {self.law!r}", thickness, diameter, porosity)
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
         """See ``Sheet``."""
