@@ -391,6 +391,20 @@ def test_references_of_other_frequencies_are_refused():
         tl.identify([*planes(), other], base(), [*known(), 1 + 0j], freedom=1.0, order=ORDER)
 
 
+@pytest.mark.parametrize("name", ["true", "in-situ"])
+def test_references_that_planes_hold_are_those_of_their_tone(name):
+    """Asked for another frequency, identify and calibrate say so and what would help."""
+    held = {"true": 1 - 0.2j, "in situ": 1 - 0.2j}
+    runs = [plane_of(turbulence((4, 420), i, 1.0 + i), name=f"run {i}", frequency=FREQUENCY,
+                     reference=held) for i in range(3)]  # fmt: skip
+    message = rf"run 0 holds its reference '{name.replace('-', ' ')}' at 1400 Hz, and 1500 Hz is"
+    with pytest.raises(ValueError, match=message):
+        tl.identify(runs, base(), name, frequency=1500.0, freedom=1.0, order=ORDER)
+    if name == "true":
+        with pytest.raises(ValueError, match=message):
+            tl.calibrate(runs, base(), name, {"vena_contracta": (0.3, 1)}, frequency=1500.0)
+
+
 @pytest.mark.filterwarnings("ignore:.*parameters of the curve|R of the curve is known to")
 def test_a_curve_the_wrong_way_is_warned_of():
     with pytest.warns(tl.DataWarning, match=r"the misfit is \S+ times the noise"):

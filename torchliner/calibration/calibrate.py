@@ -212,7 +212,7 @@ def calibrate(
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(None if noise is None else nepers_of(noise), counts)
     else:
-        wanted = references_of([one.plane for one in ready], references, counts)
+        wanted = references_of(ready, references)
         spread = noise_of(noise, counts)
     about = (weights, models, names, low, high, wanted, spread, known)
     misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)

@@ -9,9 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice
+from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.liners.model import LinerModel, named_numbers
-from torchliner.records import VelocityPlane
 from torchliner.tdibc.closure import closure_ratio
 from torchliner.tdibc.known_pressure import known_pressure
 from torchliner.tdibc.prepared import Prepared
@@ -50,29 +49,42 @@ def bounds_of(
     return tuple(numbers), pairs[:, 0], pairs[:, 1]
 
 
-def references_of(
-    planes: Sequence[VelocityPlane], references: Any, counts: Sequence[int]
-) -> Tensor:
-    """Reference impedances of all planes, (D,), by name or by values of each plane, whose numbers
-    of frequencies are ``counts``."""
+def held_reference(one: Prepared, name: str) -> Tensor:
+    """An impedance that a plane holds by name, at its tone, (1,).
+
+    Raises:
+        ValueError: it holds none of that name, or another frequency is asked for.
+    """
+    plane = one.plane
+    if name not in plane.reference:
+        there = ", ".join(plane.reference) or "none"
+        raise ValueError(
+            f"{plane.name} holds no reference {name!r} (it holds: {there}); give the values"
+        )
+    if plane.frequency is not None:
+        asked = one.frequency.tolist()
+        if len(asked) > 1 or abs(asked[0] / plane.frequency - 1) > SAME_FREQUENCY:
+            raise ValueError(
+                f"{plane.name} holds its reference {name!r} at {plane.frequency:g} Hz, and "
+                f"{', '.join(f'{f:g}' for f in asked)} Hz is asked for; leave frequency out, or "
+                "give the values there"
+            )
+    return torch.tensor([complex(plane.reference[name])], dtype=torch.complex128)
+
+
+def references_of(ready: Sequence[Prepared], references: Any) -> Tensor:
+    """Reference impedances of all planes, (D,), by name or by values of each plane."""
     if isinstance(references, str):
-        values: list[Any] = []
-        for plane in planes:
-            if references not in plane.reference:
-                there = ", ".join(plane.reference) or "none"
-                raise ValueError(
-                    f"{plane.name} holds no reference {references!r} (it holds: {there}); give the "
-                    "values"
-                )
-            values.append(plane.reference[references])
+        values: list[Any] = [held_reference(one, references) for one in ready]
     elif references is None:
         raise ValueError("no reference is given; name one of the planes' or give values")
     else:
         values = [references] if isinstance(references, (int, float, complex)) else list(references)
-    if len(values) != len(planes):
-        raise ValueError(f"{len(values)} references for {len(planes)} planes; one each")
+    if len(values) != len(ready):
+        raise ValueError(f"{len(values)} references for {len(ready)} planes; one each")
     found = []
-    for plane, value, count in zip(planes, values, counts, strict=True):
+    for one, value in zip(ready, values, strict=True):
+        plane, count = one.plane, len(one.frequency)
         each = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
         if len(each) != count:
             raise ValueError(

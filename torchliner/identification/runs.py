@@ -17,7 +17,13 @@ from torchliner.calibration.misfit import (
     driving_speed,
     speed_weights,
 )
-from torchliner.calibration.targets import nepers_of, noise_of, references_of, ties_of
+from torchliner.calibration.targets import (
+    held_reference,
+    nepers_of,
+    noise_of,
+    references_of,
+    ties_of,
+)
 from torchliner.conversions import reflection_from_impedance
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.liners.adjusted import AdjustedSDoFLiner
@@ -168,7 +174,7 @@ def gather(
         if isinstance(references, str) and references == IN_SITU:
             references = _in_situ(ready, pressure)
         phases = [True] * len(ready)
-        wanted = references_of([each.plane for each in ready], references, counts)
+        wanted = references_of(ready, references)
         spread = noise_of(noise, counts)
         if noise is None:
             spread = torch.complex(SHARE * wanted.abs(), SHARE * wanted.abs())
@@ -203,13 +209,12 @@ def _in_situ(ready: Sequence[Prepared], records: Any) -> list[Tensor]:
             found.append(beside.liner_impedance)
             break
         else:
-            held = plane.reference.get("in situ")
-            if held is None or len(one.frequency) > 1:
+            if "in situ" not in plane.reference:
                 raise ValueError(
                     f"{plane.name} has no in situ impedance: {fault}; give the pressure record of "
                     "the same run, or leave the plane out"
                 )
-            found.append(torch.tensor([held], dtype=torch.complex128))
+            found.append(held_reference(one, "in situ"))
     return found
 
 
