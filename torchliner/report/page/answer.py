@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap
 from torchliner.records.closure import CLOSES, FAILS, OPEN
 from torchliner.report.map_table import NULL_TEST
 from torchliner.report.page.blocks import Block, Grid, Text, shown, typeset
+from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.subject import MapSubject
-from torchliner.report.table import (
-    Column,
-    Table,
-    format_bounds,
-    format_complex,
-    plain_columns,
-)
+from torchliner.report.table import Column, Table, format_bounds, format_complex
 
 VERDICTS = {CLOSES: "closes", OPEN: "stays open", FAILS: "fails"}
 
@@ -70,42 +64,27 @@ def is_null(result: ImpedanceMap) -> bool:
 
 def answers(subject: MapSubject) -> list[Block]:
     """A row an order of averaging and frequency, that of the answer first."""
-    result, rows = subject.result, []
+    result, closure, rows = subject.result, subject.result.closure, []
     orders = sorted(result.orders, key=lambda each: each != result.order)
     for i, frequency in enumerate(result.frequency.tolist()):
         for order in orders:
-            bounds = result.bounds_of_liner(order, i)
-            rows.append({
-                "frequency": frequency, "order": order,
-                "impedance": complex(result.of_liner(order)[i]),
-                "low": None if bounds is None else bounds[0],
-                "high": None if bounds is None else bounds[1], "bounds": bounds,
-                "closure": "-" if result.closure is None else result.closure.words(order, i),
-                "answer": "the answer" if order == result.order else "",
-            })  # fmt: skip
+            z, bounds = complex(result.of_liner(order)[i]), result.bounds_of_liner(order, i)
+            words = "-" if closure is None else typeset(closure.words(order, i))
+            rows.append({"frequency": frequency, "order": order, **bounded(z, bounds),
+                         "shown": f"{order} (the answer)" if order == result.order else order,
+                         "closure": words})  # fmt: skip
     columns = [
-        Column("frequency (Hz)", "frequency", "f (Hz)", ".1f"),
-        Column("order", heading="order of averaging"),
-        Column("", "answer", "quoted"),
-        *plain_columns("impedance* low* high*", None),
-        Column("", lambda row: row["impedance"].real, "R", ".3f"),
-        Column("", lambda row: row["impedance"].imag, "X", ".3f"),
-    ]
-    if any(row["bounds"] for row in rows):
-        columns.append(Column("", "bounds", "statistical interval", format_bounds))
-    if result.closure is not None:
-        columns.append(Column("closure", heading="closure", text=str))
-    caption = (
-        f"Impedance of the whole liner, Z = R + jX over ρc, in {len(result.orders)} orders of "
-        f"averaging: {'; '.join(f'{o}, {MEANINGS[o]}' for o in orders)}."
-    )
+        FREQUENCY, Column("order"), Column("", "shown", "order of averaging"),
+        *impedance_columns(bounds=result.uncertainty is not None),
+        Column("closure", heading="" if closure is None else "closure"),
+    ]  # fmt: skip
+    caption = f"Impedance of the whole liner over ρc, Z = R + jX. {MEANINGS}"
     blocks: list[Block] = [Grid("answer-table", caption, Table(rows, columns, ".9g"))]
     return [Text(NULL_TEST), *blocks] if is_null(result) else blocks
 
 
-MEANINGS = dict(zip(ORDERS, (
-    "the admittance is averaged over the probes",
-    "the velocity is averaged over each cell and then replayed",
-    "what of the velocity is periodic with the tone is averaged over each cell, the rest is that "
-    "of each probe",
-), strict=True))  # fmt: skip
+MEANINGS = (
+    "Probes first: the admittance is averaged over the probes. Velocity first: the velocity is "
+    "averaged over each cell and then replayed. Coherent first: only what of the velocity is "
+    "periodic with the tone is averaged over the cell."
+)

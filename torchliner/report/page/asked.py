@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from torchliner.records.summaries import frequency_words, shape_words
-from torchliner.report.page.blocks import Block, Facts, Grid, shown
+from torchliner.report.page.blocks import Block, Facts, Folded, Grid, shown
 from torchliner.report.page.subject import MapSubject, _plain, base_choices
 from torchliner.report.table import Column, Table
 from torchliner.tdibc.choices import Choices
@@ -17,6 +17,7 @@ UNITS = {  # by the ending of a parameter's name
     "thickness": "m", "diameter": "m", "depth": "m", "radius": "m", "pitch": "m", "speed": "m/s",
     "density": "kg/m3", "viscosity": "Pa s",
 }  # fmt: skip
+FIRST = ("order", "phase", "drive", "mean", "engine", "window", "interval")
 MARKUP = re.compile(r"``|\s+")
 
 
@@ -29,17 +30,24 @@ def asked(subject: MapSubject) -> list[Block]:
         "sampling rate": (choices.get("sampling_rate"), "kHz", 1e-3),
         "samples": (choices.get("samples"), "", 1),
     }  # fmt: skip
+    named = dict(choices.get("liner") or {})
     facts = [
+        ("liner", shown(named.get("name") or named.get("model") or "not stated")),
         ("probes", shape_words(tuple(result.mean_velocity.shape), "probe")),
         ("cells", str(len(result.cell_x))), ("frequency", frequency_words(result.frequency)),
         *((name, f"{scale * value:.6g} {unit}".strip())
           for name, (value, unit, scale) in number.items() if value is not None),
-        ("sound comes from", result.source_side),
+        ("source side", result.source_side),
     ]  # fmt: skip
-    return [Facts(facts), *_liner(choices.get("liner")), _choices(subject)]
+    liner = liner_table(choices.get("liner"))
+    return [
+        Facts(facts),
+        *_choices(subject),
+        *([Folded("The liner's numbers", liner)] if liner else []),
+    ]
 
 
-def _liner(stated: Any) -> list[Block]:
+def liner_table(stated: Any) -> list[Block]:
     """The model's own numbers, those of its gas included."""
     if not isinstance(stated, Mapping) or not stated:
         return []
@@ -56,25 +64,28 @@ def _liner(stated: Any) -> list[Block]:
     return [Grid("liner-table", caption, Table(rows, columns))]
 
 
-def _choices(subject: MapSubject) -> Grid:
+def _choices(subject: MapSubject) -> list[Block]:
+    """Those that matter first and those that are not the default, then all of them, folded."""
     stated, choices = base_choices(subject.result), subject.result.choices
-    usual, texts = Choices().describe(), meanings()
+    texts = meanings()
     rows = [
-        {"choice": key, "value": _words(choices[key]), "default": _words(usual[key]),
-         "stated": "yes" if key in stated else "", "meaning": texts.get(key, "")}
-        for key in usual if key in choices
+        {"choice": key, "value": _words(choices[key]), "meaning": texts.get(key, ""),
+         "from": "stated" if key in stated else "default"}
+        for key in Choices().describe() if key in choices
     ]  # fmt: skip
-    rows.sort(key=lambda row: (not row["stated"], row["choice"]))
+    rows.sort(key=lambda row: (row["from"] == "default", row["choice"]))
     columns = [
         Column("choice", heading="choice"), Column("value", heading="value"),
-        Column("default", heading="default"), Column("stated", heading="not the default"),
-        Column("meaning", heading="meaning"),
+        Column("from", heading="stated?"), Column("meaning", heading="meaning"),
     ]  # fmt: skip
-    caption = (
-        "Every choice behind the map, those that are not the default first. Time factor "
-        "e^(+jωt), velocity into the liner, impedances over ρc."
-    )
-    return Grid("choices", caption, Table(rows, columns))
+    first = [row | {"meaning": row["meaning"].split(". ")[0]} for row in rows
+             if row["choice"] in FIRST or row["from"] == "stated"]  # fmt: skip
+    caption = "What the answer rests on; every choice is below."
+    return [
+        Grid("main-choices", caption, Table(first, columns)),
+        Folded(f"All {len(rows)} choices, with their meaning",
+               [Grid("choices", "Every choice behind the map.", Table(rows, columns))]),
+    ]  # fmt: skip
 
 
 def _words(value: Any) -> str:
@@ -89,7 +100,7 @@ def _words(value: Any) -> str:
 
 
 def meanings() -> dict[str, str]:
-    """What each choice is, from the one place where that is written: the docstring of ``Choices``."""
+    """What each choice is, from the one place that says it, the docstring of ``Choices``."""
     text = inspect.getdoc(Choices) or ""
     found: dict[str, str] = {}
     for part in re.split(r"\n    (?=\w)", text.partition("Args:")[2]):

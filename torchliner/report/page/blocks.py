@@ -20,7 +20,7 @@ MINUS = re.compile(r"(?<![A-Za-z_/])-(?=\.?\d)")
 
 
 def typeset(text: str) -> str:
-    """Numbers of our own formats with true minus signs: '0.786 \N{MINUS SIGN} 0.116j' stays whole."""
+    """Numbers of our own formats with true minus signs."""
     return MINUS.sub("\N{MINUS SIGN}", text)
 
 
@@ -67,6 +67,15 @@ class Code:
     label: str
     text: str
     kind: ClassVar[str] = "code"
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Blocks that wait for a click on their label; open in print."""
+
+    label: str
+    blocks: Sequence[Any]
+    kind: ClassVar[str] = "folded"
 
 
 @dataclass(frozen=True)
@@ -145,7 +154,7 @@ class Figure:
         return csv_link(self.table)
 
 
-Block = Text | Bullets | Facts | Code | Grid | Figure
+Block = Text | Bullets | Facts | Code | Folded | Grid | Figure
 
 
 @dataclass(frozen=True)

@@ -6,21 +6,21 @@ import math
 from typing import Any
 
 from torchliner.audits.known_truths import nearest_truth
+from torchliner.records.impedance_map import ENDS
 from torchliner.report.alongside import differences
 from torchliner.report.page.blocks import Block, Grid, Text, shown, typeset
+from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.complex_plane import known_of
 from torchliner.report.page.subject import MapSubject
-from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+from torchliner.report.table import Column, Table, format_complex, plain_columns
 
 COLUMNS = (
-    Column("frequency (Hz)", "frequency", "f (Hz)", ".1f"),
+    FREQUENCY,
     Column("name", heading="known from elsewhere"),
-    *plain_columns("impedance* difference* low* high*", None),
     Column("", "impedance", "Z", format_complex),
-    Column("", "difference", "map less that", format_complex),
-    Column("", lambda row: abs(row["difference"]), "|difference|", ".3f"),
-    Column("", "bounds", "interval of the difference", format_bounds),
-    Column("", lambda row: row["verdict"], "do they differ?"),
+    *plain_columns("impedance*"),
+    *impedance_columns("difference", "map less that, {}", "+.3f"),
+    Column("", "verdict", "do they differ?"),
 )
 VERDICTS = {True: "they differ", False: "no difference is shown", None: ""}
 
@@ -39,16 +39,15 @@ def compared(subject: MapSubject) -> list[Block]:
                 outside = None if bounds is None else _outside(bounds)
             else:
                 outside = bool(row["differs"])
-            low, high = bounds or (None, None)
             rows.append({
-                "frequency": frequency, "name": name, "impedance": value, "low": low, "high": high,
-                "difference": mine - value, "bounds": bounds, "verdict": VERDICTS[outside],
+                "frequency": frequency, "name": name, **bounded(value, bounds),
+                "difference": mine - value, "verdict": VERDICTS[outside],
             })  # fmt: skip
     blocks: list[Block] = []
     if rows:
         caption = (
-            f"The answer of the map ({result.order}) less what is known from elsewhere. The interval "
-            "is the joint statistical one where both have one, else the map's alone."
+            f"The answer of the map ({result.order}) less what is known from elsewhere. The "
+            "interval is the joint statistical one where both have one, else the map's alone."
         )
         blocks.append(Grid("compared-table", caption, Table(rows, COLUMNS, ".9g")))
     else:
@@ -72,8 +71,6 @@ def cells(subject: MapSubject) -> list[Block]:
     """Each cell: Z in the order of the answer, its interval, its closure."""
     result, rows = subject.result, []
     found, closure = result.uncertainty, result.closure
-    from torchliner.records.impedance_map import ENDS
-
     values = result.of_cells(result.order)
     for i in subject.drawn:
         for cell, z in enumerate(values[:, i].tolist()):
@@ -81,24 +78,17 @@ def cells(subject: MapSubject) -> list[Block]:
                 found, f"cells{ENDS[result.order]}").bounds(cell, i)  # fmt: skip
             off = None if closure is None else closure.cells.at(
                 closure.orders.index(result.order), cell, i)["level"]  # fmt: skip
-            low, high = bounds or (None, None)
             rows.append({
-                "cell": cell, "frequency": float(result.frequency[i]), "impedance": z,
-                "x": float(result.cell_x[cell]), "z": float(result.cell_z[cell]),
-                "low": low, "high": high, "bounds": bounds, "closure": off,
+                "cell": cell, "frequency": float(result.frequency[i]), **bounded(z, bounds),
+                "x": float(result.cell_x[cell]), "z": float(result.cell_z[cell]), "closure": off,
             })  # fmt: skip
     if not rows:
         return [Text("No cell holds a probe.")]
     columns = [
         Column("cell", heading="cell", text="d"),
         Column("x (m)", "x", "x (mm)", ".2f", 1e3), Column("z (m)", "z", "z (mm)", ".2f", 1e3),
-        Column("frequency (Hz)", "frequency", "f (Hz)", ".1f"),
-        *plain_columns("impedance* low* high*", None),
-        Column("", lambda row: row["impedance"].real, "R", ".3f"),
-        Column("", lambda row: row["impedance"].imag, "X", ".3f"),
+        FREQUENCY, *impedance_columns(bounds=found is not None),
     ]  # fmt: skip
-    if found is not None:
-        columns.append(Column("", "bounds", "statistical interval", format_bounds))
     if closure is not None:
         columns.append(Column("closure (dB)", "closure", "closure (dB)", "+.2f"))
     caption = f"Impedance of each cell over ρc, {result.order}."

@@ -1,4 +1,4 @@
-"""Z in the complex plane: probes, cells, the whole liner in every order, and what is known of it."""
+"""Z in the complex plane: probes, cells, the whole liner in every order, and references."""
 
 from __future__ import annotations
 

@@ -7,19 +7,18 @@ import warnings
 from torchliner.audits.audit import AUDITED, audit
 from torchliner.checks import DataWarning
 from torchliner.report.audit_report import draw_audit, plain_audit
-from torchliner.report.page.blocks import Block, Bullets, Figure, Grid, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown, typeset
+from torchliner.report.page.columns import impedance_columns
 from torchliner.report.page.subject import MapSubject, base_choices
-from torchliner.report.table import Column, Table, format_complex, plain_columns
+from torchliner.report.table import Column, Table, format_complex
 
-NOT_BASE = (*AUDITED, "order", "incident", "device", "memory", "rank_tolerance", "levels", "spacing",
-            "interpolation", "velocity_max")  # fmt: skip
+NOT_BASE = (
+    *AUDITED, "order", "incident", "device", "memory", "rank_tolerance", "levels", "spacing",
+    "interpolation", "velocity_max",
+)  # fmt: skip
 COLUMNS = (
     Column("factor", heading="choice"), Column("variant", heading="changed to"),
-    *plain_columns("impedance* change*"),
-    Column("", lambda row: row["impedance"].real, "R", ".3f"),
-    Column("", lambda row: row["impedance"].imag, "X", ".3f"),
-    Column("", lambda row: row["change"].real, "change of R", "+.3f"),
-    Column("", lambda row: row["change"].imag, "change of X", "+.3f"),
+    *impedance_columns(bounds=False), *impedance_columns("change", "change of {}", "+.3f", False),
     Column("closure (dB)", "closure", "closure (dB)", "+.2f"),
 )  # fmt: skip
 
@@ -65,11 +64,18 @@ def moved(subject: MapSubject) -> list[Block]:
     blocks: list[Block] = [
         Text(typeset(text)),
         Figure("audit", draw_audit(found), typeset(alt), caption, table),
-        Grid("audit-table", f"Variants, by how far they move Z, at {frequency:g} Hz.", table),
+        Grid(
+            "audit-table",
+            typeset(
+                f"Variants, by how far they move Z, at {frequency:g} Hz. Closure here: "
+                f"{shown(found.closure_words)}."
+            ),
+            table,
+        ),
     ]
     if found.skipped:
-        blocks += [Text("Not varied with these data:"),
-                   Bullets([f"{key}: {shown(why)}" for key, why in found.skipped.items()])]  # fmt: skip
+        reasons = [f"{key}: {shown(why)}" for key, why in found.skipped.items()]
+        blocks.append(Folded("Not varied with these data, and why", [Bullets(reasons)]))
     return blocks
 
 

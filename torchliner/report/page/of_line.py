@@ -9,10 +9,11 @@ from torchliner.records import ImpedanceLine
 from torchliner.report.line_figures import draw_lines
 from torchliner.report.line_table import line_rows
 from torchliner.report.page.answer import closure_clause, state
-from torchliner.report.page.asked import _liner, _words
+from torchliner.report.page.asked import _words, liner_table
 from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
-from torchliner.report.page.origin import citation, files_table, versions
+from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
@@ -30,7 +31,7 @@ def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
         Section("stations-section", "Stations", [_stations(line)]),
         Section("comparison", "Comparison", _compared(line)),
         Section("origin", "Inputs and provenance", [
-            files_table([("line", path, "" if path else "this line, in memory")]),
+            *files_of([("line", path, "" if path else "this line, in memory")]),
             versions(line.choices.get("version")),
         ]),
         Section("cite", "Citation", citation()),
@@ -42,7 +43,7 @@ def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
 
 def _sentence(line: ImpedanceLine) -> str:
     if line.average is None:
-        return f"{line.stations} stations that have not been joined: there is no impedance of the line."
+        return f"{line.stations} stations that have not been joined: no impedance of the line."
     frequency, found = float(line.frequency[0]), line.average
     text = (
         f"At {frequency:g} Hz the impedance of the line is Z = "
@@ -65,18 +66,12 @@ def _averages(line: ImpedanceLine) -> list[Block]:
     rows: list[dict[str, Any]] = []
     for i, frequency in enumerate(line.frequency.tolist()):
         bounds = None if found.interval is None else found.interval.bounds(i)
-        low, high = bounds or (None, None)
-        rows.append({
-            "frequency": frequency, "impedance": complex(found.impedance[i]), "bounds": bounds,
-            "low": low, "high": high, "spread_along": complex(found.spatial_spread[i]),
-        })  # fmt: skip
+        rows.append({"frequency": frequency, **bounded(complex(found.impedance[i]), bounds),
+                     "spread": complex(found.spatial_spread[i])})  # fmt: skip
     columns = [
-        Column("frequency (Hz)", "frequency", "f (Hz)", ".1f"),
-        *plain_columns("impedance* low* high* spread_along*", None),
-        Column("", "impedance", "Z", format_complex),
-        Column("", "bounds", "statistical interval", format_bounds),
-        Column("", "spread_along", "spread along the line", format_complex),
-    ]
+        FREQUENCY, *impedance_columns(),
+        *impedance_columns("spread", "spread of {} along the line", bounds=False),
+    ]  # fmt: skip
     caption = "Z = 1/mean(1/Z) over ρc over the stations that count; R and X of the spread."
     return [Grid("answer-table", caption, Table(rows, columns, ".9g"))]
 
@@ -85,7 +80,7 @@ def _asked(line: ImpedanceLine) -> list[Block]:
     rows = [{"choice": str(key), "value": _words(value)} for key, value in line.choices.items()
             if not isinstance(value, dict)]  # fmt: skip
     columns = [Column("choice", heading="choice"), Column("value", heading="value")]
-    return [*_liner(line.choices.get("liner")),
+    return [*liner_table(line.choices.get("liner")),
             Grid("choices", "Every choice behind the line.", Table(rows, columns))]  # fmt: skip
 
 

@@ -12,11 +12,12 @@ from torchliner.report.figure import COLOURS, draw_curve, finish, impedance_pane
 from torchliner.report.figure import Figure as Drawing
 from torchliner.report.page.asked import _words
 from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
-from torchliner.report.page.origin import citation, files_table, versions
+from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.warned import warnings_of
-from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+from torchliner.report.table import Column, Table, format_bounds, format_complex
 
 ORDERS = {"": "admittance over points", "_pressure_first": "pressure first"}
 
@@ -40,7 +41,7 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
         Section("asked", "What was asked",
                 [Grid("choices", "Every choice.", Table(choices, columns))] if choices else []),
         Section("along", "Along x", _along(found)),
-        Section("origin", "Inputs and provenance", [files_table(files), versions(None)]),
+        Section("origin", "Inputs and provenance", [*files_of(files), versions(None)]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip
     return Page(f"Impedances: {found.name}", typeset(answer), "", sections, FOOTER)
@@ -53,23 +54,16 @@ def _table(found: PointImpedances) -> Grid:
         for end, order in ORDERS.items():
             where = {"frequency": frequency, "order": order}
             values = getattr(found, f"liner_impedance{end}")[i], found.bounds_of_liner(end, i)
-            rows.append({"place": "whole surface", **where, **_row(*values)})
+            rows.append({"place": "whole surface", **where, **bounded(*values)})
             for cell, z in enumerate(getattr(found, f"cell_impedance{end}")[:, i]):
                 values = z, found.bounds_of_cell(cell, end, i)
-                rows.append({"place": f"cell {cell}", **where, **_row(*values)})
+                rows.append({"place": f"cell {cell}", **where, **bounded(*values)})
     columns = [
         Column("place", heading="place"), Column("order", heading="order of averaging"),
-        Column("frequency (Hz)", "frequency", "f (Hz)", ".1f"),
-        *plain_columns("impedance* low* high*", None), Column("", "impedance", "Z", format_complex),
-        Column("", "bounds", "statistical interval", format_bounds),
+        FREQUENCY, *impedance_columns(bounds=found.uncertainty is not None),
     ]  # fmt: skip
     return Grid("answer-table", "Z over ρc of the whole surface and of each cell.",
                 Table(rows, columns, ".9g"))  # fmt: skip
-
-
-def _row(z: torch.Tensor, bounds: tuple[complex, complex] | None) -> dict[str, object]:
-    low, high = bounds or (None, None)
-    return {"impedance": complex(z), "bounds": bounds, "low": low, "high": high}
 
 
 def _along(found: PointImpedances) -> list[Block]:
@@ -82,8 +76,8 @@ def _along(found: PointImpedances) -> list[Block]:
         f"{part} from {a:.3f} to {b:.3f}" for part, (a, b) in low.items()
     ) + "."  # fmt: skip
     caption = (
-        f"Impedance along x at {float(found.frequency[0]):g} Hz; crosses: cells, filled, admittance "
-        "over points, and open, pressure first."
+        f"Impedance along x at {float(found.frequency[0]):g} Hz; crosses: cells, filled, "
+        "admittance over points, and open, pressure first."
     )
     return [Figure("along-x", _draw(found), typeset(alt), caption, curves.table)]
 

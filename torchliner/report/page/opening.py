@@ -11,7 +11,7 @@ from torchliner.io.hdf5 import open_file, text_attribute
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.io.tables import FileKind
-from torchliner.io.whole_file import HDF5, printable
+from torchliner.io.whole_file import HDF5, printable, writable
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import ImpedanceLine, ImpedanceMap, PointImpedances
 from torchliner.report.page.of_line import page_of_line
@@ -19,7 +19,6 @@ from torchliner.report.page.of_map import page_of_map
 from torchliner.report.page.of_points import page_of_points
 from torchliner.report.page.render import ENDING, Page, require_report
 from torchliner.report.page.subject import subject_of
-from torchliner.io.whole_file import writable
 
 RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
     (map_file.KIND, map_file.read_map),
@@ -89,10 +88,8 @@ def read_result(path: Path) -> Any:
                 f"{kind.schema!r}: take the torchliner that wrote it, or a newer one"
             )
     what = f"its schema is {printable(schema)!r}" if schema else "it states no schema"
-    raise ValueError(
-        f"{path} is no result: {what}; a report is made of {', '.join(k.noun + 's' for k, _ in RESULTS)}"
-        " and folders of campaigns"
-    )
+    raise ValueError(f"{path} is no result: {what}; a report is made of an impedance map, an "
+                     "impedance line, point impedances or the folder of a campaign")  # fmt: skip
 
 
 def data_of(path: Path, **request: Any) -> Any:

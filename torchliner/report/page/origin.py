@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.records import ImpedanceMap
-from torchliner.report.page.blocks import Block, Code, Facts, Grid, Text, shown
+from torchliner.report.page.blocks import Block, Code, Facts, Text, shown
 from torchliner.report.page.subject import MapSubject, base_choices
-from torchliner.report.table import Column, Table
 from torchliner.version import __version__
 
 MOST_HASHED = 4 << 30  # bytes of a file that is read for its hash
@@ -50,21 +49,17 @@ def hash_of(path: Path | None) -> str:
     return found.hexdigest()
 
 
-def files_table(files: Sequence[tuple[str, Path | None, str]]) -> Grid:
+def files_of(files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
     """Files by what they are, with size and hash."""
-    rows = []
+    facts = []
     for what, path, name in files:
         there = path is not None and path.is_file()
-        rows.append({
-            "what": what, "file": shown(name or path or ""), "sha256": hash_of(path),
-            "bytes": path.stat().st_size if there and path is not None else None,
-        })  # fmt: skip
-    columns = [
-        Column("what", heading="what"), Column("file", heading="file"),
-        Column("bytes", heading="bytes", text=",d"), Column("sha256", heading="SHA-256 now"),
-    ]  # fmt: skip
-    caption = "Files, with the hash that each has now; a map does not hold the hash of its data."
-    return Grid("files", caption, Table(rows, columns))
+        size = f", {path.stat().st_size:,} bytes" if there and path is not None else ""
+        facts.append((what, f"{shown(name or path or '')}{size}; SHA-256: {hash_of(path)}"))
+    return [
+        Text("Files with their hashes as they are now; a result does not keep those of its data."),
+        Facts(facts),
+    ]
 
 
 def source_of(result: Any) -> Path | None:
@@ -83,8 +78,8 @@ def origin(subject: MapSubject) -> list[Block]:
               if (found := str(other.choices.get("source", "")))]  # fmt: skip
     if subject.data is not None and subject.data != source:
         files.append(("data of this report", subject.data, str(subject.data)))
-    blocks: list[Block] = [files_table(files), _stated(result.choices.get("data"))]
-    return [*blocks, *command(subject), versions(result.choices.get("version"))]
+    return [*files_of(files), _stated(result.choices.get("data")), *command(subject),
+            versions(result.choices.get("version"))]  # fmt: skip
 
 
 def _stated(data: Any) -> Block:
@@ -97,8 +92,10 @@ def _stated(data: Any) -> Block:
 
 def versions(made: Any) -> Facts:
     """Of what made the result and of what made the page."""
-    found = [("result made by torchliner", shown(made or "not stated")),
-             ("page made by torchliner", __version__), ("Python", platform.python_version())]  # fmt: skip
+    found = [
+        ("result made by torchliner", shown(made or "not stated")),
+        ("page made by torchliner", __version__), ("Python", platform.python_version()),
+    ]  # fmt: skip
     for name in PACKAGES:
         try:
             found.append((name, version(name)))
@@ -133,9 +130,9 @@ def command(subject: MapSubject) -> list[Block]:
     arguments += [f"{key}={value!r}" for key, value in chosen.items()]
     arguments += [f"pressure=tl.read_pressure({beside!r})"] if beside else []
     body = ",\n    ".join(arguments)
-    notes = [_incomplete(result, bool(beside), subject.model is None)]
+    lost = _incomplete(result, bool(beside), subject.model is None)
     return [
-        Text(" ".join(filter(None, notes)) or "The map again, from its own record of its choices:"),
+        Text(f"The map again, from its own record of its choices. {lost}".strip()),
         Code("command", " ".join(map(shlex.quote, words))),
         Code("Python", f"import torchliner as tl\n\nfound = tl.educe(\n    {body},\n)"),
     ]
@@ -163,9 +160,7 @@ def _incomplete(result: ImpedanceMap, beside: bool, unknown: bool) -> str:
         found.append("the file of the wall pressures (--wall-pressure)")
     if result.choices.get("incident") is not None:
         found.append("the samples of an incident signal from a file")
-    if not found:
-        return ""
-    return f"The map again, from its own record of its choices, which does not hold {', '.join(found)}:"
+    return f"The record does not hold {', '.join(found)}." if found else ""
 
 
 def citation(_: Any = None) -> list[Block]:

@@ -7,6 +7,7 @@ import torch
 from torchliner.records import ImpedanceMap
 from torchliner.report import figures
 from torchliner.report.numbers import (
+    COMPLEX_PART,
     impedance_along_x,
     impedance_over_frequency,
     interval_words,
@@ -27,8 +28,7 @@ def over_liner(subject: MapSubject) -> list[Block]:
     for i in subject.drawn:
         if not figures.over_surface(result, i):
             continue
-        shares = [at_probes(getattr(subject.result, part)[..., i]) for part in ("resistance",
-                                                                               "reactance")]  # fmt: skip
+        shares = [at_probes(getattr(subject.result, part)[..., i]) for part in COMPLEX_PART]
         low, middle, high = zip(*(_percentiles(each) for each in shares), strict=True)
         frequency = float(result.frequency[i])
         alt = (
@@ -62,15 +62,13 @@ def _probe_table(result: ImpedanceMap, index: int) -> Table:
     """A row a probe."""
     shape = tuple(result.mean_velocity.shape)
     values = {part: part_of(result.impedance[..., index], part).reshape(-1).tolist()
-              for part in ("resistance", "reactance")}  # fmt: skip
+              for part in COMPLEX_PART}  # fmt: skip
     x, z = result.x, result.z
     if len(shape) == 2:
         x = None if x is None else x.repeat(shape[0])
         z = None if z is None else z.repeat_interleave(shape[1])
-    columns = {
-        **{f"{axis} (m)": place.tolist() for axis, place in (("x", x), ("z", z)) if place is not None},
-        **{f"{part} (rho c)": column for part, column in values.items()},
-    }  # fmt: skip
+    columns = {f"{axis} (m)": at.tolist() for axis, at in (("x", x), ("z", z)) if at is not None}
+    columns |= {f"{part} (rho c)": column for part, column in values.items()}
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return Table(rows, [Column(name) for name in columns], ".6g")
 
@@ -87,7 +85,7 @@ def along_x(subject: MapSubject) -> list[Block]:
     for i in subject.drawn:
         curves = impedance_along_x(result, i)
         ends = {part: _percentiles(torch.from_numpy(curves.values[part]).double().flatten())
-                for part in ("resistance", "reactance")}  # fmt: skip
+                for part in COMPLEX_PART}  # fmt: skip
         frequency = float(result.frequency[i])
         alt = f"Two curves along x at {frequency:g} Hz, {len(curves.at)} places: " + "; ".join(
             f"{part} from {low:.3f} to {high:.3f}, median {middle:.3f}"
@@ -114,9 +112,9 @@ def in_complex_plane(subject: MapSubject) -> list[Block]:
                   for row in table.rows if row["what"] != "cell"]  # fmt: skip
         frequency = float(result.frequency[i])
         caption = (
-            f"Z over ρc in the complex plane at {frequency:g} Hz: probes, cells, the whole liner in "
-            "each order of averaging and what is known of it from elsewhere. Crosses: statistical "
-            "intervals of R and of X."
+            f"Z over ρc in the complex plane at {frequency:g} Hz: probes, cells, the whole liner "
+            "in each order of averaging and what is known of it from elsewhere. Crosses: "
+            "statistical intervals of R and of X."
         )
         alt = f"Impedances in the complex plane at {frequency:g} Hz: {'; '.join(places)}."
         drawn = draw_complex_plane(result, i)
@@ -132,7 +130,7 @@ def spectrum(subject: MapSubject) -> list[Block]:
     curves = impedance_over_frequency(result)
     low, high = float(result.frequency.min()), float(result.frequency.max())
     ends = {part: _percentiles(torch.from_numpy(curves.values[part]).double())
-            for part in ("resistance", "reactance")}  # fmt: skip
+            for part in COMPLEX_PART}  # fmt: skip
     alt = (
         f"Resistance and reactance of the whole liner at {len(curves.at)} frequencies from "
         f"{low:g} to {high:g} Hz: " + "; ".join(

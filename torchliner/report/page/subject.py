@@ -154,9 +154,10 @@ def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str,
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
     derived = ("velocity_max",) if result.choices.get("response") == "model" else ()
-    found = {key: value for key, value in result.choices.items() if key in usual
-             and _plain(value) != _plain(usual[key]) and key not in (*without, *derived)}  # fmt: skip
-    return _tuples(found)
+    left_out = (*without, *derived)
+    known = {key: value for key, value in result.choices.items() if key in usual}
+    return _tuples({key: value for key, value in known.items()
+                    if key not in left_out and _plain(value) != _plain(usual[key])})  # fmt: skip
 
 
 def drawable(result: ImpedanceMap) -> ImpedanceMap:

@@ -6,8 +6,9 @@ import io
 import re
 from typing import Any
 
-from torchliner.report.figure import require_matplotlib
+from torchliner.report.figure import COLOURS, require_matplotlib
 
+INKS = dict(zip(COLOURS, ("blue", "vermilion", "green", "purple", "sky", "orange"), strict=False))
 GREY = re.compile(r"(fill|stroke): #([0-9a-f]{2})\2\2(?![0-9a-f])")
 
 
@@ -19,13 +20,16 @@ def inline_svg(figure: Any, name: str) -> str:
     figure.suptitle("")
     file = io.StringIO()
     with require_matplotlib().rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
-        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+        figure.savefig(file, format="svg", transparent=True, bbox_inches="tight", pad_inches=0.02,
+                       metadata={"Date": None})  # fmt: skip
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'\bid="([^"]*)"', rf'id="{name}-\1"', text)
     text = re.sub(r'(href="|url\()#', rf"\1#{name}-", text)
     text = GREY.sub(_ink, text)
+    for colour, ink in INKS.items():
+        text = text.replace(f": {colour.lower()}", f": var(--{ink})")
     return re.sub(r"<svg [^>]*?(viewBox=\"[^\"]*\")[^>]*>", _head, text, count=1)
 
 

@@ -1,4 +1,4 @@
-"""Statistics of the velocity, and the distribution of |v| where the data or their moments are given."""
+"""Statistics of the velocity, and the distribution of |v| where data or moments are given."""
 
 from __future__ import annotations
 
