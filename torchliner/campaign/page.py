@@ -1,4 +1,4 @@
-"""The page of a campaign: one row a case, with small multiples of R and X, and links to its maps."""
+"""The page of a campaign: one row a case with small multiples of R and X, and links."""
 
 from __future__ import annotations
 
@@ -12,7 +12,17 @@ from urllib.parse import quote
 
 from torchliner.campaign.index import COLUMNS, DONE, read_index
 from torchliner.io.whole_file import writable, writable_folder
-from torchliner.report.page.blocks import Block, Bullets, Facts, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import (
+    Block,
+    Bullets,
+    Drawn,
+    Facts,
+    Grid,
+    Section,
+    Text,
+    shown,
+    typeset,
+)
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.opening import report_file
 from torchliner.report.page.origin import citation, files_of, versions
@@ -40,8 +50,8 @@ def report_campaign(folder: Path, output: Path, *, cases: bool = False) -> tuple
     rows, title, version = read_index(folder)
     writable(output, ENDING)
     beside = output.with_name(f"{output.stem}_cases")
-    units = {name: list(group) for name, group in itertools.groupby(
-        sorted(rows, key=lambda row: (row["unit"], row["frequency"])), lambda row: row["unit"])}  # fmt: skip
+    ordered = sorted(rows, key=lambda row: (row["unit"], row["frequency"]))
+    units = {name: list(rows) for name, rows in itertools.groupby(ordered, lambda r: r["unit"])}
     written: list[Path] = []
     if cases:
         writable_folder(beside)
@@ -113,23 +123,22 @@ def _cases(units: Mapping[str, Rows], beside: Path, linked: set[str]) -> Grid:
             "frequencies": len(several), "height": first["height"],
             "impedance": complex(first["resistance"], first["reactance"]),
             "closure": first["closure"] or "-", "notes": first["notes"], "status": first["status"],
-            **{f"{part}_strip": markupsafe.Markup(_strip(several, part, limits[part]))
+            **{f"{part}_strip": Drawn(first[part], _strip(several, part, limits[part]))
                for part in PARTS.values()},
         })  # fmt: skip
     columns = [
         Column("case"), Column("", "link", "case"),
         Column("height (m)", "height", "y (mm)", ".2f", 1e3),
         Column("", "impedance", "Z", lambda z: "-" if z != z else format_complex(z)),
-        *(Column("", f"{part}_strip",
-                 f"{name}, {limits[part][0]:.2f} to {limits[part][1]:.2f}") for name, part in
-          PARTS.items()),
+        *(Column("", f"{part}_strip", typeset("{}, {:.2f} to {:.2f}".format(name, *limits[part])))
+          for name, part in PARTS.items()),
         Column("closure", heading="closure"), Column("", "notes", "warnings", ".0f"),
         Column("status", heading="status"),
     ]  # fmt: skip
-    several = max(len(rows) for rows in units.values())
+    most = max((len(several) for several in units.values()), default=1)
     what = (
         "dots with their statistical intervals"
-        if several == 1
+        if most == 1
         else "curves over frequency, with their statistical intervals as bands"
     )
     caption = (
@@ -163,7 +172,8 @@ def _strip(rows: Rows, part: str, limits: tuple[float, float]) -> str:
         drawn = ""
         if math.isfinite(row[f"{part}_low"]):
             ends = (across(row[f"{part}_low"]), across(row[f"{part}_high"]))
-            drawn = f'<path d="M{ends[0]:.1f} {middle}H{ends[1]:.1f}" stroke="var(--blue)" stroke-width="2"/>'
+            line = f"M{ends[0]:.1f} {middle}H{ends[1]:.1f}"
+            drawn = f'<path d="{line}" stroke="var(--blue)" stroke-width="2"/>'
         drawn += f'<circle cx="{across(row[part]):.1f}" cy="{middle}" r="3.2" fill="var(--blue)"/>'
     else:
         drawn = _curve(known, part, limits)

@@ -96,7 +96,7 @@ def _words(value: Any) -> str:
         return f"{value:.7g}"
     if isinstance(value, list):
         return ", ".join(map(_words, value))
-    return {True: "yes", False: "no"}.get(value, value) if isinstance(value, bool) else shown(value)
+    return ("no", "yes")[value] if isinstance(value, bool) else shown(value)
 
 
 def meanings() -> dict[str, str]:

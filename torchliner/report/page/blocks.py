@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from torchliner.io.csv_rows import fill_csv
 from torchliner.io.whole_file import printable
@@ -84,6 +84,22 @@ class Cell:
 
     text: str
     value: str
+
+
+class Drawn(float):
+    """A number that is shown as markup of our own, and sorted as what it is."""
+
+    def __new__(cls, value: float, markup: str) -> Self:
+        """A number with its markup."""
+        made = super().__new__(cls, value)
+        made.markup = markup
+        return made
+
+    markup: str
+
+    def __html__(self) -> str:
+        """For the template, which escapes all else."""
+        return self.markup
 
 
 @dataclass(frozen=True)
@@ -168,10 +184,10 @@ class Section:
 
 def _cell_text(column: Column, row: Any) -> str:
     """Numbers with true minus signs; texts in one line; drawings as they are."""
-    text = column.cell(row)
-    if hasattr(text, "__html__"):
-        return text
-    return typeset(text) if column.text else shown(text)
+    value = column.value(row)
+    if hasattr(value, "__html__"):
+        return value
+    return typeset(column.cell(row)) if column.text else shown(column.cell(row))
 
 
 def _number(value: Any) -> str:

@@ -27,7 +27,7 @@ def moved(subject: MapSubject) -> list[Block]:
     """A row a variant, the largest mover first; why there is none."""
     result, index = subject.result, subject.main
     reason = _missing(subject)
-    if reason:
+    if reason or subject.known is None:
         return [Text(reason)]
     frequency = float(result.frequency[index])
     try:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
 from torchliner.report.line_figures import draw_lines
-from torchliner.report.line_table import line_rows
 from torchliner.report.page.answer import closure_clause, state
 from torchliner.report.page.asked import _words, liner_table
 from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset

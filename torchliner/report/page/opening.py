@@ -25,6 +25,9 @@ RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
     (line_file.KIND, line_file.read_line),
     (point_file.KIND, point_file.read_points),
 )
+PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
+    ImpedanceLine: page_of_line, PointImpedances: page_of_points,
+}  # fmt: skip
 
 
 def write_report(
@@ -53,8 +56,7 @@ def page_of(
     """
     if isinstance(result, ImpedanceMap):
         return page_of_map(subject_of(result, source, data, liner))
-    pages = {ImpedanceLine: page_of_line, PointImpedances: page_of_points}
-    make = pages.get(type(result))
+    make = PAGES.get(type(result))
     if make is None:
         raise TypeError(f"{type(result).__name__} is no result that has a report; a map, a line or "
                         "points are")  # fmt: skip

@@ -3,9 +3,9 @@ r"""How |v| is distributed, from its moments: no sample is needed.
 The moments of a record, :math:`m_k = \langle T_k(x)\rangle` with x = (|v| - c)/(|v| + c), are the
 coefficients of the density of :math:`\theta = \arccos x`, :math:`p = (m_0 + 2 \sum_k g_k m_k \cos
 k\theta)/\pi`. With Jackson's factors g_k it is nowhere negative and smooth over about
-:math:`\pi/K` in theta; its integral is a sum of sines. Source of the factors: the kernel polynomial
-method, Weisse et al. (2006), Rev. Mod. Phys. 78, 275, as public codes that name it have them; a test
-holds the result against the samples.
+:math:`\pi/K` in theta; its integral is a sum of sines. The factors are those of the kernel
+polynomial method, Weisse et al. (2006), Rev. Mod. Phys. 78, 275, as public codes that name it have
+them; a test holds the result against the samples.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> M
     remedy = "name the plane, or its moments, that the map was educed from"
     require_same_case(label, plane, ("height",), remedy)
     shape = tuple(result.mean_velocity.shape)
-    pairs = [("probes", shape, tuple(plane.probe_shape))]
+    pairs: list[tuple[str, Any, Any]] = [("probes", shape, tuple(plane.probe_shape))]
     pairs += [("samples", result.choices.get("samples", plane.samples), plane.samples)]
     for what, mine, theirs in pairs:
         if mine != theirs:
