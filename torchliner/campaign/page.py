@@ -14,12 +14,10 @@ from torchliner.campaign.index import COLUMNS, DONE, read_index
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.report.page.blocks import (
     Block,
-    Bullets,
     Drawn,
     Facts,
     Grid,
     Section,
-    Text,
     shown,
     typeset,
 )
@@ -27,10 +25,11 @@ from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.opening import report_file
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import ENDING, Page, require_report
+from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_complex
 
 PARTS = {"R": "resistance", "X": "reactance"}
-WIDTH, HEIGHT, EDGE = 150.0, 22.0, 5.0  # of a small multiple, px
+WIDTH, HEIGHT, EDGE = 120.0, 22.0, 5.0  # of a small multiple, px
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -83,16 +82,19 @@ def _page(
         f"{ranges or 'no impedance'} over ρc; the closure check fails in {fails} of {checked} rows "
         "in which a pressure is known."
     )
-    noted = {row["unit"]: int(row["notes"]) for row in done if row["notes"] > 0}
     warned = [f"{unit}: failed: {shown(error)}" for unit, error in failed.items()]
-    warned += [f"{unit}: {count} warning{'s' * (count > 1)}, in its map" for unit, count in
-               sorted(noted.items(), key=lambda item: -item[1])]  # fmt: skip
+    warned += [
+        f"closure at {row['frequency']:g} Hz fails, {row['unit']}: {row['closure']}"
+        for row in done if str(row["closure"]).endswith("fails")
+    ]  # fmt: skip
+    noted = {row["unit"]: int(row["notes"]) for row in done if row["notes"] > 0}
+    warned += [f"warnings in the map of {unit}: {count}" for unit, count in noted.items()]
     every: list[Block] = [
         Grid("index", "A row a case and frequency, as in index.csv.", _index(rows))
     ]
     sections = [
         Section("cases", "Cases", [_cases(units, beside, {path.stem for path in written})]),
-        Section("warnings", "Warnings", [Bullets(warned, True) if warned else Text("None.")]),
+        Section("warnings", "Warnings", warnings_of(warned)),
         Section("rows", "All rows", every),
         Section("origin", "Inputs and provenance", [
             *files_of([("index", folder / "index.nc", "")]),
@@ -116,8 +118,9 @@ def _cases(units: Mapping[str, Rows], beside: Path, linked: set[str]) -> Grid:
     for name, several in units.items():
         first = several[0]
         link = f"{quote(beside.name)}/{quote(name)}{ENDING}"
-        title = f'<a href="{html.escape(link)}">{html.escape(name)}</a>' if name in linked else (
-            html.escape(shown(name)))  # fmt: skip
+        title = html.escape(shown(name)).replace("__", "__<wbr>")
+        if name in linked:
+            title = f'<a href="{html.escape(link)}">{title}</a>'
         table.append({
             "case": name, "link": markupsafe.Markup(title), "order": first["order"],
             "frequencies": len(several), "height": first["height"],
@@ -143,18 +146,22 @@ def _cases(units: Mapping[str, Rows], beside: Path, linked: set[str]) -> Grid:
     )
     caption = (
         f"One row a case. Z over ρc at its first frequency; R and X as {what}, on one scale for "
-        "all cases."
+        "all cases; what reaches an end of the scale goes on beyond it."
     )
     return Grid("cases-table", typeset(caption), Table(table, columns))
 
 
 def _limits(rows: Rows, part: str) -> tuple[float, float]:
-    ends = [row[f"{part}{end}"] for row in rows for end in ("", "_low", "_high")]
-    known = [value for value in ends if math.isfinite(value)]
+    """Of all values, and of their intervals as far as these do not squash the values."""
+    known = [row[part] for row in rows if math.isfinite(row[part])]
     if not known:
         return 0.0, 1.0
-    margin = 0.02 * (max(known) - min(known)) or 0.05
-    return min(known) - margin, max(known) + margin
+    span = (max(known) - min(known)) or abs(known[0]) or 1.0
+    lows = [row[f"{part}_low"] for row in rows if math.isfinite(row[f"{part}_low"])]
+    highs = [row[f"{part}_high"] for row in rows if math.isfinite(row[f"{part}_high"])]
+    low = max(min([*known, *lows]), min(known) - span / 2)
+    high = min(max([*known, *highs]), max(known) + span / 2)
+    return low - 0.02 * span, high + 0.02 * span
 
 
 def _strip(rows: Rows, part: str, limits: tuple[float, float]) -> str:
@@ -165,7 +172,8 @@ def _strip(rows: Rows, part: str, limits: tuple[float, float]) -> str:
         return "-"
 
     def across(value: float) -> float:
-        return EDGE + (WIDTH - 2 * EDGE) * (value - low) / (high - low)
+        share = min(max((value - low) / (high - low), 0.0), 1.0)
+        return EDGE + (WIDTH - 2 * EDGE) * share
 
     if len(known) == 1:
         row, middle = known[0], HEIGHT / 2
@@ -193,7 +201,8 @@ def _curve(rows: Rows, part: str, limits: tuple[float, float]) -> str:
 
     def at(row: Mapping[str, Any], end: str = "") -> str:
         x = EDGE + (WIDTH - 2 * EDGE) * (row["frequency"] - first) / ((last - first) or 1)
-        y = (HEIGHT - 2) * (1 - (row[f"{part}{end}"] - low) / (high - low)) + 1
+        share = min(max((row[f"{part}{end}"] - low) / (high - low), 0.0), 1.0)
+        y = (HEIGHT - 2) * (1 - share) + 1
         return f"{x:.1f},{y:.1f}"
 
     line = " ".join(at(row) for row in rows)

@@ -22,12 +22,14 @@ def sentence(subject: MapSubject) -> str:
     frequency = float(result.frequency[index])
     if value != value:
         return f"No impedance at {frequency:g} Hz: every probe counts as wall or was left out."
-    null = "Null test above a hard wall, no liner: " * is_null(result)
-    lead = f"{null}At {frequency:g} Hz"
+    lead = f"At {frequency:g} Hz"
     if len(result.frequency) > 1:
         low, high = float(result.frequency.min()), float(result.frequency.max())
         lead += f", one of {len(result.frequency)} frequencies from {low:g} to {high:g} Hz,"
-    text = f"{lead} the impedance of the whole liner is Z = {format_complex(value)} in units of ρc"
+    what = "the impedance of the whole liner is"
+    if is_null(result):
+        what = "above a hard wall, a null test without any liner, the model gives"
+    text = f"{lead} {what} Z = {format_complex(value)} in units of ρc"
     bounds = result.bounds_of_liner(result.order, index)
     if bounds is None:
         text += f" ({result.order}), without a statistical interval"

@@ -77,7 +77,8 @@ def draw_complex_plane(result: ImpedanceMap, index: int) -> Figure:
     known = [row for row in rows if row["what"] == "known"]
     for i, row in enumerate(known):
         _draw(axis, row, "*x+1234"[i % 7], "k", row["name"])
-    _limits(axis, probes, [row["impedance"] for row in rows])
+    ends = [row[end] for row in rows for end in ("impedance", "low", "high")]
+    _limits(axis, probes, [end for end in ends if end is not None])
     label_axes(axis, PARTS[0][1], PARTS[1][1])
     figure.legend(loc="outside right upper")
     return finish(figure, None)

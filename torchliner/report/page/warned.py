@@ -11,7 +11,7 @@ from torchliner.report.page.blocks import Block, Bullets, Text, shown, typeset
 # What a warning says, from what makes Z another quantity to what only widens its interval; of two
 # alike the one with the larger closure in dB comes first.
 SIZES = (
-    "null test", "closure at .* fails", "in the liner and", "closure at .* is open",
+    ": failed: |null test", "closure at .* fails", "in the liner and", "closure at .* is open",
     "fewer than .*periods|samples per period|beyond|wavelengths",
     "excluded|no probe|lost|exactly 0", "admittances is off", "error bars|interval|blocks",
 )  # fmt: skip
