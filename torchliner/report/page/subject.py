@@ -18,6 +18,7 @@ from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.same_case import require_same_case
 from torchliner.reduction.moments import SETTINGS, Moments
+from torchliner.report.page.blocks import shown
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.reduce import moments
 
@@ -161,10 +162,10 @@ def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str,
 
 
 def drawable(result: ImpedanceMap) -> ImpedanceMap:
-    """Names from the file as plain text, not as formulas of the drawing library."""
+    """Names from the file as printable text, not as formulas of the drawing library."""
 
     def plain(text: str) -> str:
-        return text.replace("$", r"\$")
+        return shown(text).replace("$", r"\$")
 
     return dataclasses.replace(
         result,

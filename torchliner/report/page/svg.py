@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from typing import Any
 
 from torchliner.report.figure import COLOURS, require_matplotlib
@@ -19,7 +20,10 @@ def inline_svg(figure: Any, name: str) -> str:
     """
     figure.suptitle("")
     file = io.StringIO()
-    with require_matplotlib().rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
+    settings = {"svg.hashsalt": name, "svg.fonttype": "path"}
+    with require_matplotlib().rc_context(settings), warnings.catch_warnings():
+        # Names in scripts that no font at hand has are boxes here and text in table and caption.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
         figure.savefig(file, format="svg", transparent=True, bbox_inches="tight", pad_inches=0.02,
                        metadata={"Date": None})  # fmt: skip
     text = file.getvalue()
