@@ -56,7 +56,7 @@ def microphones() -> dict[str, object]:
 
 PAGES = {"calibration": slits, "duct": dict, "formats": dict, "in_situ": dict, "ldv": stations,
          "ldv_grid": arrivals, "ldv_line": stations, "moments": dict,
-         "package": dict, "results": dict,
+         "package": dict, "report": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip
 
 SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.whole_file import written_whole
+from torchliner.io.whole_file import printable, written_whole
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.page.blocks import Section, shown
 
@@ -45,7 +45,7 @@ class Page:
         )
         digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
         environment = require_report().Environment(
-            autoescape=True, trim_blocks=True, lstrip_blocks=True
+            autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=_printable
         )
         template = environment.from_string((home / "page.html").read_text(encoding="utf-8"))
         return str(template.render(
@@ -61,6 +61,11 @@ class Page:
         """
         with written_whole(path, ENDING) as temporary:
             temporary.write_text(self.html(), encoding="utf-8")
+
+
+def _printable(value: Any) -> Any:
+    """Texts without what would steer a reader's screen; our own markup as it is."""
+    return printable(value) if type(value) is str else value
 
 
 def require_report() -> Any:

@@ -57,7 +57,7 @@ class Speeds:
 
     def density(self, bins: int) -> tuple[Tensor, Tensor]:
         """Edges of equal bins (bins + 1,), m/s, and the mean density in each, s/m."""
-        edges = torch.linspace(0, self.quantile(0.999) * 1.05, bins + 1, dtype=torch.float64)
+        edges = torch.linspace(0, self.quantile(0.995) * 1.05, bins + 1, dtype=torch.float64)
         return edges, self.below(edges).diff() / edges.diff()
 
     def resolution(self, speed: float) -> float:

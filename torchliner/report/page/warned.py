@@ -23,7 +23,12 @@ def warnings_of(notes: Sequence[str], source: str = "") -> list[Block]:
         return [Text("None.")]
     items = [shown(note).removeprefix(source).removeprefix(": ") for note in notes]
     ordered = sorted(dict.fromkeys(items), key=lambda text: (_rank(text), -_decibels(text)))
-    return [Bullets([typeset(text[:1].upper() + text[1:]) for text in ordered], ordered=True)]
+    return [Bullets([typeset(_begun(text)) for text in ordered], ordered=True)]
+
+
+def _begun(text: str) -> str:
+    """With a capital, unless it begins with a name of a file."""
+    return text[:1].upper() + text[1:] if text.split(" ")[0].strip(",:").isalpha() else text
 
 
 def _rank(text: str) -> int:
