@@ -166,6 +166,16 @@ def test_what_is_typed_again_gives_the_map_again(capsys, page, shipped, tmp_path
     assert space["found"].closure.limit == 0.2
 
 
+def test_the_paper_is_cited_as_the_citation_file_has_it(page):
+    """Title, doi and every family name; the version of the program."""
+    text = (DATA.parent / "CITATION.cff").read_text(encoding="utf-8")
+    paper = text.partition("preferred-citation:")[2].partition("references:")[0]
+    words = re.findall(r'(?:title|doi|family-names): "?([^",\n]+)', paper)
+    assert len(words) == 8
+    assert [word for word in words if word not in page.text["main"]] == []
+    assert tl.__version__ in page.text["main"]
+
+
 def test_every_choice_is_named_with_its_meaning(page):
     """Those that are not the default first."""
     rows = page.csv("choices")
