@@ -176,6 +176,16 @@ def test_the_paper_is_cited_as_the_citation_file_has_it(page):
     assert tl.__version__ in page.text["main"]
 
 
+def test_references_are_of_the_tone(tmp_path):
+    """At other frequencies than the most coherent one nothing is known from the file."""
+    plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
+    found = tl.educe(plane, tl.load_liner("lbm_slit"), [1000.0, 1400.0], order="probes first")
+    found.report(tmp_path / "page.html")
+    rows = Page(tmp_path / "page.html").csv("compared-table")
+    assert {(row["name"], float(row["frequency (Hz)"])) for row in rows} == {
+        ("true", 1400.0), ("in situ", 1400.0)}  # fmt: skip
+
+
 def test_every_choice_is_named_with_its_meaning(page):
     """Those that are not the default first."""
     rows = page.csv("choices")

@@ -31,7 +31,7 @@ def compared(subject: MapSubject) -> list[Block]:
     for i, frequency in enumerate(result.frequency.tolist()):
         mine = complex(result.answer[i])
         seen = {row["between"].partition(" less ")[2]: row for row in differences([result], i)}
-        for name, value in known_of(result, i).items():
+        for name, value in known_of(result, i, subject.main).items():
             row = seen.get(name, {})
             bounds = None if row.get("low") is None else (row["low"], row["high"])
             if bounds is None:
@@ -47,7 +47,8 @@ def compared(subject: MapSubject) -> list[Block]:
     if rows:
         caption = (
             f"The answer of the map ({result.order}) less what is known from elsewhere. The "
-            "interval is the joint statistical one where both have one, else the map's alone."
+            "interval is the joint statistical one where both have one, else the map's alone. What "
+            f"the data file states is of its tone, {float(result.frequency[subject.main]):g} Hz."
         )
         blocks.append(Grid("compared-table", caption, Table(rows, COLUMNS, ".9g")))
     else:
