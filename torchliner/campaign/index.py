@@ -12,7 +12,15 @@ import numpy as np
 
 from torchliner.checks import require_choice
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.hdf5 import open_file, text_attribute, write_index, write_texts, write_variable
+from torchliner.io.hdf5 import (
+    open_file,
+    read_si,
+    read_texts,
+    text_attribute,
+    write_index,
+    write_texts,
+    write_variable,
+)
 from torchliner.io.tables import FileKind
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 
@@ -86,6 +94,30 @@ def write_index_files(rows: Sequence[Row], folder: Path, title: str, version: st
             else:
                 write_texts(file, name, values, "row")
             file[name].attrs["long_name"] = words
+
+
+def read_index(folder: Path) -> tuple[list[dict[str, Any]], str, str]:
+    """Rows, title and version of ``index.nc`` in a folder.
+
+    Raises:
+        ValueError: the folder has no index; that of another version; a damaged one.
+    """
+    path = folder / "index.nc"
+    if not path.exists():
+        raise ValueError(f"{folder} holds no index.nc; it is the folder of no campaign (torchliner "
+                         "run writes one)")  # fmt: skip
+    require_readable_index(folder)
+    with open_file(path) as file:
+        KIND.require(file, path)
+        head = KIND.read_head(file, path)
+        columns = {
+            name: read_si(file, name, unit, path).tolist() if unit else read_texts(file, name, path)
+            for name, (unit, _) in COLUMNS.items()
+        }
+    if len({len(values) for values in columns.values()}) != 1:
+        raise ValueError(f"{path} is damaged: its columns have different lengths")
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return rows, head["title"], head["version"]
 
 
 def _is_nan(value: Any) -> bool:

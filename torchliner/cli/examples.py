@@ -38,6 +38,10 @@ EXAMPLES = {
     "info": ("plane.h5",),
     "convert": ("'run_*.nc' -o plane.h5 --normal y",),
     "reduce": ("plane.h5 -o plane.moments.h5",),
+    "report": (
+        "map.h5 -o report.html --data plane.h5",
+        "results -o campaign.html --cases",
+    ),
     "run": ("campaign.toml", "campaign.toml --dry-run"),
     "follow": ("plane.h5 --until 0.05",),
 }  # arguments by command, or by command and task

@@ -58,6 +58,7 @@ GROUPS = {
         "reduce": "moments of a plane: any liner later, without the data",
         "run": "a campaign: planes, liners, choices; what is done is kept",
         "follow": "impedance and its interval while a plane is being written",
+        "report": "one page of a result, to read, attach and repeat",
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}

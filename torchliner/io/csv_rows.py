@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import torch
 from torch import Tensor
@@ -45,10 +45,17 @@ def write_rows(
         end: of lines.
     """
     with written_whole(path, ".csv") as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator=end)
-        writer.writerow(map(text_cell, rows[0]))
-        for row in rows:
-            writer.writerow(_cell(row.get(key), number) for key in rows[0])
+        fill_csv(file, rows, number, end)
+
+
+def fill_csv(
+    file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n"
+) -> None:
+    """Into what is open, in memory too; arguments as for ``write_rows``."""
+    writer = csv.writer(file, lineterminator=end)
+    writer.writerow(map(text_cell, rows[0]))
+    for row in rows:
+        writer.writerow(_cell(row.get(key), number) for key in rows[0])
 
 
 def _cell(value: Any, number: str) -> Any:

@@ -20,16 +20,19 @@ OUTLETS = {
         "write": "torchliner.io.line_file:write_line",
         "file": "torchliner.io.line_file:FILE",
         "plot": "torchliner.report.line_figures:draw_lines",
+        "report": "torchliner.report.page.opening:write_report",
     },
     "ImpedanceMap": {
         "write": "torchliner.io.map_file:write_map",
         "file": "torchliner.io.map_file:FILE",
         "plot": "torchliner.report.figures:draw_map",
+        "report": "torchliner.report.page.opening:write_report",
     },
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
     "PointImpedances": {
         "write": "torchliner.io.point_file:write_points",
         "file": "torchliner.io.point_file:FILE",
+        "report": "torchliner.report.page.opening:write_report",
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
     "VelocityPlane": {
@@ -90,6 +93,20 @@ class Result(Written):
             ValueError: there are no such rows.
         """
         return outlet(type(self), "file").to_dataframe(self, of)
+
+    def report(self, path: str | Path, *, data: Any = None, liner: Any = None) -> None:
+        """Write one self-contained HTML page: answer, warnings, figures, provenance.
+
+        Args:
+            path: of the page, .html; one that is there is replaced.
+            data: of a map: its ``VelocityPlane`` or its ``Moments``, for the distribution of |v|
+                and for which choices move the result.
+            liner: of a map: its model, where that is no preset.
+        Raises:
+            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
+            ValueError: another ending; data or a liner that are not those of the map.
+        """
+        outlet(type(self), "report")(self, path, data=data, liner=liner)
 
 
 class Drawn(Written):

@@ -48,12 +48,17 @@ class Curves:
 
     def write_csv(self, path: str | Path) -> None:
         """The variable and the values, by columns, nine digits."""
+        self.table.write_csv(path)
+
+    @property
+    def table(self) -> Table:
+        """A row a value of the variable."""
         names = (self.variable, *self.values)
         rows = [
             dict(zip(names, row, strict=True))
             for row in zip(self.at, *self.values.values(), strict=True)
         ]
-        Table(rows, [Column(name) for name in names], ".9g").write_csv(path)
+        return Table(rows, [Column(name) for name in names], ".9g")
 
 
 def height_label(height: float | None) -> str:

@@ -1,0 +1,50 @@
+"""torchliner report."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from torchliner.cli.files import show_results
+from torchliner.cli.options import shared
+
+OPTIONS = {
+    "": {
+        "result PATH": "map, line or points as .h5/.nc, or the folder of a campaign",
+        "--output FILE": {"required": True, "help": "write the page as .html"},
+        "--data SOURCE": "plane of a map, or its moments: distribution of |v|, and which choices "
+                         "move the result; default: neither is shown",
+        "--liner LINER": "of a map: .toml or .csv file; default: the preset it names",
+        "--cases": "of a campaign: a page for each case as well, in OUTPUT_cases beside",
+    }
+    | shared("--json", "--quiet"),
+}  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the page and print its one sentence."""
+    from torchliner.report.page.render import require_report
+
+    require_report()
+    if options.result.is_dir():
+        page, written = _campaign(options)
+    else:
+        from torchliner.report.page.opening import report_file
+
+        if options.cases:
+            raise ValueError(f"--cases is for the folder of a campaign; {options.result} is a file")
+        page = report_file(options.result, options.output, options.data, options.liner)
+        written = [options.output]
+    facts = {"title": page.title, "answer": page.answer, "closure": page.state,
+             "written": [str(path) for path in written]}  # fmt: skip
+    show_results(options, lambda: f"{page.title}\n{page.answer}\n{options.output}", lambda: facts)
+    return 0
+
+
+def _campaign(options: argparse.Namespace) -> tuple[Any, list[Any]]:
+    from torchliner.campaign.page import report_campaign
+
+    for name in ("data", "liner"):
+        if getattr(options, name) is not None:
+            raise ValueError(f"--{name} is for the report of a map; {options.result} is a folder")
+    return report_campaign(options.result, options.output, cases=options.cases)

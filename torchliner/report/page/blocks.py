@@ -1,0 +1,202 @@
+"""What a section of a page is made of: text, facts, tables, code and figures with their numbers."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+from torchliner.io.csv_rows import fill_csv
+from torchliner.io.whole_file import printable
+from torchliner.report.page.svg import inline_svg
+from torchliner.report.table import Column, Table
+
+MOST_ROWS = 400  # of a table on the page; all of them are in its CSV
+MINUS = re.compile(r"(?<![A-Za-z_/])-(?=\.?\d)")
+
+
+def typeset(text: str) -> str:
+    """Numbers of our own formats with true minus signs."""
+    return MINUS.sub("\N{MINUS SIGN}", text)
+
+
+def csv_link(table: Table) -> str:
+    """The columns with a name as a data URI; "" where there are none."""
+    rows = table.as_rows()
+    if not rows or not rows[0]:
+        return ""
+    file = io.StringIO()
+    fill_csv(file, rows, table.csv)
+    content = base64.b64encode(file.getvalue().encode("utf-8")).decode("ascii")
+    return f"data:text/csv;charset=utf-8;base64,{content}"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph."""
+
+    text: str
+    kind: ClassVar[str] = "text"
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list, in order of size where ``ordered``."""
+
+    items: Sequence[str]
+    ordered: bool = False
+    kind: ClassVar[str] = "bullets"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values."""
+
+    pairs: Sequence[tuple[str, str]]
+    kind: ClassVar[str] = "facts"
+
+
+@dataclass(frozen=True)
+class Code:
+    """Lines to copy."""
+
+    label: str
+    text: str
+    kind: ClassVar[str] = "code"
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Blocks that wait for a click on their label; open in print."""
+
+    label: str
+    blocks: Sequence[Any]
+    kind: ClassVar[str] = "folded"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell: what is shown, and the number it is sorted by, "" for texts."""
+
+    text: str
+    value: str
+
+
+class Drawn(float):
+    """A number that is shown as markup of our own, and sorted as what it is."""
+
+    def __new__(cls, value: float, markup: str) -> Self:
+        """A number with its markup."""
+        made = super().__new__(cls, value)
+        made.markup = markup
+        return made
+
+    markup: str
+
+    def __html__(self) -> str:
+        """For the template, which escapes all else."""
+        return self.markup
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table that sorts by a click.
+
+    Args:
+        name: of its CSV file, without ending.  caption: above it.
+        table: columns with a heading are shown, those with a name are in the CSV.
+    """
+
+    name: str
+    caption: str
+    table: Table
+    kind: ClassVar[str] = "grid"
+
+    @property
+    def headings(self) -> list[tuple[str, bool]]:
+        """Each with whether its column holds numbers."""
+        return [(c.heading, bool(c.text)) for c in self.table.columns if c.heading]
+
+    @property
+    def rows(self) -> list[list[Cell]]:
+        """Cells of the rows that are shown."""
+        shown = [column for column in self.table.columns if column.heading]
+        return [
+            [Cell(_cell_text(column, row), _number(column.value(row))) for column in shown]
+            for row in self.table.rows[:MOST_ROWS]
+        ]
+
+    @property
+    def left_out(self) -> int:
+        """Rows that are in the CSV alone."""
+        return max(0, len(self.table.rows) - MOST_ROWS)
+
+    @property
+    def csv(self) -> str:
+        """Data URI."""
+        return csv_link(self.table)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its numbers.
+
+    Args:
+        name: of its CSV file, and id on the page.
+        drawn: matplotlib figure.
+        alt: what is seen, with numbers.  caption: below it.
+        table: its numbers.
+    """
+
+    name: str
+    drawn: Any
+    alt: str
+    caption: str
+    table: Table
+    kind: ClassVar[str] = "figure"
+
+    @property
+    def svg(self) -> str:
+        """Inline, in the page's own colours."""
+        return inline_svg(self.drawn, self.name)
+
+    @property
+    def csv(self) -> str:
+        """Data URI."""
+        return csv_link(self.table)
+
+
+Block = Text | Bullets | Facts | Code | Folded | Grid | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """Of a page; one without blocks is left out."""
+
+    name: str
+    title: str
+    blocks: Sequence[Block] = field(default_factory=tuple)
+
+
+def _cell_text(column: Column, row: Any) -> str:
+    """Numbers with true minus signs; texts in one line; drawings as they are."""
+    value = column.value(row)
+    if hasattr(value, "__html__"):
+        return value
+    return typeset(column.cell(row)) if column.text else shown(column.cell(row))
+
+
+def _number(value: Any) -> str:
+    """For sorting: of a complex number its real part."""
+    value = value.real if isinstance(value, complex) else value
+    known = isinstance(value, (int, float)) and math.isfinite(value)
+    return repr(float(value)) if known else ""
+
+
+def shown(text: Any) -> str:
+    """Text from a file in one line; the template escapes it."""
+    return " ".join(printable(str(text)).split())

@@ -1,0 +1,213 @@
+"""What a report of a map is about: the map, where it was, the data behind it, its liner."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.same_case import require_same_case
+from torchliner.reduction.moments import SETTINGS, Moments
+from torchliner.report.page.blocks import shown
+from torchliner.tdibc.choices import Choices
+from torchliner.tdibc.reduce import moments
+
+MOST_DRAWN = 3  # frequencies with figures of their own
+MOST_SURFACE = 40_000  # probes of a picture over (x, z)
+MOST_LINE = 4_000  # probes of a line, or scattered ones
+SAME_STATISTICS = 1e-3  # of v, relative to its rms: two records of a flow never agree as well
+REDUCED = (*SETTINGS, "missing", "allow_short", "interval", "dtype")
+PROBES = (
+    "reflection", "mean_velocity", "velocity_rms", "velocity_amplitude", "coherence", "phase_rule",
+    "wall", "reflection_coherent_first",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MapSubject:
+    """A map and what is known beside it.
+
+    Args:
+        result: the map.  path: of its file; None where it is in memory alone.
+        known: moments of the data behind it; None where they are not given.
+        data: file of these.
+        model: the liner as a model; None where only its numbers are known.
+    """
+
+    result: ImpedanceMap
+    path: Path | None = None
+    known: Moments | None = None
+    data: Path | None = None
+    model: Any = None
+
+    @functools.cached_property
+    def main(self) -> int:
+        """Index of the frequency at which v is most coherent: that of the data's tone; else 0."""
+        flat = self.result.coherence.reshape(-1, len(self.result.frequency)).double()
+        median = flat.nanmedian(0).values.nan_to_num(-1)
+        return int(median.argmax()) if bool((median > 0).any()) else 0
+
+    @property
+    def drawn(self) -> Sequence[int]:
+        """Indices of the frequencies that have figures of their own."""
+        count = len(self.result.frequency)
+        return range(count) if count <= MOST_DRAWN else (self.main,)
+
+    @functools.cached_property
+    def thinned(self) -> tuple[ImpedanceMap, str]:
+        """The map with probes few enough to draw, and words where some were left out."""
+        return thin(drawable(self.result))
+
+
+def subject_of(
+    result: ImpedanceMap, path: Path | None = None, data: Any = None, liner: Any = None
+) -> MapSubject:
+    """A map with the data behind it.
+
+    Args:
+        result: the map.  path: of its file.
+        data: the plane that it was educed from, or its moments; None for neither.
+        liner: model of the map; default the preset of its name, if that has the same numbers.
+    Raises:
+        ValueError: the data are not those of the map; the liner is another one.
+    """
+    model = _model_of(result, liner)
+    known = None if data is None else _known(result, data, model)
+    name = None if known is None else Path(known.plane.name.split(":/")[0])
+    return MapSubject(result, path, known, name, model)
+
+
+def _model_of(result: ImpedanceMap, liner: Any) -> Any:
+    stated = dict(result.choices.get("liner") or {})
+    name = str(stated.get("name", ""))
+    if liner is None:
+        found = load_liner(name) if name in preset_names() else None
+        return found if found is not None and _plain(found.describe()) == _plain(stated) else None
+    found = _plain(liner.describe())
+    off = [key for key in found if found[key] != _plain(stated).get(key) and key != "name"]
+    if off:
+        raise ValueError(
+            f"the liner {found.get('name', '')!r} is not that of the map, {name!r}: it differs in "
+            f"{', '.join(off)}; name the one that the map was educed with, or leave it out"
+        )
+    return liner
+
+
+def _plain(value: Any) -> Any:
+    """As it comes back from JSON."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> Moments:
+    """Moments of the data that the map was educed from."""
+    plane = data.plane if isinstance(data, Moments) else data
+    label = SimpleNamespace(
+        name=result.title or "the map", height=result.height,
+        provenance=dict(result.choices.get("data") or {}),
+    )  # fmt: skip
+    remedy = "name the plane, or its moments, that the map was educed from"
+    require_same_case(label, plane, ("height",), remedy)
+    shape = tuple(result.mean_velocity.shape)
+    pairs: list[tuple[str, Any, Any]] = [("probes", shape, tuple(plane.probe_shape))]
+    pairs += [("samples", result.choices.get("samples", plane.samples), plane.samples)]
+    for what, mine, theirs in pairs:
+        if mine != theirs:
+            raise ValueError(f"{plane.name} has other {what} than the map, {theirs} for {mine}; "
+                             f"{remedy}")  # fmt: skip
+    if isinstance(data, VelocityPlane):
+        kept = {key: result.choices[key] for key in REDUCED if result.choices.get(key) is not None}
+        kept["interval"] = None
+        smooth = model is None or model.speed_max is None
+        pitch = (result.choices.get("liner") or {}).get("cell_pitch")
+        asked = None if plane.frequency else result.frequency
+        data = moments(data, None if smooth else model, asked,
+                       **({"cell_pitch": pitch} if smooth else {}), **_tuples(kept))  # fmt: skip
+    seen = data.sums.survey.part(plane.probes)
+    rms = result.velocity_rms.reshape(-1).double()
+    away = [(a - b.reshape(-1)).abs().cpu() / rms.square().nanmean().sqrt()
+            for a, b in ((seen.rms, rms), (seen.mean, result.mean_velocity))]  # fmt: skip
+    worst = max(float(each.nan_to_num(0).max()) for each in away)
+    if worst > SAME_STATISTICS:
+        raise ValueError(
+            f"{plane.name}: mean or rms of v is off that of the map by {worst:.2g} of its rms at "
+            f"some probe; {remedy}"
+        )
+    return data
+
+
+def _tuples(kept: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(v) if isinstance(v, list) else v for key, v in kept.items()}
+
+
+def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
+    usual = Choices().describe()
+    derived = ("velocity_max",) if result.choices.get("response") == "model" else ()
+    left_out = (*without, *derived)
+    known = {key: value for key, value in result.choices.items() if key in usual}
+    return _tuples({key: value for key, value in known.items()
+                    if key not in left_out and _plain(value) != _plain(usual[key])})  # fmt: skip
+
+
+def drawable(result: ImpedanceMap) -> ImpedanceMap:
+    """Names from the file as printable text, not as formulas of the drawing library."""
+
+    def plain(text: str) -> str:
+        return shown(text).replace("$", r"\$")
+
+    return dataclasses.replace(
+        result,
+        title=plain(result.title),
+        reference={plain(name): value for name, value in result.reference.items()},
+        alongside=tuple(dataclasses.replace(o, name=plain(o.name)) for o in result.alongside),
+    )
+
+
+def thin(result: ImpedanceMap) -> tuple[ImpedanceMap, str]:
+    """Every n-th probe, of rows and of columns of a grid; the averages stay those of all."""
+    shape = tuple(result.mean_velocity.shape)
+    most = MOST_SURFACE if len(shape) == 2 and min(shape) > 1 else MOST_LINE
+    steps = [1] * len(shape)
+    while math.prod(-(-n // s) for n, s in zip(shape, steps, strict=True)) > most:
+        longest = max(range(len(shape)), key=lambda axis: shape[axis] / steps[axis])
+        steps[longest] += 1
+    if max(steps, default=1) == 1:
+        return result, ""
+    cut = tuple(slice(None, None, step) for step in steps)
+
+    def some(value: Tensor | None) -> Tensor | None:
+        return None if value is None else value[cut]
+
+    found = result.uncertainty
+    if found is not None:
+        columns = None if found.along_x is None else found.along_x.map(lambda v: v[cut[-1]])
+        found = dataclasses.replace(found, probes=found.probes.map(lambda v: v[cut]),
+                                    along_x=columns)  # fmt: skip
+    fields: Any = {name: some(getattr(result, name)) for name in PROBES}
+    left = dataclasses.replace(
+        result, **fields, x=None if result.x is None else result.x[cut[-1]],
+        z=None if result.z is None else result.z[cut[0]], uncertainty=found,
+    )  # fmt: skip
+    few, words = left.mean_velocity.numel(), " x ".join(map(str, steps))
+    return left, (
+        f"Drawn and listed: {few:,} of {math.prod(shape):,} probes, one of each {words}; all of "
+        "them are in the map's file, and all averages are of all."
+    )
+
+
+def at_probes(value: Tensor) -> Tensor:
+    """Finite values of all probes, flat, float64."""
+    flat = value.detach().cpu().reshape(-1).to(torch.float64)
+    return flat[torch.isfinite(flat)]
