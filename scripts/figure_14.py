@@ -109,13 +109,12 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     one = next(iter(sides.values()))
     count = one.by_modes.choices["draws"]
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
-    figure.suptitle(
+    words = (
         f"{facility.name}, Mach 0.3, {float(one.line.frequency[0]):g} Hz; LEE pressures of "
         f"Z = {truths} ({STATE[facility.name]})\n"
-        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws",
-        fontsize=8,
+        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws"
     )
-    return finish(figure, path)
+    return finish(figure, path, words)
 
 
 def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:

@@ -128,9 +128,8 @@ def draw_velocity(field: Any, path: Path) -> Figure:
     figure.colorbar(drawn, ax=axes[0, 0], label="$|v|$ (m s$^{-1}$)")
     axes[0, 0].set_xlabel("$x$ (mm)")
     axes[0, 0].set_ylabel("$y$ (mm)")
-    figure.suptitle(f"patches of 1 mm, Z = {PATCH:g}, gaps of 3 mm; {LEVEL:g} dB incident",
-                    fontsize=9)  # fmt: skip
-    return finish(figure, path)
+    words = f"patches of 1 mm, Z = {PATCH:g}, gaps of 3 mm; {LEVEL:g} dB incident"
+    return finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -71,7 +71,7 @@ def with_and_without(liner: LinerModel, share: float) -> tuple[complex, complex]
 def draw_shares(path: Path) -> list[tuple[str, ...]]:
     """The table, and its picture."""
     rows, shares = [], torch.linspace(0.01, 0.99, 99).tolist()
-    figure, (axis,) = panels_of(1, 2.8)
+    figure, (axis,) = panels_of(1, 2.6)
     for name in LINERS:
         liner = tl.load_liner(name)
         change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]

@@ -31,7 +31,16 @@ from torchliner.lee.field import DuctField
 from torchliner.lee.solved_line import solved_line
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    place_legend,
+    styled,
+    subplots,
+)
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
@@ -338,13 +347,13 @@ def draw(
     handles, labels = axes[0, 0].get_legend_handles_labels()
     axes[0, 0].legend(handles, labels, fontsize=7)
     unique = dict(zip(*reversed(axes[1, 0].get_legend_handles_labels()), strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=2)
-    figure.suptitle(
+    place_legend(figure, list(unique.values()), list(unique), 2)
+    words = (
         f"SIMULATED, truth known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
         "\n(c), (d): averages along x, lines: truth; bars: 95 % of what the record or the draws "
-        "leave", fontsize=8,
-    )  # fmt: skip
-    return finish(figure, path)
+        "leave"
+    )
+    return finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

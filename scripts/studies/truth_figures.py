@@ -23,6 +23,7 @@ from torchliner.report.figure import (
     legend_below,
     styled,
     subplots,
+    typeset,
 )
 from torchliner.report.truth_table import drive_label
 
@@ -71,7 +72,7 @@ def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> No
     for i in range(0, len(places), 2 * len(ORDERS)):  # every second case
         axis.axhspan(i - 0.5, i + len(ORDERS) - 0.5, color="0.95", zorder=0)
     axis.set_xscale("symlog", linthresh=LINEAR, linscale=0.6)
-    axis.set_xticks([*TICKS, 0], [*(f"{tick:g}" for tick in TICKS), "0"])
+    axis.set_xticks([*TICKS, 0], [*(typeset(f"{tick:g}") for tick in TICKS), "0"])
     axis.set_xlim(*((-3, 15) if part == "real" else (-0.5, 0.7)))
     axis.set_ylim(len(places) - 0.5, -0.5)
     axis.tick_params(axis="y", length=0)
@@ -116,11 +117,8 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
                         "0.3" if marker == "*" else "white", label=label)  # fmt: skip
     legend_below(figure, axes[0, 0], 3)
-    figure.suptitle(
-        r"1400 Hz; numbers on the curves: $|v|$ (m s$^{-1}$), hole velocity times porosity",
-        fontsize=9,
-    )
-    return finish(figure, path)
+    caption = "1400 Hz; numbers on the curves: |v| in m/s, hole velocity times porosity"
+    return finish(figure, path, caption)
 
 
 def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:
