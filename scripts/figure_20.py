@@ -27,6 +27,7 @@ from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
     COLOURS,
+    LINES,
     MARKERS,
     PARTS,
     Figure,
@@ -105,8 +106,8 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         del part
         for i, (name, z) in enumerate(curves.items()):
             axis.plot(1e3 * HEIGHTS, getattr(z, kind), color=COLOURS[i % len(COLOURS)],
-                      marker=MARKERS[i % len(MARKERS)], linestyle="--" if "homog" in name else "-",
-                      markersize=3, label=name)  # fmt: skip
+                      marker=MARKERS[i % len(MARKERS)], linestyle=LINES[i],
+                      markerfacecolor="none", markersize=3 + 0.5 * i, label=name)  # fmt: skip
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)

@@ -178,10 +178,10 @@ def test_a_legend_is_no_wider_than_its_figure():
         figure, axes = subplots(1, 1, 2.0)
         for i in range(9):
             entry(axes[0, 0], f"a rather long name of curve {i}")
-        return finish(figure, None, legend=9)
+        finish(figure, None, legend=9)
+        assert figure.legends[0].get_window_extent().width <= figure.bbox.width
+        assert figure.get_size_inches()[1] > 2.0
 
     for width in ("one", "page", "two"):
         with tl.figure_style(width):
-            figure = drawn()
-        assert figure.legends[0].get_window_extent().width <= figure.bbox.width
-        assert figure.get_size_inches()[1] > 2.0
+            drawn()

@@ -17,7 +17,7 @@ from torchliner.report.figure import (
 from torchliner.report.numbers import Curves
 
 KILO = 1e-3
-RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
+RATE_LABEL = r"arrivals $\lambda$ (kHz)"
 # One look for a way of reconstruction in all figures.
 LOOKS = {
     "linear": (COLOURS[0], MARKERS[0]),

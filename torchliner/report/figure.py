@@ -30,7 +30,7 @@ LEGEND_ROOM = 0.4  # in, of a figure's height; a higher legend makes the figure 
 PEAK = 8  # medians of a positive quantity, above which its axis is logarithmic
 DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
 SIGNS = (
-    (r"(?<![\w)$^{])-(?=[\d.])|(?<=\d)-(?=\d[\d.]*j)", "\N{MINUS SIGN}"),
+    (r"(?<![\w)$^{])-(?= ?[\d.])|(?<=\d)-(?=\d[\d.]*j)", "\N{MINUS SIGN}"),
     (r"(?<=(?<!\$)\b[uv])'", "\N{PRIME}"),
 )  # true ones for those of a keyboard
 DRAWN = (*SIGNS, (r"(?<!\$)\by = (?=[\d.])", "$y$ = "))
@@ -115,6 +115,12 @@ def _shown() -> Any:
 
     class Shown(Figure):
         caption = ""
+
+        def savefig(self, *arguments: Any, **options: Any) -> None:
+            # Fonts are looked up when drawn, which may be long after ``styled``.
+            kept = {key: value for key, value in RC.items() if key != "svg.fonttype"}
+            with require_matplotlib().rc_context(kept):
+                super().savefig(*arguments, **options)
 
         def _repr_png_(self) -> bytes:
             picture = io.BytesIO()

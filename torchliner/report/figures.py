@@ -266,7 +266,7 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
         entry(axis, order, linestyle=style)
     entry(axis, "middle half of the probes", width=5, color="0.8")
     if words := interval_words(ordered[0]):
-        entry(axis, words, "|")
+        entry(axis, words, "|", markersize=9, markeredgewidth=1.2)
     return finish(figure, path, caption, legend=4)
 
 
