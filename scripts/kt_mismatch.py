@@ -30,6 +30,7 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
+    head_panel,
     legend_below,
     styled,
     subplots,
@@ -180,7 +181,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                   zorder=4)  # fmt: skip
         axis.set_xlabel(PARTS[0][1])
         axis.set_ylabel(PARTS[1][1])
-        axis.set_title({"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
+        head_panel(axis, {"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
     return finish(

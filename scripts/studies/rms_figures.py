@@ -16,6 +16,7 @@ from torchliner.report.figure import (
     Figure,
     draw_curve,
     finish,
+    head_panel,
     styled,
     subplots,
 )
@@ -43,7 +44,7 @@ def draw_rms_along_x(
                 if f"{part}' rms (m/s)" in profile.values:
                     draw_curve(axis, profile, f"{part}' rms (m/s)", colour, 1e3)
         _finish_column(axes[:, column], planes[0], pitch)
-        axes[0, column].set_title(title)
+        head_panel(axes[0, column], title)
     for axis, part in zip(axes[:, 0], (V_RMS, U_RMS), strict=True):
         axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
     return finish(figure, path, legend=len(heights))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
+    head_panel,
     legend_below,
     styled,
     subplots,
@@ -34,7 +36,8 @@ MARKED_SPEEDS = (0.1, 0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 @styled
 def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) -> Figure:
-    """dR and dX of every rule at every height: a line per case and order, drives beside it.
+    """dR and dX of every rule: a line per case and order, drives beside it; the median over the
+    heights, and their range.
 
     A bar is the statistical interval of the default rule at a height.
     """
@@ -42,18 +45,21 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     places = [(case, order) for case in cases for order in ORDERS]
     figure, axes = subplots(1, 2, 1.6 + 0.3 * len(places))
     for axis, part in zip(axes[0], ("real", "imag"), strict=True):
+        heights = defaultdict(list)
         for row in rows:
             i = DRIVES.index((row.drive, row.mean))
             y = places.index((row.case, row.order)) + 0.19 * (i - 1.5)
-            value = getattr(row.miss, part)
-            axis.plot(
-                value, y, MARKERS[PHASES.index(row.phase)], color=COLOURS[i],
-                markerfacecolor="none", markersize=3.4, markeredgewidth=0.7, zorder=3,
-            )  # fmt: skip
+            heights[y, i, row.phase].append(getattr(row.miss, part))
             if row.rule == DEFAULT:
                 low, high = (getattr(end - row.true, part) for end in (row.low, row.high))
                 axis.plot([low, high], [y, y], color=COLOURS[i], linewidth=4, alpha=0.35,
                           solid_capstyle="butt", zorder=2)  # fmt: skip
+        for (y, i, phase), values in heights.items():
+            axis.plot([min(values), max(values)], [y, y], color=COLOURS[i], linewidth=0.7, zorder=3)
+            axis.plot(
+                np.median(values), y, MARKERS[PHASES.index(phase)], color=COLOURS[i],
+                markerfacecolor="white", markersize=3.4, markeredgewidth=0.7, zorder=4,
+            )  # fmt: skip
         _dress_errors(axis, part, places)
     axes[0, 0].set_yticks(range(len(places)), [f"{case}, {order}" for case, order in places])
     axes[0, 1].set_yticks([])
@@ -109,7 +115,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         for i, row in enumerate(panel.rows):
             _draw_case(axis, row, COLOURS[i])
         _zoom(axis, panel.rows)
-        axis.set_title(panel.title)
+        head_panel(axis, panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for marker, label in (("*", "true"), ("o", "replayed from the holes' own velocity, default"),

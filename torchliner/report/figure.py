@@ -162,6 +162,11 @@ def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tu
     return figure, axes
 
 
+def head_panel(axis: Any, words: str) -> None:
+    """Words behind the letter of a panel."""
+    axis.set_title(f"{axis.get_title(loc='left')} {words}".strip(), loc="left")
+
+
 def impedance_panels(
     height: float, across: str, given: Any = None
 ) -> tuple[Figure, list[tuple[Any, str]]]:
