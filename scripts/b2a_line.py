@@ -32,7 +32,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.line_file import line_rows
-from torchliner.report.figure import RC
+from torchliner.report.figure import RC, finish
 from torchliner.report.line_figures import draw_lines
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
@@ -238,26 +238,22 @@ def summary(case: Case, line: tl.ImpedanceLine, made: dict[str, float]) -> dict[
     return row | made
 
 
-def with_assumptions(figure: Any, title: str, seconds: float, path: Path) -> None:
-    """Title and assumptions above the panels, where no legend is."""
+def with_assumptions(figure: Any, caption: str, seconds: float, path: Path) -> None:
+    """The picture, its caption with the assumptions."""
     with matplotlib.rc_context(RC):
-        figure.suptitle(f"{title}\n{assumptions(seconds)}", fontsize=7)
-        width, height = figure.get_size_inches()
-        figure.set_size_inches(width, height + 0.45)
-        figure.savefig(path)
+        finish(figure, path, f"{caption}; {assumptions(seconds)}")
 
 
 def draw(lines: dict[str, tl.ImpedanceLine], folder: Path, seconds: float) -> None:
     """Figures 9 to 12."""
     main = [lines[case.name] for case in CASES]
     labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
-    bands = "light: 3 standard deviations over segments; dark: 95 % interval of the mean"
     with_assumptions(draw_line_velocity(main, labels=labels), "wall-normal velocity, y = 1 mm",
                      seconds, folder / "b2a_velocity.png")  # fmt: skip
-    with_assumptions(draw_lines(main, labels=labels), f"liner onera, 1500 Hz, y = 1 mm; {bands}",
+    with_assumptions(draw_lines(main, labels=labels), "liner onera, 1500 Hz, y = 1 mm",
                      seconds, folder / "b2a_impedance.png")  # fmt: skip
     heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
-    with_assumptions(heights, f"configuration 3 at two heights; {bands}", seconds,
+    with_assumptions(heights, "configuration 3 at two heights", seconds,
                      folder / "b2a_heights.png")  # fmt: skip
     names = [case.name for case in (*CASES[:3], HIGH, *CASES[3:])]
     averages = draw_averages(

@@ -75,8 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cases[f"source {side}, Z(x) of simulated bursts"] = solved("b2a", side, profile)
     rows = [row for label, one in cases.items() for row in rows_of(f"b2a, {label}", one)]
     draw_walls(list(cases.values()), options.output / "figure_13.png", labels=list(cases),
-               title="B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall; grey: "
-               "liner")  # fmt: skip
+               title="B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite "
+               "wall")  # fmt: skip
     others: dict[str, Solved] = {}
     for side in SIDES:
         for label, factor in HEIGHTS.items():
@@ -84,8 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             others[f"{side}, {label}"] = solved("ufsc", side, pair)
     rows += [row for label, one in others.items() for row in rows_of(f"ufsc, {label}", one)]
     draw_walls(list(others.values()), options.output / "figure_18.png", labels=list(others),
-               title=f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED; grey: "
-               "liner")  # fmt: skip
+               title=f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED")  # fmt: skip
     write_rows(rows, options.output / "figure_13_18.csv")
     return 0
 

@@ -29,6 +29,7 @@ from torchliner.report.figure import (
     MARKERS,
     PARTS,
     Figure,
+    entry,
     finish,
     legend_below,
     styled,
@@ -105,17 +106,18 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     plane.set_ylabel(PARTS[1][1])
     levels.set_xlabel("$x$ (mm)")
     levels.set_ylabel("SPL (dB)")
+    entry(plane, "pressures", "o", markerfacecolor="none")
+    entry(plane, "KT, range of the draws")
     legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
     count = one.by_modes.choices["draws"]
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
-    figure.suptitle(
+    words = (
         f"{facility.name}, Mach 0.3, {float(one.line.frequency[0]):g} Hz; LEE pressures of "
-        f"Z = {truths} ({STATE[facility.name]})\n"
-        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws",
-        fontsize=8,
+        f"Z = {truths} ({STATE[facility.name]}); "
+        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws"
     )
-    return finish(figure, path)
+    return finish(figure, path, words)
 
 
 def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:

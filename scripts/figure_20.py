@@ -27,6 +27,7 @@ from torchliner.lee.mesh import DuctMesh
 from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
     COLOURS,
+    LINES,
     MARKERS,
     PARTS,
     Figure,
@@ -105,8 +106,8 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         del part
         for i, (name, z) in enumerate(curves.items()):
             axis.plot(1e3 * HEIGHTS, getattr(z, kind), color=COLOURS[i % len(COLOURS)],
-                      marker=MARKERS[i % len(MARKERS)], linestyle="--" if "homog" in name else "-",
-                      markersize=3, label=name)  # fmt: skip
+                      marker=MARKERS[i % len(MARKERS)], linestyle=LINES[i],
+                      markerfacecolor="none", markersize=3 + 0.5 * i, label=name)  # fmt: skip
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
@@ -128,9 +129,8 @@ def draw_velocity(field: Any, path: Path) -> Figure:
     figure.colorbar(drawn, ax=axes[0, 0], label="$|v|$ (m s$^{-1}$)")
     axes[0, 0].set_xlabel("$x$ (mm)")
     axes[0, 0].set_ylabel("$y$ (mm)")
-    figure.suptitle(f"patches of 1 mm, Z = {PATCH:g}, gaps of 3 mm; {LEVEL:g} dB incident",
-                    fontsize=9)  # fmt: skip
-    return finish(figure, path)
+    words = f"patches of 1 mm, Z = {PATCH:g}, gaps of 3 mm; {LEVEL:g} dB incident"
+    return finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

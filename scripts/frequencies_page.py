@@ -16,7 +16,7 @@ from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
-from torchliner.report.figure import finish, label_axes, panels_of, styled
+from torchliner.report.figure import COLOURS, LINES, finish, label_axes, panels_of, styled
 from torchliner.report.figures import draw_spectrum
 
 RATE, SAMPLES = 42e3, 4200  # 0.1 s
@@ -71,11 +71,12 @@ def with_and_without(liner: LinerModel, share: float) -> tuple[complex, complex]
 def draw_shares(path: Path) -> list[tuple[str, ...]]:
     """The table, and its picture."""
     rows, shares = [], torch.linspace(0.01, 0.99, 99).tolist()
-    figure, (axis,) = panels_of(1, 2.8)
-    for name in LINERS:
+    figure, (axis,) = panels_of(1, 2.6)
+    for name, colour, line in zip(LINERS, COLOURS, LINES, strict=False):
         liner = tl.load_liner(name)
         change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]
-        axis.plot([100 * s for s in shares], [100 * c for c in change], label=name)
+        axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour,
+                  linestyle=line, label=name)  # fmt: skip
     axis.axhline(5, color="0.6", linewidth=0.8)
     across = "share of the variance of $v$ that is in step with the tone, %"
     label_axes(axis, across, f"change of $Z$ at {OTHER:g} Hz without it, %")

@@ -30,6 +30,7 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
+    head_panel,
     legend_below,
     styled,
     subplots,
@@ -180,9 +181,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                   zorder=4)  # fmt: skip
         axis.set_xlabel(PARTS[0][1])
         axis.set_ylabel(PARTS[1][1])
-        axis.set_title(
-            {"KT": "(a) KT, rank 2", "two waves": "(b) two-wave fit"}[method], loc="left"
-        )
+        head_panel(axis, {"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
     return finish(
@@ -243,8 +242,7 @@ def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
     axes[0, 1].set_ylim(-1.8, 0.6)
     axes[0, 1].legend(fontsize=6, ncols=2)
     axes[1, 1].legend(fontsize=6)
-    figure.suptitle("sheared flow, liner 150 mm; line: truth", fontsize=9)
-    return finish(figure, path)
+    return finish(figure, path, "sheared flow, liner 150 mm; line: truth")
 
 
 @styled
@@ -267,11 +265,8 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)
     legend_below(figure, axes[0, 0], 2)
-    figure.suptitle(
-        "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) truth",
-        fontsize=9,
-    )  # fmt: skip
-    return finish(figure, path)
+    words = "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) truth"
+    return finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

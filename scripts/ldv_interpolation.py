@@ -180,8 +180,9 @@ def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:
     found = {name: [float(values.std())] for name, values in signals.items()}
     for rule in RULES:
         result = tl.educe(
-            plane, tl.load_liner("onera"), FREQUENCY, phase=rule, velocity_max=12.0, interval=None
-        )
+            plane, tl.load_liner("onera"), FREQUENCY, phase=rule, velocity_max=12.0, interval=None,
+            order="probes first",
+        )  # fmt: skip
         for name, z in zip(signals, result.impedance[:, 0], strict=True):
             found[name] += [float(z.real), float(z.imag)]
     return found

@@ -70,7 +70,7 @@ def main() -> None:
     highest = calibrate_resolved.HIGHEST
     panels = {order: calibrate_resolved.study(highest, order, 1000)[1] for order in ORDERS}
     calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
-    reasons = [truth_page.reasons_of(case) for case in truth_page.CASES]
+    reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
     truth_page.draw(rows, reasons, FIGURES)
     ldv_interpolation.study(FIGURES, 200)

@@ -31,7 +31,16 @@ from torchliner.lee.field import DuctField
 from torchliner.lee.solved_line import solved_line
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    place_legend,
+    styled,
+    subplots,
+)
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
@@ -308,12 +317,12 @@ def draw(
             mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
             x = [1e3 * p["x (m)"] for p in mine]
             axis.plot(x, [p[f"true {word}"] for p in mine], color=COLOURS[i],
-                      label=f"true, source {side}")  # fmt: skip
+                      label=f"(a), (b): true, source {side}")  # fmt: skip
             axis.plot(x, [p[f"DIR-TDIBC {word}"] for p in mine], "x", color=COLOURS[i],
-                      markersize=3, label="DIR-TDIBC, at the wall")  # fmt: skip
+                      markersize=3, label=f"(a), (b): DIR-TDIBC, source {side}")  # fmt: skip
             axis.plot(x, [p[f"in situ {word}"] for p in mine], "o", color=COLOURS[i],
                       markersize=3, markerfacecolor="none",
-                      label="in situ, with losses")  # fmt: skip
+                      label=f"(a), (b): in situ with losses, {side}")  # fmt: skip
             for j, world in enumerate(WORLDS):
                 truth = truths[world, side]
                 value = {"resistance": truth.real, "reactance": truth.imag}[word]
@@ -335,16 +344,17 @@ def draw(
         for i in range(len(methods) - 1):
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
         dots.set_ylim(-len(methods) + 0.5, 0.5)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    axes[0, 0].legend(handles, labels, fontsize=7)
-    unique = dict(zip(*reversed(axes[1, 0].get_legend_handles_labels()), strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=2)
-    figure.suptitle(
+    unique = {
+        label: handle for axis in axes[:, 0]
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }  # fmt: skip
+    place_legend(figure, list(unique.values()), list(unique), 2)
+    words = (
         f"SIMULATED, truth known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
         "\n(c), (d): averages along x, lines: truth; bars: 95 % of what the record or the draws "
-        "leave", fontsize=8,
-    )  # fmt: skip
-    return finish(figure, path)
+        "leave"
+    )
+    return finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

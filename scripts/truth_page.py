@@ -305,9 +305,9 @@ def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -
     panels = [
         ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if r.case[0] in letters])
         for title, name, letters in (
-            ("model of the slit", "n115", "ng"),
-            ("model of the orifice", "o115", "o"),
-            ("orifice, coarser lattice", "t03_130", "t"),
+            ("slit", "n115", "ng"),
+            ("orifice", "o115", "o"),
+            ("coarser lattice", "t03_130", "t"),
         )
     ]
     draw_reach(panels, folder / "truth_reach.png")

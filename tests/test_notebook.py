@@ -19,7 +19,8 @@ from conftest import DATA, load_script, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli import demo
 from torchliner.cli.main import DONE, main
-from torchliner.report.figures import _mesh, over_surface
+from torchliner.report.figures import over_surface
+from torchliner.report.map_figures import mesh_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PLACES = {
@@ -96,14 +97,14 @@ def test_a_gap_between_probes_is_not_painted_over():
     places = torch.cat([here, here + torch.tensor([0.05, 0.0])])
     plane = plane_of(turbulence((32, 450)), x=places[:, 0], z=places[:, 1])
     found = tl.educe(plane, tl.load_liner("polito"), interval=None)
-    mesh = _mesh(found, 0)
+    mesh = mesh_of(found, 0)
     joined = [(mesh.x[corner] > 25).any() and (mesh.x[corner] < 25).any()
               for corner in mesh.triangles[~mesh.mask]]  # fmt: skip
     assert not any(joined)
     assert len(joined) >= 2 * 18
     reflection = found.reflection.clone()
     reflection[0] = complex(torch.nan, torch.nan)
-    assert len(_mesh(dataclasses.replace(found, reflection=reflection), 0).x) == 31
+    assert len(mesh_of(dataclasses.replace(found, reflection=reflection), 0).x) == 31
 
 
 def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):

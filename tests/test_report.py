@@ -89,7 +89,7 @@ def test_every_drawing_has_axes_and_units(maps, liner, tmp_path):
     assert "Re" in labels(height)
     assert "m s" in labels(velocity)
     shown = {text.get_text() for text in along.legends[0].get_texts()}
-    assert {"true", "in situ", "y = 0.5 mm", "y = 2.5 mm"} <= shown
+    assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= shown
     assert all((tmp_path / name).stat().st_size > 4000
                for name in ("along.pdf", "velocity.png"))  # fmt: skip
 
@@ -214,7 +214,8 @@ def test_spectrum_of_every_plane(liner, tmp_path):
     assert len(rows) == 5
     figure = draw_spectrum(results, tmp_path / "s.png")
     assert "(kHz)" in labels(figure)
-    assert {t.get_text() for t in figure.legends[0].get_texts()} == {"y = 1 mm", "y = 2 mm"}
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"$y$ = 1 mm", "$y$ = 2 mm", "middle half of the probes", *ORDERS[:2]} <= shown
     results[0].reflection[..., 3] = 1 - 1e-6
     low, high = draw_spectrum(results).axes[0].get_ylim()
     assert high - low < 1e4

@@ -60,6 +60,7 @@ _HOMES = {
     "wavenumber_from_impedance": "torchliner.duct.dispersion",
     "audit": "torchliner.audits.audit",
     "compare": "torchliner.audits.compare",
+    "figure_style": "torchliner.report.figure",
     "compare_models": "torchliner.audits.compare_models",
     "onto_grid": "torchliner.signals.arrivals",
     "tone_attenuation": "torchliner.signals.attenuation",

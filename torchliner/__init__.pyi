@@ -73,6 +73,7 @@ from torchliner.replay.waves import BandNoise as BandNoise
 from torchliner.replay.waves import Recorded as Recorded
 from torchliner.replay.waves import Sweep as Sweep
 from torchliner.replay.waves import Tones as Tones
+from torchliner.report.figure import figure_style as figure_style
 from torchliner.signals.arrivals import onto_grid as onto_grid
 from torchliner.signals.attenuation import tone_attenuation as tone_attenuation
 from torchliner.signals.burst_moments import burst_moments as burst_moments

@@ -17,7 +17,7 @@ from torchliner.report.figure import (
 from torchliner.report.numbers import Curves
 
 KILO = 1e-3
-RATE_LABEL = r"mean rate of arrivals $\lambda$ (kHz)"
+RATE_LABEL = r"arrivals $\lambda$ (kHz)"
 # One look for a way of reconstruction in all figures.
 LOOKS = {
     "linear": (COLOURS[0], MARKERS[0]),
@@ -67,7 +67,7 @@ def draw_attenuation(
     right.set_yscale("log")
     for axis in (left, right):
         _rate_axis(axis, factors)
-        axis.legend(loc="lower right" if axis is left else "best", fontsize=6.5)
+        axis.legend(loc="lower right" if axis is left else "best", fontsize=7)
     right.set_ylim(top=3 * max(values.max() for values in errors.values.values()))
     return finish(figure, path)
 
@@ -102,11 +102,10 @@ def draw_spectra(
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_ylim(bottom=lowest)
-    axis.set_xlabel("frequency $f$ (kHz)")
+    axis.set_xlabel("$f$ (kHz)")
     axis.set_ylabel(r"$S_{vv}$ (m$^2$ s$^{-2}$ Hz$^{-1}$)")
     axis.legend(loc="lower left")
-    axis.set_title(title)
-    return finish(figure, path)
+    return finish(figure, path, title)
 
 
 def _spectrum_look(label: str) -> tuple[str, str, float]:

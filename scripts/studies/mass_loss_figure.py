@@ -62,4 +62,4 @@ def draw_mass_loss(
     axis.set_ylabel("X of a fit without the case")
     axis.set_xlim(*ends)
     axis.set_ylim(*ends)
-    return finish(figure, path, "", legend=3)
+    return finish(figure, path, "grey: within 0.1", legend=3)

@@ -9,10 +9,18 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import VelocityPlane
-from torchliner.report.figure import COLOURS, Figure, draw_curve, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    U_RMS,
+    V_RMS,
+    Figure,
+    draw_curve,
+    finish,
+    head_panel,
+    styled,
+    subplots,
+)
 from torchliner.report.numbers import velocity_along_x
-
-_V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 
 
 @styled
@@ -36,8 +44,8 @@ def draw_rms_along_x(
                 if f"{part}' rms (m/s)" in profile.values:
                     draw_curve(axis, profile, f"{part}' rms (m/s)", colour, 1e3)
         _finish_column(axes[:, column], planes[0], pitch)
-        axes[0, column].set_title(f"({'abc'[column]}) {title}", loc="left")
-    for axis, part in zip(axes[:, 0], (_V, _U), strict=True):
+        head_panel(axes[0, column], title)
+    for axis, part in zip(axes[:, 0], (V_RMS, U_RMS), strict=True):
         axis.set_ylabel(f"{part} (m s$^{{-1}}$)")
     return finish(figure, path, legend=len(heights))
 

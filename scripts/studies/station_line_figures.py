@@ -7,7 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.records import ImpedanceLine
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    LINES,
+    PARTS,
+    V_RMS,
+    Figure,
+    finish,
+    label_axes,
+    place_legend,
+    styled,
+    subplots,
+)
 from torchliner.report.line_figures import PAPER_WIDTHS, labels_of, place_along
 from torchliner.report.numbers import part_of
 
@@ -24,12 +35,13 @@ def draw_line_velocity(
     """Mean and rms of the wall-normal velocity along the line (figure 9)."""
     figure, axes = subplots(1, 2, 3.2)
     names = labels_of(lines, labels)
-    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", "$v'_{rms}$ (m s$^{-1}$)"))
+    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{V_RMS} (m s$^{{-1}}$)"))
     for axis, (key, text) in zip(axes[0], panels, strict=True):
         for i, line in enumerate(lines):
             x, _ = place_along(line)
             values = getattr(line, key).numpy()
-            axis.plot(x, values, color=COLOURS[i], linewidth=0.9, label=names[i])
+            axis.plot(x, values, color=COLOURS[i], linewidth=0.9, linestyle=LINES[i],
+                      label=names[i])  # fmt: skip
         label_axes(axis, place_along(lines[0])[1], text)
     axes[0, 1].set_ylim(bottom=0)
     return finish(figure, path, title, legend=3 if len(lines) > 1 else 0)
@@ -64,7 +76,7 @@ def draw_averages(
         axis.set_ylabel(text)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3)
+    place_legend(figure, list(unique.values()), list(unique), 3)
     return finish(figure, path, title)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +21,11 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
+    head_panel,
     legend_below,
     styled,
     subplots,
+    typeset,
 )
 from torchliner.report.truth_table import drive_label
 
@@ -33,7 +36,8 @@ MARKED_SPEEDS = (0.1, 0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 @styled
 def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) -> Figure:
-    """dR and dX of every rule at every height: a line per case and order, drives beside it.
+    """dR and dX of every rule: a line per case and order, drives beside it; the median over the
+    heights, and their range.
 
     A bar is the statistical interval of the default rule at a height.
     """
@@ -41,18 +45,21 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     places = [(case, order) for case in cases for order in ORDERS]
     figure, axes = subplots(1, 2, 1.6 + 0.3 * len(places))
     for axis, part in zip(axes[0], ("real", "imag"), strict=True):
+        heights = defaultdict(list)
         for row in rows:
             i = DRIVES.index((row.drive, row.mean))
             y = places.index((row.case, row.order)) + 0.19 * (i - 1.5)
-            value = getattr(row.miss, part)
-            axis.plot(
-                value, y, MARKERS[PHASES.index(row.phase)], color=COLOURS[i],
-                markerfacecolor="none", markersize=3.4, markeredgewidth=0.7, zorder=3,
-            )  # fmt: skip
+            heights[y, i, row.phase].append(getattr(row.miss, part))
             if row.rule == DEFAULT:
                 low, high = (getattr(end - row.true, part) for end in (row.low, row.high))
                 axis.plot([low, high], [y, y], color=COLOURS[i], linewidth=4, alpha=0.35,
                           solid_capstyle="butt", zorder=2)  # fmt: skip
+        for (y, i, phase), values in heights.items():
+            axis.plot([min(values), max(values)], [y, y], color=COLOURS[i], linewidth=0.7, zorder=3)
+            axis.plot(
+                np.median(values), y, MARKERS[PHASES.index(phase)], color=COLOURS[i],
+                markerfacecolor="white", markersize=3.4, markeredgewidth=0.7, zorder=4,
+            )  # fmt: skip
         _dress_errors(axis, part, places)
     axes[0, 0].set_yticks(range(len(places)), [f"{case}, {order}" for case, order in places])
     axes[0, 1].set_yticks([])
@@ -71,7 +78,7 @@ def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> No
     for i in range(0, len(places), 2 * len(ORDERS)):  # every second case
         axis.axhspan(i - 0.5, i + len(ORDERS) - 0.5, color="0.95", zorder=0)
     axis.set_xscale("symlog", linthresh=LINEAR, linscale=0.6)
-    axis.set_xticks([*TICKS, 0], [*(f"{tick:g}" for tick in TICKS), "0"])
+    axis.set_xticks([*TICKS, 0], [*(typeset(f"{tick:g}") for tick in TICKS), "0"])
     axis.set_xlim(*((-3, 15) if part == "real" else (-0.5, 0.7)))
     axis.set_ylim(len(places) - 0.5, -0.5)
     axis.tick_params(axis="y", length=0)
@@ -108,7 +115,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         for i, row in enumerate(panel.rows):
             _draw_case(axis, row, COLOURS[i])
         _zoom(axis, panel.rows)
-        axis.set_title(panel.title)
+        head_panel(axis, panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for marker, label in (("*", "true"), ("o", "replayed from the holes' own velocity, default"),
@@ -116,11 +123,8 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
                         "0.3" if marker == "*" else "white", label=label)  # fmt: skip
     legend_below(figure, axes[0, 0], 3)
-    figure.suptitle(
-        r"1400 Hz; numbers on the curves: $|v|$ (m s$^{-1}$), hole velocity times porosity",
-        fontsize=9,
-    )
-    return finish(figure, path)
+    caption = "1400 Hz; numbers on the curves: |v| in m/s, hole velocity times porosity"
+    return finish(figure, path, caption)
 
 
 def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:

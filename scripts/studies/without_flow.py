@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.names import ORDERS
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    finish,
+    plain_log_ticks,
+    styled,
+    subplots,
+)
 from torchliner.report.numbers import part_of
 
 
@@ -71,6 +80,7 @@ def draw_without_flow(rows: Sequence[PredictedRow], path: str | Path | None = No
         axis.set_xticks(range(len(cases)), cases, rotation=40, ha="right")
         axis.set_ylabel(label)
     axes[0, 0].set_yscale("log")
+    plain_log_ticks(axes[0, 0].yaxis)
     first = axes[0, 0]
     for k, order in enumerate(ORDERS):
         first.plot([], [], MARKERS[k] + "-", color=COLOURS[k], markerfacecolor="white", label=order)

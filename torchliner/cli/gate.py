@@ -184,3 +184,15 @@ def _require_matplotlib() -> None:
     from torchliner.report.figure import require_matplotlib
 
     require_matplotlib()
+
+
+@contextmanager
+def figures_as_asked(options: argparse.Namespace) -> Iterator[None]:
+    """Within the block figures are as wide as ``--figure-width`` says."""
+    if (width := getattr(options, "figure_width", None)) is None:
+        yield
+        return
+    from torchliner.report.figure import figure_style
+
+    with figure_style(width):
+        yield

@@ -14,7 +14,7 @@ try:
     from torchliner.cli.completion import SHELLS, PrintCompletion
     from torchliner.cli.examples import EXAMPLES, examples_of
     from torchliner.cli.fetch_ahead import fetch_ahead
-    from torchliner.cli.gate import passed
+    from torchliner.cli.gate import figures_as_asked, passed
     from torchliner.cli.messages import (
         error_text,
         in_command_words,
@@ -152,6 +152,7 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
             warnings_on_stderr(options, parser, inputs),
             printable_output(),
             passed(parser, options) as named,
+            figures_as_asked(options),
         ):
             inputs += named
             fetch_ahead(named)

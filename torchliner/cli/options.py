@@ -121,6 +121,10 @@ def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None
                 group.add_argument(
                     "--figures", **settings | {"dest": "figure", "help": argparse.SUPPRESS}
                 )
+                width = (
+                    "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
+                )
+                group.add_argument("--figure-width", metavar="WIDTH", help=width)
             if further:
                 parser.leave_out(action)
 

@@ -78,7 +78,7 @@ def format_audit(found: Audit) -> str:
 def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
     """A bar per factor from its smallest to its largest value, its variants as points."""
     factors = found.factors[::-1]
-    figure, axes = subplots(1, 2, 1.3 + ROW_HEIGHT * 1.6 * len(factors))
+    figure, axes = subplots(1, 2, 1.0 + ROW_HEIGHT * 1.5 * len(factors), beside=True)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         base = part_of(found.base, part)
         if found.low is not None and found.high is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.calibration.calibrate import Calibration
 from torchliner.calibration.predicted_planes import PredictionRow
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, head_panel, styled, subplots
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
@@ -121,7 +121,7 @@ def draw_predictions(
             _draw_prediction(axis, row, COLOURS[names.index(row.label)])
         axis.axhline(0, color="0.8", linewidth=0.6, zorder=0)
         axis.margins(0.08)
-        axis.set_title(heading)
+        head_panel(axis, heading)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for i, name in enumerate(names):

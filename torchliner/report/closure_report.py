@@ -107,7 +107,7 @@ def draw_closure(
                 [row[f"{kind}_high"] for row in barred],
                 color=COLOURS[i], zorder=2,
             )  # fmt: skip
-        label_axes(axis, "height $y$ (mm)", LABELS[kind])
+        label_axes(axis, "$y$ (mm)", LABELS[kind])
     frequency = float(results[0].frequency[frequency_index])
     title = f"{case_title(results[0])}, {frequency:g} Hz\noff {checked[0].known}"
     return finish(figure, path, title, legend=4)

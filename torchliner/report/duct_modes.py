@@ -10,8 +10,16 @@ from torch import Tensor
 
 from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
-from torchliner.duct.relation import DIRECTIONS
-from torchliner.report.figure import COLOURS, ONE_ROW, Figure, finish, label_axes, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    ONE_ROW,
+    Figure,
+    finish,
+    head_panel,
+    label_axes,
+    styled,
+    subplots,
+)
 from torchliner.report.table import Column, Table, real_and_imaginary
 
 NEPER = 20 * math.log10(math.e)  # dB
@@ -75,5 +83,5 @@ def draw_modes(
             axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n],
                       label=f"mode {n}")  # fmt: skip
         label_axes(axis, "$|p|$ over its maximum", "$y$ (mm), liner at 0")
-        axis.set_title(f"({'ab'[DIRECTIONS.index(direction)]}) {direction}", loc="left")
+        head_panel(axis, direction)
     return finish(figure, path, legend=ONE_ROW)

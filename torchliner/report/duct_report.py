@@ -14,7 +14,17 @@ from torchliner.duct.presets import DuctSetup
 from torchliner.lee.field import DuctField
 from torchliner.lee.settled import SettledField
 from torchliner.lee.solved_line import microphones_of
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    LINES,
+    MARKERS,
+    Figure,
+    entry,
+    finish,
+    label_axes,
+    styled,
+    subplots,
+)
 from torchliner.report.table import Column, Table
 
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
@@ -106,15 +116,17 @@ def draw_walls(
                 jumps = np.abs(np.diff(curve)) > 180
                 curve = np.where(np.append(jumps, False), np.nan, curve)
             colour = COLOURS[i]
-            axis.plot(1e3 * places, curve, color=colour, label=label)
+            axis.plot(1e3 * places, curve, color=colour, label=label, linestyle=LINES[i])
             axis.plot(1e3 * at, points, MARKERS[i], color=colour, markersize=3)
     for axis, label in zip(axes[0], ("SPL (dB re 20 µPa)", "phase (degrees)"), strict=True):
         for start, end in solved[0][0].case.liner:
             axis.axvspan(1e3 * start, 1e3 * end, color="0.9", zorder=0)
         label_axes(axis, "$x$ (mm)", label)
     frequency = float(solved[0][0].frequency[frequency_index])
-    title = title or f"{solved[0][0].wall} wall, {frequency:g} Hz; grey: liner"
-    return finish(figure, path, title, legend=2)
+    entry(axes[0, 0], "liner", width=5, color="0.9")
+    entry(axes[0, 0], "at the microphones", "o")
+    title = title or f"{solved[0][0].wall} wall, {frequency:g} Hz"
+    return finish(figure, path, title, legend=3)
 
 
 @styled
@@ -142,8 +154,11 @@ def draw_field(
                                 rasterized=True, vmin=values.min(), vmax=top)  # fmt: skip
         figure.colorbar(drawn, ax=axis, label=label, extend="max")
         for start, end in case.liner:
-            axis.plot([1e3 * start, 1e3 * end], [0, 0], color="r", linewidth=3, clip_on=False)
+            axis.plot(
+                [1e3 * start, 1e3 * end], [0, 0], color=COLOURS[1], linewidth=3, clip_on=False
+            )
         label_axes(axis, "$x$ (mm)", "$y$ (mm)")
     frequency = float(setup.frequency[frequency_index])
-    title = f"{setup.name}, {frequency:g} Hz, source {field.source}; red: liner"
+    title = f"{setup.name}, {frequency:g} Hz, source {field.source}; orange: liner; "
+    title += "the colours end at 99.5 % of the values off the wall (arrow)"
     return finish(figure, path, title)

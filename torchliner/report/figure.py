@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from string import ascii_lowercase
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from torchliner.io.whole_file import PICTURES, written_whole
 from torchliner.report.numbers import Curves
@@ -16,6 +23,69 @@ PARTS = (
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
 )
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
+V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
+WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
+STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
+LEGEND_ROOM = 0.4  # in, of a figure's height; a higher legend makes the figure higher
+PEAK = 8  # medians of a positive quantity, above which its axis is logarithmic
+DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
+SIGNS = (
+    (r"(?<![\w)$^{])-(?= ?[\d.])|(?<=\d)-(?=\d[\d.]*j)", "\N{MINUS SIGN}"),
+    (r"(?<=(?<!\$)\b[uv])'", "\N{PRIME}"),
+)  # true ones for those of a keyboard
+DRAWN = (*SIGNS, (r"(?<!\$)\by = (?=[\d.])", "$y$ = "))
+
+
+class Style(NamedTuple):
+    """What ``figure_style`` sets."""
+
+    width: float = WIDTHS["page"]
+    title: bool = False
+
+
+STYLE = Style()
+_style: ContextVar[Style] = ContextVar("style", default=STYLE)
+
+
+@contextmanager
+def figure_style(width: str | float = "page", *, title: bool = False) -> Iterator[None]:
+    """All figures within the block have this width; text is 8 pt at that size.
+
+    Args:
+        width: in, or "one" (3.4, a column; panels one above the other), "page" (5.3, the text
+            block of a page, default) or "two" (7, two columns).
+        title: the caption above the panels too; it is always ``figure.caption`` and stands in a
+            PNG, SVG or PDF as its description.
+    Raises:
+        ValueError: another word, or below 2 or above 20 in.
+    Example:
+        >>> with tl.figure_style("one"):
+        ...     found.plot("map.pdf")
+    """
+    try:
+        inches = WIDTHS[width] if isinstance(width, str) and width in WIDTHS else float(width)
+    except ValueError:
+        inches = math.nan
+    if not 2 <= inches <= 20:
+        raise ValueError(f"a figure's width is {width!r}; it must be {', '.join(WIDTHS)}, or "
+                         "2 to 20 (in)")  # fmt: skip
+    token = _style.set(Style(inches, title))
+    try:
+        yield
+    finally:
+        _style.reset(token)
+
+
+def style_width() -> float:
+    """Of a figure drawn now, in."""
+    return _style.get().width
+
+
+def typeset(text: str, signs: Sequence[tuple[str, str]] = SIGNS) -> str:
+    """Words with a true minus and prime; of ``DRAWN`` also with the height's symbol as on axes."""
+    for pattern, sign in signs:
+        text = re.sub(pattern, sign, text)
+    return text
 
 
 def require_matplotlib() -> Any:
@@ -44,6 +114,14 @@ def _shown() -> Any:
     from matplotlib.figure import Figure
 
     class Shown(Figure):
+        caption = ""
+
+        def savefig(self, *arguments: Any, **options: Any) -> None:
+            # Fonts are looked up when drawn, which may be long after ``styled``.
+            kept = {key: value for key, value in RC.items() if key != "svg.fonttype"}
+            with require_matplotlib().rc_context(kept):
+                super().savefig(*arguments, **options)
+
         def _repr_png_(self) -> bytes:
             picture = io.BytesIO()
             self.savefig(picture, format="png")
@@ -67,14 +145,26 @@ def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, l
     return found[0].figure, found
 
 
-def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
-    """A figure of the page's width and its axes, lettered."""
-    figure = _shown()(figsize=(WIDTH, height))
-    axes = figure.subplots(rows, columns, squeeze=False)
-    if columns > 1:
-        for letter, axis in zip("abcdef", axes.flat, strict=False):
+def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
+    """A figure and its axes (rows, columns), lettered where there are several.
+
+    Panels of one row stand one above the other in a narrow figure, but for those that share what
+    stands at their left, ``beside``.
+    """
+    width = style_width()
+    narrow = width < STACKED and rows == 1 < columns and not beside
+    shape = (columns, 1) if narrow else (rows, columns)
+    figure = _shown()(figsize=(width, height * (0.8 * columns if narrow else 1)))
+    axes = figure.subplots(*shape, squeeze=False).reshape(rows, columns)
+    if axes.size > 1:
+        for letter, axis in zip(ascii_lowercase, axes.flat, strict=False):
             axis.set_title(f"({letter})", loc="left")
     return figure, axes
+
+
+def head_panel(axis: Any, words: str) -> None:
+    """Words behind the letter of a panel."""
+    axis.set_title(f"{axis.get_title(loc='left')} {words}".strip(), loc="left")
 
 
 def impedance_panels(
@@ -108,25 +198,82 @@ def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float 
     axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
 
 
+def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
+    """A row of the legend without data: a marker, a line, or, of a ``width``, a band."""
+    if "width" in style:
+        style = {"linewidth": style.pop("width"), "solid_capstyle": "butt"} | style
+    line = "none" if marker else "-"
+    axis.plot([], [], **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style)
+
+
+def frame(axis: Any, values: Any, *bands: Any) -> bool:
+    """Limits that show all ``values``, and of bands what lies within one span of them; a
+    logarithmic axis where a peak of positive values would squash the rest. Whether bands go on
+    beyond."""
+    shown, reach = (_finite(each) for each in (values, np.concatenate([values, *bands])))
+    if not shown.size:
+        return False
+    low, high = shown.min(), shown.max()
+    if low > 0 and high > PEAK * np.median(shown):
+        axis.set_yscale("log")
+        plain_log_ticks(axis.yaxis)
+        axis.set_ylim(low / 1.3, high * 1.3)
+    else:
+        span = high - low or abs(high) or 1.0
+        ends = max(low - span, reach.min()), min(high + span, reach.max())
+        axis.set_ylim(ends[0] - 0.06 * span, ends[1] + 0.06 * span)
+    bottom, top = axis.get_ylim()
+    return bool(reach.min() < bottom or reach.max() > top)
+
+
+def _finite(values: Any) -> Any:
+    flat = np.ravel(np.asarray(values, dtype=float))
+    return flat[np.isfinite(flat)]
+
+
+def plain_log_ticks(side: Any) -> None:
+    """0.1, 0.2, 0.5, 1 ... on a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    side.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    side.set_minor_formatter(NullFormatter())
+
+
 def legend_below(figure: Figure, axis: Any, columns: int) -> None:
     """The names in one panel, in so many columns at most, below all panels."""
     handles, labels = axis.get_legend_handles_labels()
-    if labels:
-        columns = min(columns, len(labels))
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    unique = dict(zip(labels, handles, strict=True))
+    place_legend(figure, list(unique.values()), list(unique), columns)
+
+
+def place_legend(
+    figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int
+) -> None:
+    """Below all panels, in so many columns as the figure is wide for."""
+    names = [typeset(label, DRAWN) for label in labels]
+    for count in range(min(columns, len(names)), 0, -1):
+        legend = figure.legend(handles, names, loc="outside lower center", ncols=count)
+        size = legend.get_window_extent()
+        if count == 1 or size.width <= figure.bbox.width:
+            width, height = figure.get_size_inches()
+            more = size.height / figure.dpi - LEGEND_ROOM
+            figure.set_size_inches(width, height + max(0, more))
+            return
+        legend.remove()
 
 
 def finish(
-    figure: Figure, path: str | Path | None, title: str | None = None, legend: int = 0,
+    figure: Figure, path: str | Path | None, caption: str | None = None, legend: int = 0,
     given: Any = None,
 ) -> Any:  # fmt: skip
-    """Legend, heading and file, where asked for; the figure, or the axes that were ``given``,
+    """Legend, caption and file, where asked for; the figure, or the axes that were ``given``,
     whose figure is another's to finish.
 
     Args:
         figure: with everything drawn.
         path: picture to write.
-        title: above all panels.
+        caption: of a document around it: ``figure.caption``, and the description in the file.
         legend: columns, at most, of the names in the first panel, below all panels.
         given: axes of the caller.
     """
@@ -134,24 +281,37 @@ def finish(
         return given
     if legend:
         legend_below(figure, figure.axes[0], legend)
-    if title is not None:
-        figure.suptitle(title, fontsize=9)
+    for one in filter(None, (axis.get_legend() for axis in figure.axes)):
+        for text in one.get_texts():
+            text.set_text(typeset(text.get_text(), DRAWN))
+    figure.caption = typeset(" ".join((caption or "").split()))
+    if _style.get().title and figure.caption:
+        figure.suptitle(figure.caption, wrap=True)
     if path is not None:
+        suffix = Path(path).suffix.lower()
+        facts = {DESCRIPTION[suffix]: figure.caption} if suffix in DESCRIPTION else None
         with written_whole(path, *PICTURES) as temporary:
-            figure.savefig(temporary, format=Path(path).suffix[1:].lower())
+            figure.savefig(temporary, format=suffix[1:], metadata=facts)
     return figure
 
 
 ONE_ROW = 99  # of a legend
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
 MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
-WIDTH = 6.6  # in, text width of a journal page
+LINES: tuple[Any, ...] = ("-", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1))) * 99  # of curves
+REFERENCES: tuple[dict[str, Any], ...] = (
+    {"color": "0.6", "linewidth": 2.4, "linestyle": "-", "zorder": 1},  # others stay visible on it
+    *({"color": "k", "linewidth": 0.9, "linestyle": each} for each in ("--", ":", "-.")),
+)
 
 RC: Any = {
-    "font.size": 9.0, "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix", "axes.titlesize": 9.0, "axes.labelsize": 9.0,
-    "legend.fontsize": 8.0, "legend.frameon": False, "xtick.labelsize": 8.0, "ytick.labelsize": 8.0,
-    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
-    "lines.linewidth": 1.2, "lines.markersize": 4.0, "axes.linewidth": 0.6, "figure.dpi": 120,
-    "savefig.dpi": 200, "figure.constrained_layout.use": True,
+    "font.size": 8.0, "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix", "axes.titlesize": 8.0, "axes.labelsize": 8.0,
+    "figure.titlesize": 8.0, "legend.fontsize": 8.0, "legend.frameon": False,
+    "legend.columnspacing": 1.4, "legend.handletextpad": 0.6, "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0, "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True,
+    "ytick.right": True, "lines.linewidth": 1.1, "lines.markersize": 3.6, "axes.linewidth": 0.6,
+    "axes.unicode_minus": True, "figure.dpi": 120, "savefig.dpi": 250,
+    "pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none",
+    "figure.constrained_layout.use": True,
 }  # fmt: skip

@@ -8,32 +8,37 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.impedance_map import ENDS
 from torchliner.reduction.moments import Moments
-from torchliner.report.alongside import alongside_surfaces, draw_alongside
+from torchliner.report.alongside import alongside_at, alongside_surfaces, draw_alongside
+from torchliner.report.cell_figures import draw_cells
 from torchliner.report.figure import (
     COLOURS,
+    LINES,
     MARKERS,
     ONE_ROW,
     PARTS,
-    WIDTH,
+    REFERENCES,
+    U_RMS,
+    V_RMS,
     Figure,
     draw_band,
     draw_curve,
+    entry,
     finish,
+    frame,
     impedance_panels,
     label_axes,
     panels_of,
     styled,
     subplots,
 )  # fmt: skip
+from torchliner.report.map_figures import Limits, draw_plane, mesh_of
 from torchliner.report.numbers import (
     Curves,
     against_height,
     case_title,
-    height_label,
     impedance_along_x,
     impedance_over_frequency,
     interval_words,
@@ -42,73 +47,26 @@ from torchliner.report.numbers import (
 )
 
 BARS = 15  # statistical intervals along a spectrum, about
-FACES = {ORDERS[0]: "grey", ORDERS[1]: "white", ORDERS[2]: "yellow"}
-FLAT = 1e-6  # mm, within which places lie on a line
-LONG_SIDE = 4  # medians, above which a triangle bridges a gap
-REFERENCE_STYLES = ("-", "--", ":", "-.")
 
 
 def draw_map(
-    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int = 0, axes: Any = None
-) -> Figure:
+    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int = 0,
+    axes: Any = None, limits: Limits | None = None,
+) -> Figure:  # fmt: skip
     """Resistance and reactance over (x, z), of planes and of scattered probes, or along x for a
-    line; returns the figure, or the axes that were given."""
+    line; returns the figure, or the axes that were given.
+
+    ``limits``: ends of the colours by part, of ``map_limits`` where maps are to be compared.
+    """
     if over_surface(result, frequency_index):
-        return _draw_plane(result, path, frequency_index, axes)
+        return draw_plane(result, path, frequency_index, axes, limits)
     return draw_along_x([result], path, frequency_index, axes)
 
 
 def over_surface(result: ImpedanceMap, frequency_index: int = 0) -> bool:
     """Whether there is a picture over (x, z): of rows and columns, or of scattered probes."""
     grid = result.mean_velocity.ndim == 2 and min(result.mean_velocity.shape) > 1
-    return grid or _mesh(result, frequency_index) is not None
-
-
-@styled
-def _draw_plane(
-    result: ImpedanceMap, path: str | Path | None, frequency_index: int, given: Any
-) -> Any:
-    shape = result.mean_velocity.shape
-    x, z = _millimetres(result.x, shape[-1]), _millimetres(result.z, shape[0])
-    mesh = _mesh(result, frequency_index)
-    unit = "mm" if result.x is not None else "index"
-    span = (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)
-    figure, axes = panels_of(2, min(5.0, 1.5 + 0.45 * WIDTH * span), given)
-    for axis, (part, label) in zip(axes, PARTS, strict=False):
-        values = getattr(result, part)[..., frequency_index].detach().cpu().numpy()
-        # Single points over a hard spot reach extremes that would hide the rest.
-        low, high = np.nanpercentile(values, [1, 99])
-        style: Any = {"cmap": "cividis", "rasterized": True, "vmin": low, "vmax": high}
-        if mesh is None:
-            drawn = axis.pcolormesh(x, z, values, shading="nearest", **style)
-        else:
-            drawn = axis.tripcolor(mesh, values[np.isfinite(values)], shading="gouraud", **style)
-            axis.plot(x, z, ".", color="k", markersize=1)
-        # Without the layout of our own figures a bar below would lie on the labels.
-        bar: Any = {"location": "bottom", "aspect": 30, "pad": 0.03} if given is None else {}
-        axis.figure.colorbar(drawn, ax=axis, extend="both", label=label, **bar)
-        axis.set_aspect("equal")
-        label_axes(axis, f"$x$ ({unit})", f"$z$ ({unit})")
-    return finish(figure, path, _caption(result, frequency_index), given=given)
-
-
-def _mesh(result: ImpedanceMap, frequency_index: int) -> Any:
-    """Triangles between scattered probes that have a value, in mm, without those across gaps; None
-    where they lie on a line or on a grid."""
-    x, z = result.x, result.z
-    if result.mean_velocity.ndim != 1 or x is None or z is None:
-        return None
-    from matplotlib.tri import Triangulation
-
-    there = np.isfinite(result.resistance[:, frequency_index].detach().cpu().numpy())
-    places = 1e3 * np.stack([x.numpy(), z.numpy()], 1)[there]
-    if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(0), tol=FLAT) < 2:
-        return None
-    mesh = Triangulation(*places.T)
-    corners = places[mesh.triangles]
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    mesh.set_mask(sides.max(1) > LONG_SIDE * np.median(sides))
-    return mesh
+    return grid or mesh_of(result, frequency_index) is not None
 
 
 @styled
@@ -116,46 +74,39 @@ def draw_along_x(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0,
     axes: Any = None,
 ) -> Any:  # fmt: skip
-    """R and X along x at several heights, with cell averages and references (figures 10, 17)."""
+    """R and X along x at several heights, with cell averages and references (figures 10, 17).
+
+    The axes show curves, cells and references; of wider intervals what lies near them.
+    """
     ordered = sorted(results, key=lambda r: r.height or 0.0)
     figure, panels = impedance_panels(
         3.0, "$x$ (mm)" if ordered[0].x is not None else "probe", axes
     )
+    cut = False
     for axis, part in panels:
+        shown: list[Any] = []
+        bands: list[Any] = []
         for i, result in enumerate(ordered):
             profile = impedance_along_x(result, frequency_index)
             scale = 1.0 if result.x is None else 1e3
             label = profile.label or "educed"
-            draw_curve(axis, profile, part, COLOURS[i], scale, label=label)
-            _draw_cells(axis, result, part, frequency_index, MARKERS[i], COLOURS[i])
+            draw_curve(axis, profile, part, COLOURS[i], scale, label=label, linestyle=LINES[i])
+            shown.append(profile.values[part])
+            bands += [profile.values[key] for key in profile.values if key.startswith(f"{part} ")]
+        shown += draw_cells(axis, ordered, part, frequency_index)
         for i, (name, value) in enumerate(_references(ordered, frequency_index).items()):
-            axis.axhline(part_of(value, part), color="k", linewidth=0.9,
-                         linestyle=REFERENCE_STYLES[i % 4], label=name)  # fmt: skip
+            axis.axhline(part_of(value, part), **{"label": name} | REFERENCES[i % 4])
+            shown.append([part_of(value, part)])
         draw_alongside(axis, ordered, part, frequency_index)
-    others = (f"{FACES[each]}, {each}" for each in ordered[0].orders if each != ordered[0].order)
-    cells = f"cells: filled, {ordered[0].order}; {'; '.join(others)}"
+        shown += [part_of(other.cell_impedance[:, j], part)
+                  for other, j in alongside_at(ordered, frequency_index)]  # fmt: skip
+        cut |= frame(axis, np.concatenate(shown), *bands)
     words = interval_words(ordered[0])
-    bands = f"\nbands, bars: {words}" if words else ""
-    title = f"{_family(ordered, frequency_index)}; {cells}{bands}"
-    return finish(figure, path, title, 4, axes)
-
-
-def _draw_cells(
-    axis: Any, result: ImpedanceMap, part: str, frequency_index: int, marker: str, colour: str
-) -> None:
-    """All orders of averaging at the cells' centres, that of the answer filled."""
-    found, x = result.uncertainty, 1e3 * result.cell_x.numpy()
-    for order in sorted(result.orders, key=lambda each: each == result.order):
-        face = FACES[order] if order != result.order else colour
-        interval = None if found is None else getattr(found, f"cells{ENDS[order]}")
-        if interval is not None:
-            ends = (part_of(end[:, frequency_index], part) for end in (interval.low, interval.high))
-            axis.vlines(x, *ends, color=colour, linewidth=1.2, zorder=2)
-        axis.plot(
-            x, part_of(result.of_cells(order)[:, frequency_index], part), marker,
-            markerfacecolor=face, markeredgecolor="k" if face == colour else colour,
-            markeredgewidth=0.6, zorder=3,
-        )  # fmt: skip
+    if words:
+        entry(panels[0][0], words, width=5, color="0.8")
+    caption = _family(ordered, frequency_index)
+    caption += "; intervals go on beyond the axes" * cut
+    return finish(figure, path, caption, 4, axes)
 
 
 def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
@@ -173,7 +124,7 @@ def draw_against_height(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
     """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend)."""
-    figure, axes = subplots(1, 1, 3.6)
+    figure, axes = subplots(1, 1, 3.3)
     axis = axes[0, 0]
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in against_height(results) if row.frequency == frequency]
@@ -197,11 +148,25 @@ def draw_against_height(
             value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
         )  # fmt: skip
-    axis.margins(0.15)
+    cut = _around(axis, np.array(shown))
     label_axes(axis, PARTS[0][1], PARTS[1][1])
-    axis.legend(loc="best")
-    axis.set_title(f"{_family(results, frequency_index)}; numbers: height $y$ (mm)")
-    return finish(figure, path)
+    caption = f"{_family(results, frequency_index)}; numbers: height y in mm"
+    words = interval_words(results[0])
+    caption += f"; crosses: {words}{', beyond the axes' * cut}" if words else ""
+    return finish(figure, path, caption, legend=ONE_ROW)
+
+
+def _around(axis: Any, shown: Any) -> bool:
+    """Limits about the values, whatever the length of their crosses; whether some are cut off."""
+    cut = False
+    for values, get, put in ((shown.real, axis.get_xlim, axis.set_xlim),
+                             (shown.imag, axis.get_ylim, axis.set_ylim)):  # fmt: skip
+        low, high = np.nanmin(values), np.nanmax(values)
+        margin = 0.5 * (high - low) or 0.1
+        ends = max(get()[0], low - margin), min(get()[1], high + margin)
+        cut |= bool(ends[0] > get()[0] or ends[1] < get()[1])
+        put(*ends)
+    return cut
 
 
 def _draw_cross(axis: Any, value: complex, interval: Any, colour: str) -> None:
@@ -239,14 +204,14 @@ def draw_velocity(
     cases = [each.plane if isinstance(each, Moments) else each for each in several]
     rising = sorted(range(len(several)), key=lambda i: cases[i].height or 0)
     profiles = [velocity_along_x(several[i]) for i in rising]
-    labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": "$v'_{rms}$ (m s$^{-1}$)",
-              "u' rms (m/s)": "$u'_{rms}$ (m s$^{-1}$)"}  # fmt: skip
+    labels = {"v0 (m/s)": "$v_0$ (m s$^{-1}$)", "v' rms (m/s)": f"{V_RMS} (m s$^{{-1}}$)",
+              "u' rms (m/s)": f"{U_RMS} (m s$^{{-1}}$)"}  # fmt: skip
     kept = [name for name in labels if any(name in profile.values for profile in profiles)]
     figure, panels = panels_of(len(kept), 2.7, axes)
     for axis, name in zip(panels, kept, strict=False):
-        for profile, colour in zip(profiles, COLOURS, strict=False):
+        for profile, colour, line in zip(profiles, COLOURS, LINES, strict=False):
             if name in profile.values:
-                draw_curve(axis, profile, name, colour, 1e3)
+                draw_curve(axis, profile, name, colour, 1e3, linestyle=line)
         label_axes(axis, "$x$ (mm)", labels[name])
         if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
@@ -256,12 +221,12 @@ def draw_velocity(
 @styled
 def draw_liner(profiles: Sequence[Curves], title: str, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over frequency, one curve per speed (figure 3)."""
-    figure, panels = impedance_panels(2.9, "frequency $f$ (Hz)")
+    figure, panels = impedance_panels(2.7, "$f$ (kHz)")
     for axis, part in panels:
         for i, profile in enumerate(profiles):
-            draw_curve(axis, profile, part, COLOURS[i], linestyle=REFERENCE_STYLES[i % 4])
+            draw_curve(axis, profile, part, COLOURS[i], 1e-3, linestyle=LINES[i])
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-        axis.set_xlim(profiles[0].at[0], profiles[0].at[-1])
+        axis.set_xlim(1e-3 * profiles[0].at[0], 1e-3 * profiles[0].at[-1])
     panels[1][0].set_ylim(-6, 6)
     return finish(figure, path, title, legend=ONE_ROW)
 
@@ -294,20 +259,19 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
         margin = 0.5 * (high - low) + 1e-9
         axis.set_ylim(low - margin, high + margin)
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
-    title = case_title(ordered[0]) or "educed impedance"
-    words = interval_words(ordered[0])
-    kinds = map("".join, zip(("dashed: ", "dotted: "), _others(ordered[0]), strict=False))
-    title += f"; solid: {ordered[0].order}, {', '.join(kinds)}\nshaded: middle half of the "
-    title += f"probes; bars: {words}" if words else "probes"
-    return finish(figure, path, title, legend=4)
+    caption = f"{case_title(ordered[0]) or 'educed impedance'}; the axes end before a pole of Z"
+    axis = panels[0][0]
+    orders = (ordered[0].order, *_others(ordered[0]))
+    for order, style in zip(orders, ("-", "--", ":"), strict=False):
+        entry(axis, order, linestyle=style)
+    entry(axis, "middle half of the probes", width=5, color="0.8")
+    if words := interval_words(ordered[0]):
+        entry(axis, words, "|", markersize=9, markeredgewidth=1.2)
+    return finish(figure, path, caption, legend=4)
 
 
 def _others(result: ImpedanceMap) -> list[str]:
     return [order for order in result.orders if order != result.order]
-
-
-def _millimetres(values: Any, count: int) -> Any:
-    return np.arange(count) if values is None else 1e3 * values.numpy()
 
 
 def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
@@ -316,13 +280,3 @@ def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
     hard = any(result.choices.get("surface") == "hard wall" for result in results)
     frequency = float(results[0].frequency[frequency_index])
     return f"{title}{' (null test)' * hard}, {frequency:g} Hz"
-
-
-def _caption(result: ImpedanceMap, frequency_index: int) -> str:
-    frequency = float(result.frequency[frequency_index])
-    parts = [result.title or height_label(result.height), f"{frequency:g} Hz"]
-    liner = result.choices.get("liner", {})
-    if isinstance(liner, dict) and liner.get("name"):
-        null = result.choices.get("surface") == "hard wall"
-        parts.append(f"{'null test,' if null else 'liner'} model {liner['name']}")
-    return "; ".join(filter(None, parts))

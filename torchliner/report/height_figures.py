@@ -10,6 +10,9 @@ from torchliner.heights.study import HeightStudy
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
+    REFERENCES,
+    U_RMS,
+    V_RMS,
     Figure,
     finish,
     impedance_panels,
@@ -20,7 +23,6 @@ from torchliner.report.figure import (
 from torchliner.report.numbers import COMPLEX_PART, Array, Curves, part_of
 
 ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
-_V, _U = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 MOST_LENGTHS = 5  # curves a reader can tell apart
 
 
@@ -94,7 +96,7 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
             )  # fmt: skip
         if "true" in study.reference:
             true = part_of(study.reference["true"], part)
-            axis.axhline(true, color="0.4", linewidth=0.9, linestyle="--", label="true")
+            axis.axhline(true, label="true", **REFERENCES[0])
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz; bars: standard deviation over windows"
     return finish(figure, path, title, legend=3)
@@ -104,11 +106,11 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
 def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
     """Imprint of the cells over height, its fitted decay and that of an evanescent sound field."""
     curves = imprint_over_height(study)
-    figure, axes = subplots(1, 1, 3.0)
+    figure, axes = subplots(1, 1, 3.4)
     axis = axes[0, 0]
     names = {
-        "v' rms": rf"{_V}, all harmonics", "v' rms, first harmonic": rf"{_V}, first harmonic",
-        "v' rms, between harmonics": rf"{_V}, between harmonics", "v0": "$v_0$", "u' rms": _U,
+        "v' rms": rf"{V_RMS}, all harmonics", "v' rms, first harmonic": rf"{V_RMS}, first harmonic",
+        "v' rms, between harmonics": rf"{V_RMS}, between harmonics", "v0": "$v_0$", "u' rms": U_RMS,
     }  # fmt: skip
     for i, name in enumerate(name for name in curves.values if name in names):
         decay = study.decay if name == "v' rms" else None
@@ -127,5 +129,4 @@ def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
         axis.plot(1e3 * curves.at, sound, "--", color="0.3", label=text)
     axis.set_yscale("log")
     label_axes(axis, "$y$ (mm)", "cell-periodic part (rms) over mean")
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside right center")
-    return finish(figure, path, f"{study.title}, {study.frequency:g} Hz")
+    return finish(figure, path, f"{study.title}, {study.frequency:g} Hz", legend=2)

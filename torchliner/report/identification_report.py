@@ -20,6 +20,7 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     draw_band,
+    entry,
     finish,
     label_axes,
     styled,
@@ -220,7 +221,7 @@ def draw_identification(
     at = found.frequencies[0] if frequency is None else frequency
     speed = torch.linspace(0, found.knots.top**0.5, DRAWN, dtype=torch.float64).square()
     figure, axes = subplots(1, 3, 3.0)
-    across = r"$|v|$, m/s"
+    across = "$|v|$ (m s$^{-1}$)"
     law = torch.as_tensor(found.runs[0].liner.impedance(at, speed)).detach()
     kind, liner = type(found.best.fitted), found.runs[0].liner
     rival = next((each for each in found.candidates if not isinstance(each.fitted, kind)), None)
@@ -240,9 +241,10 @@ def draw_identification(
         for run, weight in zip(_per_row(found), found.seen, strict=True):
             if run == name:
                 axes[0, 2].plot(found.knots.speeds, weight, color=colour, linewidth=0.9)
-        axes[0, 0].plot([], [], color=colour, label=name)
+        entry(axes[0, 0], name, color=colour)
+    entry(axes[0, 0], "$|v|$ that the runs see", width=5, color="0.9")
     label_axes(axes[0, 2], across, "share of each spline in $Z$")
-    return finish(figure, path, f"{at:g} Hz; shaded: |v| that the runs see", legend=5)
+    return finish(figure, path, f"{at:g} Hz", legend=5)
 
 
 def _per_row(found: Identification) -> list[str]:

@@ -9,7 +9,15 @@ from typing import Any
 from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stated_impedance
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
-from torchliner.report.figure import COLOURS, ONE_ROW, draw_curve, finish, impedance_panels, styled
+from torchliner.report.figure import (
+    COLOURS,
+    ONE_ROW,
+    REFERENCES,
+    draw_curve,
+    finish,
+    impedance_panels,
+    styled,
+)
 from torchliner.report.numbers import part_of
 from torchliner.report.table import (
     Column,
@@ -81,6 +89,6 @@ def draw_in_situ(
         if known:
             draw_cells(axis, points, part, frequency_index, "cells, ")
         if true is not None:
-            axis.axhline(part_of(true, part), color="k", linewidth=0.9, label="true")
+            axis.axhline(part_of(true, part), label="true", **REFERENCES[0])
     title = f"{record.title or record.name}, in situ (Dean), {frequency:g} Hz"
     return finish(figure, path, title, legend=ONE_ROW)

@@ -13,6 +13,7 @@ from torchliner.report.figure import (
     ONE_ROW,
     Figure,
     draw_band,
+    entry,
     finish,
     impedance_panels,
     styled,
@@ -117,5 +118,6 @@ def draw_levels(curve: LevelCurve, path: str | Path | None = None) -> Figure:
                 for i in order.tolist()
             ]
             axis.plot(level, dashed, color=colour, linestyle="--")
-    title = f"{curve.liner}, {curve.kernel}, {curve.drive}; dashed: Z(rms v)"
+    entry(panels[0][0], "$Z$ of the rms $v$", linestyle="--")
+    title = f"{curve.liner}, {curve.kernel}, {curve.drive}"
     return finish(figure, path, title, ONE_ROW)

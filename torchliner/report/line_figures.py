@@ -11,9 +11,11 @@ import numpy as np
 from torchliner.records import ImpedanceLine
 from torchliner.report.figure import (
     COLOURS,
+    LINES,
     MARKERS,
     Figure,
     draw_band,
+    entry,
     finish,
     impedance_panels,
     styled,
@@ -52,8 +54,8 @@ def draw_lines(
     for axis, part in panels:
         for i, line in enumerate(lines):
             _draw_line(axis, line, part, frequency_index, i, names[i])
-    title = title or f"{_head(lines, frequency_index)}\n{_band_words(lines)}"
-    return finish(figure, path, title, 3 if len(lines) > 1 else 0, axes)
+    _name_bands(panels[0][0], lines)
+    return finish(figure, path, title or _head(lines, frequency_index), 3, axes)
 
 
 def _draw_line(axis: Any, line: ImpedanceLine, part: str, f: int, i: int, label: str) -> None:
@@ -65,22 +67,21 @@ def _draw_line(axis: Any, line: ImpedanceLine, part: str, f: int, i: int, label:
     if line.interval is not None:
         low, high = (part_of(end[:, f], part) for end in (line.interval.low, line.interval.high))
         draw_band(axis, x, low, high, colour, 0.5)
-    axis.plot(x, middle, color=colour, linewidth=0.8, marker=MARKERS[i],
+    axis.plot(x, middle, color=colour, linewidth=0.8, linestyle=LINES[i], marker=MARKERS[i],
               markersize=2.5 if len(x) > 40 else 4, label=label)  # fmt: skip
     left_out = ~line.used.numpy()
     axis.plot(x[left_out], middle[left_out], "x", color="k", markersize=6, zorder=5)
 
 
-def _band_words(lines: Sequence[ImpedanceLine]) -> str:
+def _name_bands(axis: Any, lines: Sequence[ImpedanceLine]) -> None:
     first = lines[0]
-    words = f"light: {PAPER_WIDTHS:g} standard deviations over segments"
+    words = f"{PAPER_WIDTHS:g} standard deviations over segments"
+    entry(axis, words, width=5, color="0.85")
     if first.interval is not None:
-        words += (
-            f"; dark: {100 * float(first.choices['interval']):g} % statistical interval of the mean"
-        )
+        share = 100 * float(first.choices["interval"])
+        entry(axis, f"{share:g} % statistical interval of the mean", width=5, color="0.5")
     if any(not bool(line.used.all()) for line in lines):
-        words += "; crosses: not in averages"
-    return words
+        entry(axis, "not in averages", "x", markersize=6)
 
 
 def _head(lines: Sequence[ImpedanceLine], f: int) -> str:

@@ -11,6 +11,7 @@ from torchliner.report.figure import (
     MARKERS,
     ONE_ROW,
     PARTS,
+    REFERENCES,
     Figure,
     draw_curve,
     finish,
@@ -29,7 +30,6 @@ from torchliner.report.table import (
 )
 
 STYLES = ("-", "--", ":", "-.") * 99
-LINES = ("-", "--", ":")  # of references
 
 
 def _table(found: ModelComparison) -> Table:
@@ -109,7 +109,7 @@ def draw_models(found: ModelComparison, path: str | Path | None = None) -> Figur
 @styled
 def _draw_values(found: ModelComparison, path: str | Path | None) -> Figure:
     rows = found.rows[::-1]
-    figure, axes = subplots(1, 2, 1.4 + 0.27 * len(rows))
+    figure, axes = subplots(1, 2, 1.1 + 0.25 * len(rows), beside=True)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         for place, row in enumerate(rows):
             value = part_of(row.impedance, part)
@@ -119,9 +119,8 @@ def _draw_values(found: ModelComparison, path: str | Path | None) -> Figure:
                 axis.plot(ends, [place] * 2, color=COLOURS[0], linewidth=4, alpha=0.4,
                           solid_capstyle="butt")  # fmt: skip
             axis.plot(value, place, "o", color=COLOURS[0], label=words, zorder=3)
-        for (name, value), style in zip(found.references.items(), LINES * 9, strict=False):
-            axis.axvline(part_of(value, part), color="k", linestyle=style, linewidth=0.9,
-                         label=name, zorder=1)  # fmt: skip
+        for (name, value), style in zip(found.references.items(), REFERENCES * 9, strict=False):
+            axis.axvline(part_of(value, part), label=name, **style)
         axis.set_xlabel(label)
         axis.set_ylim(-0.6, len(rows) - 0.4)
         names = [row.model for row in rows] if part == "resistance" else []

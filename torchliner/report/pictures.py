@@ -10,6 +10,7 @@ from torchliner.reduction.moments import ReducedVelocity
 from torchliner.report import figures
 from torchliner.report.closure_report import closure_table, draw_closure
 from torchliner.report.figures import draw_spectrum
+from torchliner.report.map_figures import map_limits
 from torchliner.report.numbers import impedance_along_x, impedance_over_frequency, velocity_along_x
 
 
@@ -37,9 +38,10 @@ def _draw_group(
     stems = [_stem(plane) for plane in planes]
     for i, frequency in enumerate(frequencies):
         end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
+        limits = map_limits(results, i)  # maps of one call are to be compared
         for result, stem in zip(results, stems, strict=True):
             if result.mean_velocity.ndim == 2 or figures.over_surface(result, i):
-                figures.draw_map(result, folder / f"map_{stem}{end}.png", i)
+                figures.draw_map(result, folder / f"map_{stem}{end}.png", i, limits=limits)
             impedance_along_x(result, i).write_csv(folder / f"along_x_{stem}{end}.csv")
         figures.draw_along_x(results, folder / f"along_x{end}.png", i)
         if len(results) > 1:

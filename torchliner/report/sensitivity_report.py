@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.calibration.budget import Budget, correlation_of
 from torchliner.calibration.sensitivities import Sensitivities
-from torchliner.report.figure import COLOURS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, Figure, finish, place_legend, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
 
 SIGNS = {
@@ -98,7 +98,7 @@ def draw_contributions(
     total = next((row for row in rows if row["parameter"] == COMBINED), None)
     kept = [row for row in rows if row is not total][::-1]
     end = "" if "resistance" in kept[0] else "_per_percent"
-    figure, axes = subplots(1, 2, 1.3 + 0.24 * len(kept))
+    figure, axes = subplots(1, 2, 1.1 + 0.22 * len(kept), beside=True)
     places = np.arange(len(kept))
     for axis, part, sign in zip(axes[0], ("resistance", "reactance"), "RX", strict=True):
         values = np.array([row[part + end] for row in kept])
@@ -119,5 +119,5 @@ def draw_contributions(
     if total is not None:
         handles.append(axes[0, 0].plot([], [], "k--", linewidth=0.9)[0])
         labels.append(COMBINED)
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    place_legend(figure, handles, labels, 3)
     return finish(figure, path, title)

@@ -8,7 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.report.figure import COLOURS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    Figure,
+    finish,
+    label_axes,
+    place_legend,
+    styled,
+    subplots,
+)
 from torchliner.report.numbers import Curves
 from torchliner.report.table import Column, Table
 from torchliner.signals.burst_moments import HISTOGRAM_BINS, HISTOGRAM_REACH, interval_histogram
@@ -114,7 +122,7 @@ def draw_stations(stations: Sequence[Station], path: str | Path | None = None) -
     short = SHORT[name]
     figure, axes = subplots(2, 2, 4.6)
     panels = (("mean", rf"mean ${short}$ (m s$^{{-1}}$)"),
-              ("rms", rf"$\sigma_{short}$ (m s$^{{-1}}$)"))  # fmt: skip
+              ("rms", rf"${short}'_{{\mathrm{{rms}}}}$ (m s$^{{-1}}$)"))  # fmt: skip
     for axis, (part, text) in zip(axes[0], panels, strict=True):
         for prefix, colour, marker, weighting in WEIGHTINGS:
             values = np.array([*map(_moment(name, prefix + part), stations)], dtype=np.float64)
@@ -132,7 +140,7 @@ def draw_stations(stations: Sequence[Station], path: str | Path | None = None) -
     _draw_intervals(axes[1, 1], stations)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     more = axes[1, 1].get_legend_handles_labels()
-    figure.legend(handles + more[0], labels + more[1], loc="outside lower center", ncols=3)
+    place_legend(figure, handles + more[0], labels + more[1], 3)
     return finish(figure, path)
 
 

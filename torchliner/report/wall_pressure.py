@@ -15,6 +15,7 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     draw_band,
+    entry,
     finish,
     impedance_panels,
     label_axes,
@@ -46,6 +47,8 @@ def draw_wall(
             for axis, part in panels:
                 _draw_spectrum(axis, one, part, colour, marker, label)
     if single:
+        entry(left, "measured level", "o", markerfacecolor="none")
+        entry(left, "fitted level, range of the draws")
         label_axes(left, PARTS[0][1], PARTS[1][1])
         label_axes(right, "$x$ (mm)", "SPL (dB)")
     hertz = f", {float(found[0].frequency[0]):g} Hz" if single else ""
