@@ -6,6 +6,7 @@ import torch
 
 from torchliner.records import ImpedanceMap
 from torchliner.report import figures
+from torchliner.report.cell_figures import FACES
 from torchliner.report.numbers import (
     COMPLEX_PART,
     impedance_along_x,
@@ -81,7 +82,7 @@ def along_x(subject: MapSubject) -> list[Block]:
         return [Text(typeset(f"One probe, Z = {format_complex(z)}: there is nothing along x."))]
     blocks: list[Block] = []
     others = [order for order in result.orders if order != result.order]
-    open_ = "; ".join(f"{figures.FACES[order]}, {order}" for order in others)
+    open_ = "; ".join(f"{FACES[order]}, {order}" for order in others)
     for i in subject.drawn:
         curves = impedance_along_x(result, i)
         ends = {part: _percentiles(torch.from_numpy(curves.values[part]).double().flatten())
