@@ -1,0 +1,11 @@
+"""
+What the probes see
+===================
+
+Mean and fluctuating velocity along the slit liner in a flow at Mach 0.3, 1.5 mm above it.
+"""
+
+import torchliner as tl
+
+plane = tl.read_plane("../../data/slit_g03_145_y1.5mm.h5")
+plane.plot()
