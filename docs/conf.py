@@ -40,7 +40,6 @@ html_show_sourcelink = False
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-suppress_warnings = ["config.cache"]  # the gallery's order and reset functions cannot be pickled
 
 autodoc_typehints = "description"
 autodoc_typehints_format = "short"
@@ -57,27 +56,16 @@ napoleon_custom_sections = [("Source", "notes_style")]
 html_math_renderer = "mathml"
 
 
-def _gallery_settings() -> dict[str, Any]:
-    from sphinx_gallery.sorting import FileNameSortKey
-
-    return {
-        "examples_dirs": "gallery",
-        "gallery_dirs": "pictures",
-        "within_subsection_order": FileNameSortKey,
-        "filename_pattern": r"plot_",
-        "download_all_examples": False,
-        "show_memory": False,
-        "show_signature": False,
-        "min_reported_time": 1e9,
-        "copyfile_regex": r"",
-        "remove_config_comments": True,
-        "abort_on_example_error": True,
-        "matplotlib_animations": False,
-        "plot_gallery": "True",
-    }
-
-
-sphinx_gallery_conf = _gallery_settings()
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "pictures",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "abort_on_example_error": True,
+}
 
 # What lies beside docs/ in the repository has a page here or is named, not linked.
 BESIDE = {
@@ -97,9 +85,11 @@ def beside_the_docs(app: Any, page: str, text: list[str]) -> None:
 APART = re.compile(r"(``.*?``|:\w+:`.*?`|^ *>>>.*?$)", re.DOTALL | re.MULTILINE)
 
 
-def plain_bars(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
-    """|v| in a docstring is an absolute value, which reStructuredText takes for a substitution."""
-    parts = APART.split("\n".join(lines))
+def plain_text(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
+    """|v| is an absolute value, which reStructuredText takes for a substitution; names of arguments
+    that share a line stand on one line, as Napoleon wants them."""
+    text = re.sub(r"^( +[\w, ]+,)\n +(?=[\w, ]+: )", r"\1 ", "\n".join(lines), flags=re.MULTILINE)
+    parts = APART.split(text)
     parts[::2] = [part.replace("|", "\\|") for part in parts[::2]]
     lines[:] = "".join(parts).split("\n")
 
@@ -117,5 +107,5 @@ def setup(app: Any) -> None:
     """The reference's pages, links and formulas."""
     write_reference(HERE / "api")
     app.connect("source-read", beside_the_docs)
-    app.connect("autodoc-process-docstring", plain_bars)
+    app.connect("autodoc-process-docstring", plain_text, priority=400)  # before Napoleon
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
