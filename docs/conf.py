@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,9 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
     "abort_on_example_error": True,
 }
+
+# Warnings of the gallery's scripts are shown with their pictures, without the paths of a machine.
+warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
 
 # What lies beside docs/ in the repository has a page here or is named, not linked.
 BESIDE = {

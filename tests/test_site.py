@@ -60,7 +60,7 @@ def test_the_examples_of_a_page_of_the_site_run(page, tmp_path, monkeypatch):
 
 
 def test_every_public_name_stands_in_one_group_of_the_reference(monkeypatch):
-    reference = load_script("../docs/reference.py")
+    reference = load_script("../docs/reference")
     reference.check_groups()
     monkeypatch.setattr(tl, "__all__", [*tl.__all__, "a_new_name"])
     with pytest.raises(ValueError, match="not once in the groups: a_new_name"):

@@ -6,7 +6,10 @@ Turbulence over a hard wall, without sound and without a liner, educed with the 
 the method returns an "impedance" here too. It is the response of the model, not a measurement.
 """
 
+import matplotlib.pyplot as plt
+
 import torchliner as tl
 
 plane = tl.read_plane("../../data/channel_y1.04mm.h5")
-tl.educe(plane, tl.load_liner("polito"), 1400.0).plot()
+figure, axes = plt.subplots(1, 2, figsize=(10, 3), layout="constrained")
+tl.educe(plane, tl.load_liner("polito"), 1400.0).plot(ax=axes)

@@ -14,4 +14,5 @@ lengths = ["facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth"
 found = tl.sensitivities(plane, tl.load_liner(plane.liner), parameters=lengths).per_percent()
 plt.barh(lengths, found.of_liner("velocity first")[:, 0].real)
 plt.xlabel("change of R for + 1 %")
+plt.locator_params(axis="x", nbins=5)
 plt.tight_layout()

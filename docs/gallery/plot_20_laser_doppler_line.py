@@ -6,6 +6,7 @@ Simulated bursts, a tone in slow turbulence that grows along the liner, at six s
 and reactance with their intervals.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import torchliner as tl
@@ -16,4 +17,5 @@ for n in range(6):
     slow = np.interp(seconds, np.arange(0, 8, 1 / 500), random.normal(size=4000))
     v = np.cos(2 * np.pi * 1500 * seconds) + (1 + 0.3 * n) * slow
     stations.append(tl.BurstRecord(seconds, wall_normal=v, x=0.02 * n, y=1e-3, z=0.0))
-tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0).plot()
+figure, axes = plt.subplots(1, 2, figsize=(10, 3.5), layout="constrained")
+tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0).plot(ax=axes)

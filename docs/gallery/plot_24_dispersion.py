@@ -2,7 +2,7 @@
 Impedance and wavenumber
 ========================
 
-The least attenuated wave of a duct in uniform flow for resistances of its wall from 0.5 to 8:
+The plane-like wave of a duct in uniform flow for resistances of its wall from 0.5 to 8:
 decay over the reactance, downstream, at 1500 Hz.
 """
 

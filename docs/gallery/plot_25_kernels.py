@@ -3,7 +3,7 @@ Why the kernels are two-sided
 =============================
 
 Impulse responses of the preset ``polito`` at two speeds. What its empirical terms imply
-begins before zero; dropping that part, as eq. (3.2) does, loses a third of the resistance.
+begins before zero; dropping that part, as eq. (3.2) does, loses a quarter of the resistance.
 """
 
 import matplotlib.pyplot as plt
