@@ -1,4 +1,7 @@
-"""Pages of the reference, one a group of public names; every public name stands in one group."""
+"""Pages of the reference, one a group of public names; every public name stands in one group.
+
+Each page begins with an example that uses all of its names: ``docs/examples``, run by the tests.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +88,10 @@ def write_reference(folder: Path) -> None:
         page = title.lower().replace(" ", "_")
         pages.append(f"   {page}")
         entries = "\n".join(_entry(name) for name in names.split())
-        text = f"{title}\n{'=' * len(title)}\n\n{about}\n\n.. currentmodule:: torchliner\n\n"
+        text = (
+            f"{title}\n{'=' * len(title)}\n\n{about}\n\n"
+            f".. literalinclude:: ../examples/{page}.py\n\n"
+        )
         _write(folder / f"{page}.rst", text + entries)
         links = ", ".join(f":py:obj:`{n} <torchliner.{n}>`" for n in names.split())
         parts.append(f":doc:`{page}`: {about} {links}\n")

@@ -15,6 +15,7 @@ import torchliner as tl
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 GALLERY = sorted((DOCS / "gallery").glob("plot_*.py"))
+EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 PAGES = ("start", "errata")
 ELSEWHERE = re.compile(
     r"""<(?:script|img|iframe|source)\b[^>]*\bsrc="(?:https?:)?//"""
@@ -49,6 +50,14 @@ def test_the_gallery_has_one_title_a_script_and_some_words():
         assert " ".join(about).count(".") >= 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_of_the_reference_runs(script, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    exec(compile(script.read_text(encoding="utf-8"), script.name, "exec"), {})
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_the_examples_of_a_page_of_the_site_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -59,9 +68,15 @@ def test_the_examples_of_a_page_of_the_site_run(page, tmp_path, monkeypatch):
     assert "tl" in names
 
 
-def test_every_public_name_stands_in_one_group_of_the_reference(monkeypatch):
+def test_every_public_name_stands_in_one_group_of_the_reference_and_in_its_example(monkeypatch):
     reference = load_script("../docs/reference")
     reference.check_groups()
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES}
+    for title, (_, names) in reference.GROUPS.items():
+        example = texts.pop(title.lower().replace(" ", "_"))
+        left = [name for name in names.split() if not re.search(rf"tl\.{name}\b", example)]
+        assert not left, title
+    assert not texts
     monkeypatch.setattr(tl, "__all__", [*tl.__all__, "a_new_name"])
     with pytest.raises(ValueError, match="not once in the groups: a_new_name"):
         reference.check_groups()
