@@ -30,7 +30,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["build", "examples/*", "gallery/*", "notebooks/*", "package.md"]
+exclude_patterns = ["sg_execution_times.rst", "build", "examples/*", "gallery/*", "notebooks/*", "package.md"]
 
 html_theme = "furo"
 html_title = f"torchliner {release}"
@@ -63,6 +63,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "write_computation_times": False,
+    "capture_repr": (),
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 1e9,
