@@ -30,7 +30,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["sg_execution_times.rst", "build", "examples/*", "gallery/*", "notebooks/*", "package.md"]
+exclude_patterns = ["build", "examples/*", "gallery/*", "notebooks/*", "package.md"]
 
 html_theme = "furo"
 html_title = f"torchliner {release}"
@@ -93,10 +93,10 @@ APART = re.compile(r"(``.*?``|:\w+:`.*?`|^ *>>>.*?$)", re.DOTALL | re.MULTILINE)
 
 def plain_text(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
     """|v| is an absolute value, which reStructuredText takes for a substitution; names of arguments
-    that share a line stand on one line, as Napoleon wants them."""
+    that share a line stand on one line, as Napoleon wants them; FILE:/name is no address."""
     text = re.sub(r"^( +[\w, ]+,)\n +(?=[\w, ]+: )", r"\1 ", "\n".join(lines), flags=re.MULTILINE)
     parts = APART.split(text)
-    parts[::2] = [part.replace("|", "\\|") for part in parts[::2]]
+    parts[::2] = [part.replace("|", "\\|").replace("FILE:", "FILE\\:") for part in parts[::2]]
     lines[:] = "".join(parts).split("\n")
 
 
