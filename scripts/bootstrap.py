@@ -1,6 +1,6 @@
 """Set the project up and run it, with the standard library alone.
 
-    python3 scripts/bootstrap.py setup|demo|test|test-slow|lint|benchmark
+    python3 scripts/bootstrap.py setup|demo|test|test-slow|lint|docs|benchmark
 
 Makes .venv once; later calls find it ready unless pyproject.toml or constraints.txt changed.
 Environment variables:
@@ -123,15 +123,30 @@ def demo() -> None:
     run(PYTHON, "scripts/demo.py")
 
 
+def pinned(*packages: str) -> None:
+    """What one task alone needs, in the versions of constraints.txt."""
+    pip: list[str | Path] = [PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+    run(*pip, "-c", "constraints.txt", *packages)
+
+
+def docs() -> None:
+    """The site in docs/build/html; a warning is an error."""
+    listed = (ROOT / "pyproject.toml").read_text().split("\ndocs = [")[1].split("]\n")[0]
+    pinned(*(name for name in re.findall(r'"([^"]+)"', listed) if "torchliner" not in name))
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    html = ROOT / "docs" / "build" / "html"
+    run(PYTHON, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", html)
+    print(f"{html / 'index.html'}")
+
+
 def benchmark() -> None:
     """Time and error of the engines, beside the published recipe compiled by numba."""
-    pip: list[str | Path] = [PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-    run(*pip, "-c", "constraints.txt", "numba")
+    pinned("numba")
     run(PYTHON, "scripts/benchmark.py")
 
 
 TASKS = {"setup": None, "demo": demo, "test": test, "test-slow": test_slow, "lint": lint,
-         "benchmark": benchmark}  # fmt: skip
+         "docs": docs, "benchmark": benchmark}  # fmt: skip
 
 
 def main() -> None:

@@ -1,0 +1,21 @@
+"""
+A liner model over frequency and speed
+======================================
+
+Resistance and reactance of the preset ``onera`` for constant speeds above it.
+"""
+
+import matplotlib.pyplot as plt
+import torch
+
+import torchliner as tl
+
+liner, frequency = tl.load_liner("onera"), torch.linspace(500, 3000, 200)
+figure, (resistance, reactance) = plt.subplots(2, 1, sharex=True, layout="constrained")
+for speed in (0.0, 1.0, 3.0, 6.0):
+    z = liner.impedance(frequency, speed)
+    resistance.plot(frequency, z.real, label=f"|v| = {speed:g} m/s")
+    reactance.plot(frequency, z.imag)
+resistance.set_ylabel("R")
+reactance.set(xlabel="frequency (Hz)", ylabel="X")
+resistance.legend()

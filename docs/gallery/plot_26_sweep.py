@@ -1,0 +1,22 @@
+"""
+A sweep in place of a tone
+==========================
+
+The same plane with a sweep as the incident wave, whose reflected signal is formed sample by sample,
+and by the mean response at each frequency. A sweep meets each frequency once, so it scatters.
+"""
+
+import matplotlib.pyplot as plt
+
+import torchliner as tl
+
+plane = tl.read_plane("../../data/slit_g01_145_y2.5mm.h5", every=8)
+liner = tl.load_liner("lbm_slit")
+frequency = [n / plane.duration for n in range(6, 31, 2)]  # lines of the record
+swept = tl.educe(plane, liner, frequency, incident=tl.Sweep(300, 3400))
+mean = tl.educe(plane, liner, frequency, interval=None)
+for found, style, about in ((swept, "o", "sweep"), (mean, "-", "mean response")):
+    plt.plot(frequency, found.of_liner("probes first").real, "C0" + style, label=about)
+plt.xlabel("frequency (Hz)")
+plt.ylabel("R")
+plt.legend()
