@@ -49,8 +49,8 @@ GROUPS: dict[str, tuple[str, str]] = {
         "Tones Sweep BandNoise Recorded read_signal build_kernels",
     ),
     "Reliability": (
-        "How far each choice moves a result; results and models compared.",
-        "audit compare compare_models DataWarning",
+        "How far each choice moves a result; results and models compared; figures for print.",
+        "audit compare compare_models DataWarning figure_style",
     ),
     "Conversions": (
         "Air, and the arithmetic between reflection, impedance and absorption.",
