@@ -219,3 +219,12 @@ def test_spectrum_of_every_plane(liner, tmp_path):
     results[0].reflection[..., 3] = 1 - 1e-6
     low, high = draw_spectrum(results).axes[0].get_ylim()
     assert high - low < 1e4
+
+
+def test_a_figure_over_height_needs_heights(liner):
+    """Said with the name of the result."""
+    from torchliner.report.figures import draw_against_height
+
+    found = tl.educe(plane_of(turbulence((2, 480)), title="bare"), liner, interval=None)
+    with pytest.raises(ValueError, match="bare states no height; a figure over height needs one"):
+        draw_against_height([found])

@@ -123,11 +123,20 @@ def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[s
 def draw_against_height(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
-    """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend)."""
-    figure, axes = subplots(1, 1, 3.3)
-    axis = axes[0, 0]
+    """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend).
+
+    Raises:
+        ValueError: no result states a height.
+    """
     frequency = float(results[0].frequency[frequency_index])
     rows = [row for row in against_height(results) if row.frequency == frequency]
+    if not rows:
+        raise ValueError(
+            f"{results[0].title or 'the result'} states no height; a figure over height needs one, in m, with the "
+            "plane (height=)"
+        )
+    figure, axes = subplots(1, 1, 3.3)
+    axis = axes[0, 0]
     orders = list(reversed(results[0].orders))
     names = [order.replace(" ", "_") for order in orders]
     shown = [getattr(row, name) for row in rows for name in names]
