@@ -129,11 +129,14 @@ def draw_against_height(
         ValueError: no result states a height.
     """
     frequency = float(results[0].frequency[frequency_index])
-    rows = [row for row in against_height(results) if row.frequency == frequency]
+    rows = [
+        row for row in against_height(results)
+        if row.frequency == frequency and row.height is not None
+    ]  # fmt: skip
     if not rows:
         raise ValueError(
-            f"{results[0].title or 'the result'} states no height; a figure over height needs one, in m, with the "
-            "plane (height=)"
+            f"{results[0].title or 'the result'} states no height; a figure over height needs one, "
+            "in m, with the plane (height=)"
         )
     figure, axes = subplots(1, 1, 3.3)
     axis = axes[0, 0]
