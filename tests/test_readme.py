@@ -105,7 +105,8 @@ def test_shipped_data_are_whole():
 
 
 def test_links_lead_somewhere():
-    """Relative links and pictures exist."""
+    """Relative links and pictures exist, but for what the site makes: its build checks those."""
     for page in [*PAGES, *(ROOT / "docs").glob("*.md"), ROOT / "CONTRIBUTING.md"]:
         for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
+            made = target.startswith(("pictures/", "api/"))
+            assert made or (page.parent / target).exists(), f"{page.name}: {target}"

@@ -58,9 +58,11 @@ def figure_style(width: str | float = "page", *, title: bool = False) -> Iterato
             PNG, SVG or PDF as its description.
     Raises:
         ValueError: another word, or below 2 or above 20 in.
-    Example:
-        >>> with tl.figure_style("one"):
-        ...     found.plot("map.pdf")
+
+    >>> plane = tl.VelocityPlane(torch.randn(3, 900), sampling_rate=42e3, x=[0.0, 1e-3, 2e-3])
+    >>> with tl.figure_style("one"):
+    ...     print(plane.plot().get_size_inches()[0])
+    3.4
     """
     try:
         inches = WIDTHS[width] if isinstance(width, str) and width in WIDTHS else float(width)
