@@ -23,10 +23,9 @@ from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.without_flow import PredictedRow, draw_without_flow
 from torchliner.audits.truth_rows import closure_of
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from truth_page import table, with_tables
+from truth_page import table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
 STEM = "calibrate_without_flow"
@@ -142,9 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_rows([row.plain() for row in rows], folder / f"{STEM}.csv", ".5g")
         draw_without_flow(rows, folder / f"{STEM}.png")
     if options.write:
-        with written_whole(PAGE) as temporary:
-            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
-            temporary.write_text(text, encoding="utf-8")
+        write_tables(PAGE, tables)
     print(f"\nNumbers and picture are in {FOLDER}")
     return 0
 

@@ -19,10 +19,9 @@ import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from torchliner.identification.leave_out import Candidate
 from torchliner.identification.parameter_model import FittedParameters
-from torchliner.io.whole_file import written_whole
 from torchliner.report.identification_report import draw_identification
 from torchliner.report.table import format_complex, format_pair
-from truth_page import table, with_tables
+from truth_page import table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"
 REST = 0.01 + 0.01j  # the presets' linear parts are those of runs at 115 dB
@@ -166,9 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for study, each in (found[0], found[2]):
             draw_identification(each, folder / f"{study.stem}.png")
     if options.write:
-        with written_whole(PAGE) as temporary:
-            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
-            temporary.write_text(text, encoding="utf-8")
+        write_tables(PAGE, tables)
     print(f"\nPictures are in {FOLDER}")
     return 0
 

@@ -21,12 +21,11 @@ import torchliner as tl
 from common import FIGURES, ROOT, case_files, options_of, parser_of
 from torchliner.conversions import REFERENCE_PRESSURE
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import written_whole
 from torchliner.ir_tdibc_method.ways import FITTED, Case, Stepped
 from torchliner.names import STEP_KERNELS
 from torchliner.report.figure import COLOURS, MARKERS, finish, impedance_panels, styled
 from torchliner.report.table import format_complex
-from truth_page import table, with_tables
+from truth_page import table, write_tables
 
 PAGE, STEM = ROOT / "docs" / "ir_tdibc.md", "ir_tdibc"
 TONE = 1400.0
@@ -199,9 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             {k: v for key, value in row.items() for k, v in _parts(key, value)} for row in rows
         ]
         write_rows(plain, FIGURES / f"{STEM}.csv", ".5g")
-        with written_whole(PAGE) as temporary:
-            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
-            temporary.write_text(text, encoding="utf-8")
+        write_tables(PAGE, tables)
     return 0
 
 

@@ -26,11 +26,10 @@ from calibrate_without_flow import FITS, calibrated
 from common import FIGURES, RESULTS, ROOT, options_of, parser_of
 from studies.mass_loss_figure import LossRow, draw_mass_loss
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import written_whole
 from torchliner.liners.end_loss import EndLossSDoFLiner
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from truth_page import table, with_tables
+from truth_page import table, write_tables
 
 PAGE, FOLDER, STEM = ROOT / "docs" / "mass_loss.md", RESULTS / "mass_loss", "mass_loss"
 CASES = tuple(case for fit in FITS for case in (*fit.fitted, *fit.predicted))
@@ -265,9 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_rows([row.plain() for row in rows], folder / f"{STEM}.csv", ".5g")
         draw_mass_loss(rows, [LAWS[0].name, LAWS[1].name, CHOSEN.name], folder / f"{STEM}.png")
     if options.write:
-        with written_whole(PAGE) as temporary:
-            text = with_tables(PAGE.read_text(encoding="utf-8"), tables)
-            temporary.write_text(text, encoding="utf-8")
+        write_tables(PAGE, tables)
     print(f"\nNumbers and picture are in {FOLDER}")
     return 0
 

@@ -298,6 +298,13 @@ def with_tables(page: str, tables: dict[str, str]) -> str:
     return re.sub(r"<!-- table (\w+) -->\n.*?<!-- end -->", replaced, page, flags=re.DOTALL)
 
 
+def write_tables(page: Path, tables: dict[str, str]) -> None:
+    """The tables into their page, which is whole at any time."""
+    with written_whole(page) as temporary:
+        text = with_tables(page.read_text(encoding="utf-8"), tables)
+        temporary.write_text(text, encoding="utf-8")
+
+
 def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -> None:
     """Both pictures and the numbers behind them."""
     draw_truth_errors(rows, folder / "truth_errors.png")
@@ -354,9 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with written_whole(FIGURES / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
         for page in (PAGE, ROOT / "README.md"):
-            with written_whole(page) as temporary:
-                text = with_tables(page.read_text(encoding="utf-8"), tables)
-                temporary.write_text(text, encoding="utf-8")
+            write_tables(page, tables)
         write_rows(known_rows(read_rows(FOLDER / "truth_errors.csv")), KNOWN, end="\n")
     print(f"\nNumbers and pictures are in {FOLDER}")
     return 0

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any, NoReturn
 
+from torchliner.cli.gate import MAYBE
 from torchliner.cli.parser import Parser
 
 SHELLS = ("bash", "zsh", "tcsh")
-MAYBE_FILES = ("LINER", "DUCT", "SIGNAL", "ARRAY")  # a name or a file
 
 
 class PrintCompletion(argparse.Action):
@@ -38,5 +38,5 @@ def _show_all(parser: Parser, file: Any, folder: Any) -> None:
             action.help = action.help if action.help != argparse.SUPPRESS else "command"
             for each in action.choices.values():
                 _show_all(each, file, folder)
-        elif action.type is Path or action.metavar in MAYBE_FILES:
+        elif action.type is Path or action.metavar in MAYBE:
             action.complete = folder if action.metavar == "FOLDER" else file  # type: ignore[attr-defined]

@@ -33,16 +33,8 @@ from torchliner.names import did_you_mean
 READ = ("PLANE", "LINE", "SOURCE", "RECORD", "PATH")  # files and folders that must be there
 MAYBE = ("LINER", "DUCT", "SIGNAL", "ARRAY")  # a name or a file, ARRAY with :VARIABLE
 WRITTEN = ("FILE", "PICTURE", "FOLDER")
-OWN_FILES = (
-    ".toml",
-    ".csv",
-    ".py",
-    ".txt",
-    ".wav",
-    ".npy",
-    ".mat",
-    *HDF5,
-)  # by which MAYBE is a file
+# By which MAYBE is a file.
+OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)
 LARGEST_TOML = 1 << 20  # bytes, in which files are looked for; no liner has as many
 MOST_NAMES = 10_000  # in a folder, among which a name is looked for
 
