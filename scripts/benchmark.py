@@ -28,11 +28,11 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
+from torchliner.compiled import library
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
 from torchliner.names import ORDERS
 from torchliner.records.slabs import SLAB_ROWS, bounds_of
-from torchliner.reduction import native
 from torchliner.reduction.basis import choose_basis
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.sources import Columns, HeldSpeed
@@ -133,7 +133,7 @@ def engines(bench: Bench) -> None:
         bench.row(f"copy of the plane ({8e-9 * count / seconds:.0f} GB/s)", seconds, count)
     else:
         print("on a GPU: not measured (--device cuda)")
-    compiled = bench.device.type == "cpu" and native.available()
+    compiled = bench.device.type == "cpu" and library.available()
     ways = [("compiled", "native")] * compiled + [("torch alone", "torch")]
     for name, way in ways:
         with mock.patch.dict(os.environ, TORCHLINER_SUMS=way):

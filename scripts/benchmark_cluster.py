@@ -22,7 +22,7 @@ import torchliner as tl
 from benchmark_files import PITCH, plane_file, raw_read
 from torchliner.campaign.cluster import open_cluster
 from torchliner.campaign.kept_parts import EVERY, SHARE, KeptParts
-from torchliner.reduction import native
+from torchliner.compiled import library
 from torchliner.reduction.moments import Moments
 from torchliner.tdibc.parts import first_part
 from torchliner.tdibc.requested import Request
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="for the file; default a temporary one")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    native.available()
+    library.available()
     torch.set_num_threads(1)
     request = Request(cell_pitch=PITCH, choices={"order": ORDER})
     with plane_file(options.folder, options.gigabytes) as path:
@@ -98,7 +98,7 @@ def _part(plane: tl.VelocityPlane, request: Request) -> Any:
 def _warm() -> bool:
     import torchliner.tdibc.slices  # noqa: F401
 
-    return native.available()
+    return library.available()
 
 
 if __name__ == "__main__":

@@ -15,9 +15,9 @@ import numpy as np
 import torch
 
 import torchliner as tl
+from torchliner.compiled import library
 from torchliner.names import ORDERS
 from torchliner.records.slabs import bounds_of, read_ahead
-from torchliner.reduction import native
 
 ACROSS, ALONG, RATE, FREQUENCY = 50, 548, 200e3, 1400.0
 PITCH, IN_CELL = 9.9e-3, 25  # m, probes along a cell
@@ -124,7 +124,7 @@ def run_child(path: Path, *options: str) -> tuple[float, float, float]:
 
 def cold_read(folder: Path | None) -> None:
     """A file that is in no cache, to its map."""
-    native.available()  # built before anything is timed
+    library.available()  # built before anything is timed
     with plane_file(folder, 2.0) as path:
         size = path.stat().st_size
         print(f"a file of {size / 1e9:.2f} GB, out of the page cache before each row:")

@@ -145,7 +145,8 @@ def test_runs_grow_with_the_integral_scale():
     for k in range(1, len(white)):
         series[k] = 0.6 * series[k - 1] + white[k]
     wanted = 1.1447 * (4 * 0.36 / 0.64**2 * 4000) ** (1 / 3)
-    rho = neighbour_correlation(torch.cat([series, white, torch.zeros_like(white)], 1))
+    columns = torch.cat([series, white, torch.zeros_like(white)], 1)
+    rho = neighbour_correlation(columns.to(torch.complex128))
     assert float(rho[0]) == pytest.approx(0.6, abs=0.04)
     assert int(run_lengths(rho, 4000)[0]) == pytest.approx(wanted, abs=3)
     assert int(run_lengths(rho, 4000)[1]) <= 3

@@ -15,13 +15,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from torchliner.compiled import library
 from torchliner.reduction import eager, native
 from torchliner.reduction.eager import Lines, Speeds
 from torchliner.reduction.sources import Taken
 
 CENTRE = 0.9375  # m/s, a float32
-BUILT = native.available()
-needs_native = pytest.mark.skipif(not BUILT, reason=str(native.reason))
+BUILT = library.available()
+needs_native = pytest.mark.skipif(not BUILT, reason=str(library.reason))
 WAYS = [eager, pytest.param(native, marks=needs_native)]
 
 
@@ -279,8 +280,8 @@ def test_loading_leaves_denormal_numbers_alone():
     """Libraries of -ffast-math set flush-to-zero for the whole process when they are loaded."""
     code = (
         "import numpy, torch\n"
-        "from torchliner.reduction import native\n"
-        "assert native.available()\n"
+        "from torchliner.compiled import library\nfrom torchliner.reduction import native\n"
+        "assert library.available()\n"
         "v = torch.ones(4, 4)\n"
         "from torchliner.reduction.eager import Lines\n"
         "native.add(v, [Lines([(0, 4, 0)], v, torch.zeros(1, 4, 4).double())])\n"
@@ -354,9 +355,9 @@ def test_what_does_not_fit_is_refused(change, message):
 @pytest.fixture
 def build(monkeypatch, tmp_path):
     """Build into an empty cache, with nothing remembered before or after."""
-    monkeypatch.setattr(native, "reason", None)
+    monkeypatch.setattr(library, "reason", None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return native._library.__wrapped__
+    return library._library.__wrapped__
 
 
 def compiler(tmp_path, text):
@@ -368,12 +369,12 @@ def compiler(tmp_path, text):
 
 @needs_native
 def test_the_cache_is_filled_once(build, monkeypatch, tmp_path):
-    monkeypatch.setattr(native, "FLAGS", ["-std=c++17", "-O0", "-fPIC"])
+    monkeypatch.setattr(library, "FLAGS", ["-std=c++17", "-O0", "-fPIC"])
     assert build() is not None
     (first,) = (tmp_path / "cache" / "torchliner").iterdir()
     stamp = first.stat().st_mtime_ns
     assert build() is not None
-    monkeypatch.setattr(native, "FLAGS", [*native.FLAGS, "-DOTHER"])
+    monkeypatch.setattr(library, "FLAGS", [*library.FLAGS, "-DOTHER"])
     assert build() is not None
     assert first.stat().st_mtime_ns == stamp
     assert len(list((tmp_path / "cache" / "torchliner").iterdir())) == 2
@@ -383,16 +384,16 @@ def test_without_a_compiler(build, monkeypatch, tmp_path):
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert build() is None
-    assert "neither g++ nor clang++ is on the path" in native.reason
+    assert "neither g++ nor clang++ is on the path" in library.reason
     monkeypatch.setenv("CXX", "no-such-compiler -v")
     assert build() is None
-    assert "no-such-compiler" in native.reason
+    assert "no-such-compiler" in library.reason
 
 
 def test_a_compiler_that_fails(build, monkeypatch, tmp_path):
     monkeypatch.setenv("CXX", compiler(tmp_path, "echo 'error: no vectors here' >&2; exit 3"))
     assert build() is None
-    assert "failed with code 3: error: no vectors here" in native.reason
+    assert "failed with code 3: error: no vectors here" in library.reason
 
 
 def test_a_compiler_that_makes_no_library(build, monkeypatch, tmp_path):
@@ -401,17 +402,17 @@ def test_a_compiler_that_makes_no_library(build, monkeypatch, tmp_path):
         compiler(tmp_path, "while [ $# -gt 0 ]; do [ $1 = -o ] && echo > $2; shift; done; true"),
     )
     assert build() is None
-    assert native.reason
+    assert library.reason
 
 
 def test_a_compiler_that_hangs(build, monkeypatch, tmp_path):
     """Its children, too, are ended: they would hold the test up for a minute."""
     monkeypatch.setenv("CXX", compiler(tmp_path, f"sleep 60 & echo $! > {tmp_path}/child; wait"))
-    monkeypatch.setattr(native, "SECONDS", 0.5)
+    monkeypatch.setattr(library, "SECONDS", 0.5)
     begin = time.monotonic()
     assert build() is None
     assert time.monotonic() - begin < 20
-    assert "timed out after 0.5 seconds" in native.reason
+    assert "timed out after 0.5 seconds" in library.reason
     child = int((tmp_path / "child").read_text())
     for _ in range(100):
         try:
@@ -427,22 +428,22 @@ def test_a_cache_that_cannot_be_written(build, monkeypatch, tmp_path):
     (tmp_path / "cache").write_text("a file where the folder would be")
     monkeypatch.setenv("CXX", compiler(tmp_path, "exit 0"))
     assert build() is None
-    assert str(tmp_path / "cache") in native.reason
+    assert str(tmp_path / "cache") in library.reason
 
 
 def test_the_environment_chooses(monkeypatch):
-    monkeypatch.setattr(native, "_library", lambda: None)
-    monkeypatch.setattr(native, "reason", "no compiler")
+    monkeypatch.setattr(library, "_library", lambda: None)
+    monkeypatch.setattr(library, "reason", "no compiler")
     monkeypatch.delenv("TORCHLINER_SUMS", raising=False)
-    assert not native.available()
+    assert not library.available()
     monkeypatch.setenv("TORCHLINER_SUMS", "native")
     with pytest.raises(RuntimeError, match="compiled sums failed: no compiler"):
-        native.available()
+        library.available()
     monkeypatch.setenv("TORCHLINER_SUMS", "fast")
     with pytest.raises(ValueError, match="'fast'; use 'torch', 'native'"):
-        native.available()
-    monkeypatch.setattr(native, "_library", lambda: "there")
+        library.available()
+    monkeypatch.setattr(library, "_library", lambda: "there")
     monkeypatch.setenv("TORCHLINER_SUMS", "torch")
-    assert not native.available()
+    assert not library.available()
     monkeypatch.setenv("TORCHLINER_SUMS", "native")
-    assert native.available()
+    assert library.available()

@@ -20,9 +20,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.compiled.threads import one_thread
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import reflection_of
-from torchliner.reduction.threads import one_thread
 
 TOP_SPEED = 100.0  # m/s, up to which it holds
 COUNTS = (16, 20, 24, 28, 32, 40, 48, 64, 96, 128)

@@ -9,6 +9,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
+from torchliner.compiled.library import available
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import SLAB_ROWS, Bounds, bounds_of, read_ahead, rows_per_slab
@@ -98,7 +99,7 @@ class ProbeVelocity:
             yield [*found, self._averages(slab)] if wanted else found
 
     def _averages(self, slab: Tensor) -> Tensor:
-        if slab.device.type == "cpu" and slab.stride(1) == 1 and native.available():
+        if slab.device.type == "cpu" and slab.stride(1) == 1 and available():
             sums = native.cell_sums(slab.to(self.dtype), self.runs, self.widths[1])
             return (sums * self.weights).to(self.dtype)
         if self.matrix is not None:

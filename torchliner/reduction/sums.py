@@ -8,19 +8,20 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from torchliner.compiled.library import available
+from torchliner.compiled.threads import one_thread
 from torchliner.reduction import eager, native
 from torchliner.reduction.sources import Taken
-from torchliner.reduction.threads import one_thread
 
 
 def compiled(slab: Tensor) -> bool:
     """Whether the compiled sums take a slab."""
-    return slab.device.type == "cpu" and native.available()
+    return slab.device.type == "cpu" and available()
 
 
 def sums_alone(device: torch.device) -> contextlib.AbstractContextManager[None]:
     """Let the compiled sums, where there are any, have the processors to themselves."""
-    own = device.type == "cpu" and native.available()
+    own = device.type == "cpu" and available()
     return one_thread() if own else contextlib.nullcontext()
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.reduction.threads import one_thread
+from torchliner.compiled.threads import one_thread
 from torchliner.replay.kernels import KernelTable
 from torchliner.replay.levels import VelocityGrid, carries_gradient
 

@@ -17,11 +17,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
+from torchliner.compiled.threads import one_thread
 from torchliner.liners.model import Liner
 from torchliner.liners.response import reflection_of
 from torchliner.names import KERNELS
 from torchliner.reduction.basis import Basis
-from torchliner.reduction.threads import one_thread
 from torchliner.replay.levels import VelocityGrid, interpolate
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's test rig

@@ -23,25 +23,22 @@ import torch
 from scipy.special import stdtrit
 from torch import Tensor
 
+from torchliner.signals.bars import neighbours
+
 SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
 FEWEST_RUNS = 2.0
 MOST_CORRELATED = 0.9
 
 
 def neighbour_correlation(series: Tensor) -> Tensor:
-    """Correlation rho of neighbouring blocks, 0 to 0.9, (N,), of a real or complex (S, N), or of
-    real parts that count together, (2, S, N).
+    """Correlation rho of neighbouring blocks, 0 to 0.9, (N,), of a complex128 (S, N).
 
     What taking the mean off hides of it, (1 + 4 rho)/S, is added (Marriott and Pope 1954,
     Biometrika 41, 390).
     """
-    if series.is_complex():
-        series = torch.stack([series.real, series.imag])
-    away = (series - series.mean(-2, keepdim=True)).reshape(-1, *series.shape[-2:])
-    count = away.shape[1]
-    power, cross = ((away[:, begin:] * away[:, : count - begin]).sum((0, 1)) for begin in (0, 1))
+    power, cross = neighbours(series)
     rho = torch.where(power > 0, cross / power.clamp(min=1e-300), 0.0)
-    return (rho + (1 + 4 * rho) / count).clamp(0, MOST_CORRELATED)
+    return (rho + (1 + 4 * rho) / len(series)).clamp(0, MOST_CORRELATED)
 
 
 def run_lengths(rho: Tensor, count: int) -> Tensor:

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, impedance_from_reflection
 from torchliner.records import Interval
+from torchliner.signals.bars import extremes, forms
 from torchliner.signals.bootstrap import (
     beyond_runs,
     mean_factor,
@@ -29,8 +30,6 @@ from torchliner.signals.bootstrap import (
 )
 
 COLUMNS = 8192  # of probes and frequencies, at most, whose block deviations are held at once
-ANGLES = 32  # on the ellipse; with a parabola through the best three 1e-4 of half a width, and 1e-2
-# where the ellipse comes half as near to the pole as its centre
 
 
 @dataclass(frozen=True)
@@ -91,27 +90,25 @@ class Resampling:
         Args:
             series: deviation of R in each block, complex, (S, ...).
         """
-        shape, count = series.shape[1:], len(series)
-        # In real parts, (2, S, N), whose sums over blocks are several times as fast.
-        parts = torch.stack([series.real.flatten(1), series.imag.flatten(1)])
-        rho = neighbour_correlation(parts)
+        shape, count, series = series.shape[1:], len(series), series.flatten(1)
+        rho = neighbour_correlation(series)
         lengths = run_lengths(rho, count)
-        sums = parts.new_empty(3, len(rho))
-        for length in lengths.unique().tolist():
-            mine = (lengths == length).nonzero()[:, 0]
-            if length not in self.covariances:
-                covariance = replicate_covariance(self.weights, length)
-                self.covariances[length] = covariance * mean_factor(count, length)
-            own = parts.index_select(2, mine)
-            turned = self.covariances[length].to(own) @ own
-            cross = own[0] * turned[1]
-            sums[:, mine] = torch.stack([*(own.mul_(turned)).sum(1), cross.sum(0)])
+        different, which = lengths.unique(return_inverse=True)
+        covariances = torch.stack([self._covariance(count, each) for each in different.tolist()])
+        sums = forms(series, covariances.to(rho), which)
         power, square = sums[0] + sums[1], torch.complex(sums[0] - sums[1], 2 * sums[2])
         beyond = beyond_runs(rho, lengths)
         runs = count / lengths.to(torch.float64)
         return Scatter(*(
             each.reshape(shape) for each in (power * beyond, square * beyond, runs)
         ))  # fmt: skip
+
+    def _covariance(self, count: int, length: int) -> Tensor:
+        """Of the mean, from runs of this length, float64, (S, S)."""
+        if length not in self.covariances:
+            covariance = replicate_covariance(self.weights, length)
+            self.covariances[length] = covariance * mean_factor(count, length)
+        return self.covariances[length]
 
     def second_moment(self, series: Tensor) -> Tensor:
         """E of the square of the mean's deviation, not of its modulus; see ``scatter``."""
@@ -170,41 +167,17 @@ def impedance_interval(
     slope, pole = conversion.slope(value), (conversion.pole - value) * turn.conj()
     axes = torch.stack([quantile * long * turn, 1j * quantile * short * turn])
     share = axes / (conversion.pole - value) if math.isfinite(abs(conversion.pole)) else 0 * axes
-    real, imaginary = _changes(axes * slope, share)
+    changes = extremes(axes * slope, share)  # of the real and the imaginary part: least, largest
     inside = (pole.real * short) ** 2 + (pole.imag * long) ** 2 < (long * short * quantile) ** 2
     inside |= value == conversion.pole
     z = conversion.impedance(value)
     low, high = (
         torch.complex(*(
-            torch.where(inside, sign * math.inf, middle + _peak(part, sign))
-            for middle, part in ((z.real, real), (z.imag, imaginary))
+            torch.where(inside, sign * math.inf, middle + change)
+            for middle, change in zip((z.real, z.imag), changes[end::2], strict=True)
         ))
-        for sign in (-1, 1)
+        for end, sign in enumerate((-1, 1))
     )  # fmt: skip
     turned = (slope**2 * square).real
     error = (slope.abs() ** 2 * power + torch.stack([turned, -turned])).clamp(min=0).div(2).sqrt()
     return Interval(low, high, torch.complex(*error), runs, torch.zeros_like(value))
-
-
-def _changes(ahead: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-    """Real and imaginary part of n/(1 - u) around ellipses n and u whose half axes, complex,
-    (2, N), are given: (N, ANGLES) each. In real parts and in place: here bars spend their time."""
-    angle = math.tau / ANGLES * torch.arange(ANGLES, dtype=torch.float64, device=share.device)
-    circle = torch.stack([angle.cos(), angle.sin()])
-    n_real, n_imaginary, u_real, u_imaginary = (
-        each.T.contiguous() @ circle for each in (ahead.real, ahead.imag, share.real, share.imag)
-    )
-    left = u_real.neg_().add_(1)
-    scale = (left * left).addcmul_(u_imaginary, u_imaginary).reciprocal_()
-    real = (n_real * left).addcmul_(n_imaginary, u_imaginary, value=-1).mul_(scale)
-    return real, n_real.mul_(u_imaginary).addcmul_(n_imaginary, left).mul_(scale)
-
-
-def _peak(values: Tensor, sign: int) -> Tensor:
-    """Largest (sign 1) or least (-1) value of a smooth periodic function at equal steps, (N, A):
-    (N,)."""
-    top, place = values.max(1) if sign > 0 else values.min(1)
-    steps = (place[:, None] + torch.tensor([-1, 1], device=place.device)) % values.shape[1]
-    before, after = values.gather(1, steps).unbind(1)
-    curve = 2 * top - before - after
-    return top + torch.where(sign * curve > 0, (after - before) ** 2 / (8 * curve), 0.0)
