@@ -186,7 +186,7 @@ def test_the_table_of_the_docs_is_current(case, true, values):
     record = file_of(case)
     dean = tl.in_situ(record)
     found = [dean.liner_impedance, dean.liner_impedance_pressure_first]
-    for options in ({"microphones": "pair"}, {}, {"velocities": True}):
+    for options in ({}, {"velocities": True}):
         found.append(tl.decompose_waves(record, **options).impedance)
     assert abs(complex(true) - record.reference["true"]) < 1e-3
     for printed, value in zip(values.split(" | "), found, strict=True):
