@@ -6,38 +6,12 @@ import doctest
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
 import torchliner as tl
 
 ROOT = Path(__file__).resolve().parent.parent
-RATE, TONE, SECONDS = 12e3, 1500.0, 6
-
-
-def bursts(at: float = 0.0) -> tl.BurstRecord:
-    """Random arrivals, seven segments of them, of a tone in slow turbulence."""
-    random = np.random.default_rng(7)
-    seconds = np.cumsum(random.exponential(1 / RATE, int(SECONDS * RATE)))
-    slow = np.interp(seconds, np.arange(0, 8, 1 / 500), random.normal(size=4000))
-    velocity = np.cos(2 * np.pi * TONE * seconds) + 0.8 * slow
-    return tl.BurstRecord(
-        torch.tensor(seconds), wall_normal=torch.tensor(velocity), x=at, y=1e-3, z=0.0
-    )
-
-
-def stations() -> dict[str, object]:
-    folder = Path("line_1mm")
-    folder.mkdir()
-    for n in range(2):
-        bursts(0.01 * n).write(folder / f"{n}.csv")
-    return {}
-
-
-def arrivals() -> dict[str, object]:
-    one = bursts()
-    return {"tl": tl, "arrival_times": one.arrival_time, "velocity": one.wall_normal}
 
 
 def slits() -> dict[str, object]:
@@ -55,8 +29,8 @@ def microphones() -> dict[str, object]:
 
 
 PAGES = {"calibration": slits, "duct": dict, "formats": dict, "frequencies": dict,
-         "identify": slits, "in_situ": dict, "ir_tdibc": dict, "ldv": stations,
-         "ldv_grid": arrivals, "ldv_line": stations, "liners": lambda: {"tl": tl},
+         "identify": slits, "in_situ": dict, "ir_tdibc": dict, "ldv": dict,
+         "liners": lambda: {"tl": tl},
          "moments": dict, "package": dict, "report": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip
 

@@ -25,7 +25,6 @@ PAGES = [
             "liners",
             "calibration",
             "ldv",
-            "ldv_line",
             "duct",
             "wall_pressure",
             "moments",

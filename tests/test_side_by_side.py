@@ -83,16 +83,21 @@ def test_numbers_of_the_page(request):
     text = (root / "side_by_side.md").read_text(encoding="utf-8").replace("\u2212", "-")
     with (root / "figures" / "side_by_side.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["method"] != "true"]
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    lines = [line for line in text.splitlines() if line.count("|") == 6][2:]
-    assert len(lines) == len(methods)
-    for method, line in zip(methods, lines, strict=True):
-        cells = [float(v) for cell in line.split("|")[2:6] for v in cell.split(",")]
-        wanted = [
+    errors = {
+        method: [
             float(row[f"error of {word}"])
             for world in SCRIPT.WORLDS
             for word in ("resistance", "reactance")
             for row in rows
             if (row["turbulence"], row["method"]) == (world, method)
         ]
+        for method in dict.fromkeys(row["method"] for row in rows)
+    }
+    missing = [wanted for wanted in errors.values() if max(map(abs, wanted)) >= 0.005]
+    lines = [line for line in text.splitlines() if line.count("|") == 6][2:]
+    assert len(lines) == len(missing) == len(errors) - 4
+    for wanted, line in zip(missing, lines, strict=True):
+        # A cell with one number has it for both source sides.
+        pairs = [cell.split(",") for cell in line.split("|")[2:6]]
+        cells = [float(value) for pair in pairs for value in (pair * 2)[:2]]
         assert cells == pytest.approx(wanted, abs=0.0051)

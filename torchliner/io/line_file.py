@@ -1,4 +1,4 @@
-"""Impedance lines as netCDF-4 and as CSV; docs/ldv_line.md lists the variables."""
+"""Impedance lines as netCDF-4 and as CSV; docs/ldv.md names the variables."""
 
 from __future__ import annotations
 
