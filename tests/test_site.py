@@ -112,6 +112,21 @@ def test_the_site_builds_without_a_warning_or_the_network(tmp_path):
         assert f'id="torchliner.{name}"' in reference, name
 
 
+def test_no_line_of_a_page_is_longer_than_120_characters():
+    """Tables, code and links too: a reader of the source sees whole lines."""
+    made = {DOCS / folder for folder in ("api", "pictures", "build")}
+    beside = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "data/README.md")]
+    pages = [page for page in DOCS.rglob("*.md") if not made & {*page.parents}]
+    assert len(pages) > 30
+    long = [
+        f"{page.relative_to(ROOT)}:{number}: {len(line)}"
+        for page in (*pages, *beside)
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > 120
+    ]
+    assert not long, "\n".join(long)
+
+
 def test_what_the_site_is_built_with_is_pinned():
     extra = (ROOT / "pyproject.toml").read_text().split("\ndocs = [")[1].split("]\n")[0]
     pinned = (ROOT / "constraints.txt").read_text().lower()
