@@ -24,7 +24,7 @@ TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE
 PAIRS = ((1050.0, 1400.0), (1400.0, 2800.0), (1050.0, 3150.0))
 LINERS = ("polito", "onera")
 TOTAL, OTHER = 3.0, 2000.0  # rms of v, m/s; Hz
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.99)
+SHARES = (0.1, 0.2, 0.5, 0.9)
 NODES = 256
 
 
@@ -82,11 +82,9 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
     label_axes(axis, across, f"change of $Z$ at {OTHER:g} Hz without it, %")
     finish(figure, path, f"v of {TOTAL:g} m/s rms in all; grey: the note's limit", legend=2)
     for share in SHARES:
-        cells = [f"{100 * share:g} %"]
-        for name in LINERS:
-            beside, alone = with_and_without(tl.load_liner(name), share)
-            cells += [text(beside), text(alone), f"{100 * abs(alone / beside - 1):.0f} %"]
-        rows.append(tuple(cells))
+        beside, alone = with_and_without(tl.load_liner(LINERS[0]), share)
+        change = f"{100 * abs(alone / beside - 1):.0f} %"
+        rows.append((f"{100 * share:g} %", text(beside), text(alone), change))
     return rows
 
 

@@ -1,8 +1,9 @@
 """The order ``coherent first`` on the resolved cases: its parts one by one, and what is open.
 
-    python scripts/one_rule.py [--write]
+    python scripts/one_rule.py
 
-Prints the table of docs/method.md; ``--write`` puts it there. Plane at 0.5 mm, phase averaged.
+Prints the table that docs/method.md quotes. Plane at 0.5 mm, phase averaged, vena contracta fitted
+without flow.
 """
 
 from __future__ import annotations
@@ -19,17 +20,15 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from common import ROOT, parser_of
+from common import parser_of
 from torchliner.names import ORDERS
 from torchliner.records.cells import sort_into_cells
 from torchliner.reduction import periodic
 from truth_page import liner_of, planes_of
 
-PAGE = ROOT / "docs" / "method.md"
 CASES = ("n130", "n145", "o130", "o145", "t03_130", "g03_145", "g01_145", "t015_145")
 FITTED = {"n": 0.8, "g": 0.8, "o": 0.444, "t": 0.415}  # vena contracta, without flow
 PHASES, SHARE = 8, 0.1  # bins of the tone's period; quantile that stands for the smallest
-BEGIN, END = "<!-- one rule -->\n", "<!-- end -->"
 
 
 def liner_for(case: str) -> tl.SDoFLiner:
@@ -122,16 +121,9 @@ def table(found: dict[str, dict[str, complex]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The table, printed or written."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--write", action="store_true", help="into docs/method.md")
-    options = parser.parse_args(arguments)
-    text = table({case: rows_of(case) for case in CASES})
-    if options.write:
-        page = PAGE.read_text()
-        before, rest = page.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}{text}{END}{rest.split(END, 1)[1]}")
-    print(text)
+    """The table, printed."""
+    parser_of(__doc__).parse_args(arguments)
+    print(table({case: rows_of(case) for case in CASES}))
     return 0
 
 

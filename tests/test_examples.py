@@ -31,7 +31,7 @@ def microphones() -> dict[str, object]:
 PAGES = {"calibration": slits, "duct": dict, "formats": dict, "frequencies": dict,
          "identify": slits, "in_situ": dict, "ir_tdibc": dict, "ldv": dict,
          "liners": lambda: {"tl": tl},
-         "moments": dict, "package": dict, "report": dict, "results": dict,
+         "method": dict, "moments": dict, "package": dict, "report": dict, "results": dict,
          "wall_pressure": microphones}  # fmt: skip
 
 SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction
