@@ -340,7 +340,7 @@ def test_faulty_hdf5_is_refused(tmp_path):
     with pytest.raises(ValueError, match="frequency 2000"):
         write_bursts([record_of(0), record_of(1, frequency=2000.0)], path)
     record_of(1).write(path)
-    with pytest.raises(ValueError, match="states its own frequency"):
+    with pytest.raises(ValueError, match="places of its own for frequency"):
         read_bursts(path, frequency=3.0)
 
 

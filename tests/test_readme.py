@@ -105,7 +105,10 @@ def test_shipped_data_are_whole():
 
 def test_links_lead_somewhere():
     """Relative links and pictures exist, but for what the site makes: its build checks those."""
-    for page in [*PAGES, *(ROOT / "docs").glob("*.md"), ROOT / "CONTRIBUTING.md"]:
-        for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text(encoding="utf-8")):
-            made = target.startswith(("pictures/", "api/"))
+    docs, sites = (ROOT / "docs").glob("*.md"), (ROOT / "docs" / "site").glob("*.md")
+    for page in [*PAGES, *docs, *sites, ROOT / "CONTRIBUTING.md", ROOT / "data" / "README.md"]:
+        text = page.read_text(encoding="utf-8")
+        targets = re.findall(r"\]\((?!http)([^)#]+)\)|^\[[^\]]+\]: (?!http)([^#\s]+)", text, re.M)
+        for target in map("".join, targets):
+            made = target.removeprefix("../").startswith(("pictures/", "api/"))
             assert made or (page.parent / target).exists(), f"{page.name}: {target}"

@@ -114,7 +114,8 @@ def _sources(path: Path, options: dict[str, Any], about: dict[str, Any]) -> list
     if burst_format(name).own_fields:
         if about:
             raise ValueError(
-                f"{path} states its own {', '.join(about)}; change them there, or leave them out"
+                f"{path} has places of its own for {', '.join(about)}; state them in the file, or "
+                "leave them out"
             )
         return [StationSource(path, i, place, name) for i, place in enumerate(places)]
     x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))

@@ -59,7 +59,7 @@ def educe(
         client: of dask.distributed, whose workers read the planes, as in ``moments``.
         choices: see ``torchliner.tdibc.choices.Choices``.
     Returns:
-        The map, on the probe axes of the plane, with cell and liner averages in both orders; a
+        The map, on the probe axes of the plane, with cell and liner averages in every order; a
         list of maps for several planes.
     Raises:
         ValueError: data or options that cannot give an answer; the message says what would.
