@@ -25,7 +25,7 @@ from torchliner.audits.truth_rows import closure_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from truth_page import table, write_tables
+from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
 STEM = "calibrate_without_flow"
@@ -96,7 +96,7 @@ def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
          f"{float(found.standard[0]):.3f}"]
         for fit, found in fits
     ]  # fmt: skip
-    return table("model | fitted to | vena contracta | ±", lines)
+    return page_table("model | fitted to | vena contracta | ±", lines)
 
 
 def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
@@ -117,7 +117,7 @@ def prediction_table(rows: Sequence[PredictedRow]) -> str:
             format_complex(rule.before), *(format_complex(here[order].after) for order in ORDERS),
             f"{rule.after.imag - rule.true.imag:+.2f}",
         ])  # fmt: skip
-    return table(f"case | true Z | {RULE}, 0.8 | {' | '.join(ORDERS)} | its X off by", lines)
+    return page_table(f"case | true Z | {RULE}, 0.8 | {' | '.join(ORDERS)} | its X off by", lines)
 
 
 def height_table(rows: Sequence[PredictedRow]) -> str:
@@ -130,7 +130,7 @@ def height_table(rows: Sequence[PredictedRow]) -> str:
             ", ".join(f"{round(share) + 0:+d}" for share in shares),
             ", ".join(f"{row.closure:+.2f}" for row in mine),
         ])  # fmt: skip
-    return table("case | y (mm) | R off by (%) | closure (dB)", lines)
+    return page_table("case | y (mm) | R off by (%) | closure (dB)", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

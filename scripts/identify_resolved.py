@@ -20,7 +20,7 @@ from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from torchliner.identification.leave_out import Candidate
 from torchliner.identification.parameter_model import FittedParameters
 from torchliner.report.identification_report import draw_identification
-from truth_page import table, write_tables
+from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"
 REST = 0.01 + 0.01j  # the presets' linear parts are those of runs at 115 dB
@@ -84,7 +84,7 @@ def model_table(found: Any) -> str:
             off = ", ".join(f"{percent(row):+d}" for row in each.rows)
             lines.append([each.label, f"{each.error:.3f}", f"{each.fitted.misfit:.1f}",
                           values_of(each), off])  # fmt: skip
-    return table("model | error left out | misfit/noise | values | R off by (%)", lines)
+    return page_table("model | error left out | misfit/noise | values | R off by (%)", lines)
 
 
 def is_curve(candidate: Candidate) -> bool:
@@ -112,7 +112,7 @@ def flow_table(study: Study, found: Any) -> str:
             ways.append(", ".join(f"{100 * share:+.0f}" for share in shares))
             ways.append(", ".join(f"{miss.imag:+.2f}" for miss in away))
         lines.append([each.label, *ways])
-    return table("model | fitted: R (%) | X | predicted: R (%) | X", lines)
+    return page_table("model | fitted: R (%) | X | predicted: R (%) | X", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -29,7 +29,7 @@ from torchliner.io.csv_rows import write_rows
 from torchliner.liners.end_loss import EndLossSDoFLiner
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from truth_page import table, write_tables
+from truth_page import page_table, write_tables
 
 PAGE, FOLDER, STEM = ROOT / "docs" / "mass_loss.md", RESULTS / "mass_loss", "mass_loss"
 CASES = tuple(case for fit in FITS for case in (*fit.fitted, *fit.predicted))
@@ -163,12 +163,16 @@ def largest_and_rms(away: Sequence[float]) -> list[str]:
 
 
 def law_table(rows: Sequence[LossRow]) -> str:
-    """X off by, predicted, by case, of the laws up to the one that is chosen."""
-    lines = []
-    for law in LAWS[: LAWS.index(CHOSEN) + 1]:
-        away = [row.predicted.imag - row.true.imag for row in rows if row.law == law.name]
-        lines.append([law.name, *(f"{each:+.2f}" for each in away), *largest_and_rms(away)])
-    return table(f"law | {' | '.join(CASES)} | largest | rms", lines)
+    """X off by, predicted, case by case, of the laws up to the one that is chosen."""
+    laws = [law.name for law in LAWS[: LAWS.index(CHOSEN) + 1]]
+    away = {
+        law: [row.predicted.imag - row.true.imag for row in rows if row.law == law] for law in laws
+    }
+    lines = [[case, *(f"{away[law][i]:+.2f}" for law in laws)] for i, case in enumerate(CASES)]
+    ends = zip(*(largest_and_rms(away[law]) for law in laws), strict=True)
+    lines += [[name, *end] for name, end in zip(("largest", "rms"), ends, strict=True)]
+    heads = " | ".join(laws).replace("\\|v\\|", "speed")  # a bar would end the column
+    return page_table(f"case | {heads}", lines)
 
 
 def variant_table(rows: Sequence[LossRow]) -> str:
@@ -181,7 +185,7 @@ def variant_table(rows: Sequence[LossRow]) -> str:
         found = left_out(CHOSEN, [(case,) for case in CASES], order)
         away = [found[case].imag - truth(case).imag for case in CASES]
         lines.append([order, *largest_and_rms(away)])
-    return table("but | largest | rms", lines)
+    return page_table("but | largest | rms", lines)
 
 
 def fit_table() -> str:
@@ -203,7 +207,7 @@ def fit_table() -> str:
         ]  # fmt: skip
         values = [f"{v:.2f} ± {s:.2f}" for v, s in zip(fit.values, fit.standard, strict=True)]
         lines.append([name, *values, f"{max(away):.2f}" if away else "-"])
-    return table("fitted to | B | k | X of the others off by", lines)
+    return page_table("fitted to | B | k | X of the others off by", lines)
 
 
 def height_table() -> str:
@@ -227,7 +231,7 @@ def height_table() -> str:
             ", ".join(f"{100 * share:+.0f}" for share in shares),
             ", ".join(f"{z.imag - true.imag:+.2f}" for z in found), words or below,
         ])  # fmt: skip
-    return table("case | y (mm) | R off by (%) | X off by | R right at", lines)
+    return page_table("case | y (mm) | R off by (%) | X off by | R right at", lines)
 
 
 def wave_table() -> str:
@@ -243,7 +247,7 @@ def wave_table() -> str:
             for curve in (tl.ir_tdibc(liner, [plane.incident_level], 1400.0, kernel="periodic"),)
         )
         lines.append([case, *map(format_complex, (true, paper, law))])
-    return table("case | true Z | eq. (2.4b) | this law", lines)
+    return page_table("case | true Z | eq. (2.4b) | this law", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

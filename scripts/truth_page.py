@@ -137,6 +137,11 @@ def table(header: str, lines: Sequence[Sequence[str]]) -> str:
     )
 
 
+def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
+    """The same with minus signs, at which a browser breaks no value."""
+    return re.sub(r"-(?=\d)", "−", table(header, lines))
+
+
 def interval_table(rows: Sequence[TruthRow]) -> str:
     """Per case: the in situ value, and of each order the widest interval and what they hold."""
     lines = []
@@ -144,7 +149,7 @@ def interval_table(rows: Sequence[TruthRow]) -> str:
         mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
         orders = [[row for row in mine if row.order == order] for order in ORDERS]
         lines.append([case, format_complex(mine[0].in_situ), *map(interval_words, orders)])
-    return table(f"case | in situ | {' | '.join(ORDERS)}", lines)
+    return page_table(f"case | in situ | {' | '.join(ORDERS)}", lines)
 
 
 def interval_words(rows: Sequence[TruthRow]) -> str:
@@ -172,7 +177,7 @@ def rule_table(rows: Sequence[TruthRow]) -> str:
             cells = [errors[*rule, order].median for errors in found]
             lines.append([", ".join((rule[0], rule[2])) if rule[0] == DEFAULT[0] else rule[0],
                           order, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
-    return table(" | ".join(["drive, phase", "order", *GROUPS]), lines)
+    return page_table(" | ".join(["drive, phase", "order", *GROUPS]), lines)
 
 
 def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
@@ -194,8 +199,9 @@ def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
                 *(format_complex(here[order].educed) for order in ORDERS),
                 *("-" if math.isnan(gap) else f"{gap:+.2f}" for gap in gaps),
             ])  # fmt: skip
-    closure = "" if ends else " | its closure (dB)"
-    return table(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
+    closure = "" if ends else " | dB"
+    made = table if ends else page_table
+    return made(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
 
 
 def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
@@ -224,7 +230,7 @@ def pair_words(pair: tuple[float | None, float | None]) -> str:
 
 def reason_table(rows: Sequence[ReasonRow]) -> str:
     """The holes' own velocity put through the model, and what would give the true R."""
-    return table(
+    return page_table(
         "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | true Z | "
         "speed × | C_vc",
         [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
@@ -235,7 +241,7 @@ def reason_table(rows: Sequence[ReasonRow]) -> str:
 
 def limit_table(rows: Sequence[ReasonRow]) -> str:
     """What the model would need, and how near it comes."""
-    return table(
+    return page_table(
         "case | for R: constant, sine | for X: constant, sine | true Z | nearest Z | "
         "R without S_t",
         [[r.case, pair_words(r.for_resistance), pair_words(r.for_reactance),
@@ -256,7 +262,9 @@ def motion_table(rows: Sequence[MotionRow]) -> str:
             *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
             ", ".join(f"{row.cell_rms:.2f}" for row in mine),
         ])  # fmt: skip
-    return table("case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines)
+    return page_table(
+        "case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines
+    )
 
 
 def blocks_of(page: str) -> dict[str, str]:

@@ -255,6 +255,7 @@ def test_rows_are_educed_in_four_readings(liner):
 
 def numbers(text: str) -> list[float]:
     """All numbers of a text; 0.168-0.066j is two."""
+    text = text.replace("−", "-")
     return [float(n) for n in re.findall(r"(?<![\w.])[-+]?\d+(?:\.\d+)?|(?<=\d)[-+]\d+\.\d+", text)]
 
 
