@@ -25,7 +25,7 @@ from torchliner.audits.truth_rows import closure_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from truth_page import table, write_tables
+from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
 STEM = "calibrate_without_flow"
@@ -93,34 +93,43 @@ def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
     """What was fitted to what."""
     lines = [
         [fit.name, ", ".join(fit.fitted), f"{float(found.values[0]):.3f}",
-         f"{float(found.standard[0]):.3f}",
-         ", ".join(f"{format_complex(complex(a))} for {format_complex(complex(b))}"
-                   for a, b in zip(found.found, found.wanted, strict=True))]
+         f"{float(found.standard[0]):.3f}"]
         for fit, found in fits
     ]  # fmt: skip
-    return table("model | fitted to | vena contracta | ± | Z there for the true one", lines)
+    return page_table("model | fitted to | vena contracta | ±", lines)
+
+
+def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
+    """Rows of each case."""
+    return [
+        [row for row in rows if row.case == case] for case in dict.fromkeys(r.case for r in rows)
+    ]
 
 
 def prediction_table(rows: Sequence[PredictedRow]) -> str:
-    """Per case and height: before, then every order after."""
+    """Per case at its lowest height: before, then every order after."""
     lines = []
-    for case, height in dict.fromkeys((row.case, row.height) for row in rows):
-        here = {row.order: row for row in rows if (row.case, row.height) == (case, height)}
+    for mine in rows_by_case(rows):
+        here = {row.order: row for row in mine if row.height == mine[0].height}
         rule = here[RULE]
-        share = 100 * (rule.after.real / rule.true.real - 1)
         lines.append([
-            f"{case}{' (fitted)' if rule.fitted else ''}", f"{1e3 * height:.1f}",
-            format_complex(rule.true), format_complex(rule.before),
-            *(format_complex(here[order].after) for order in ORDERS),
-            f"{rule.closure:+.2f}", f"{round(share) + 0:+d} %",
-            f"{rule.after.imag - rule.true.imag:+.2f}",
+            f"{rule.case}{', fitted' if rule.fitted else ''}", format_complex(rule.true),
+            format_complex(rule.before), *(format_complex(here[order].after) for order in ORDERS),
         ])  # fmt: skip
-    orders = " | ".join(ORDERS)
-    return table(
-        f"case | y (mm) | true Z | {RULE}, C_vc 0.8 | {orders} | its closure (dB) | its R "
-        "off by | its X off by",
-        lines,
-    )
+    return page_table(f"case | true Z | {RULE}, 0.8 | {' | '.join(ORDERS)}", lines)
+
+
+def height_table(rows: Sequence[PredictedRow]) -> str:
+    """Per case that was not fitted, over its heights: by how much R is off, and closure."""
+    lines = []
+    for mine in rows_by_case([row for row in rows if row.order == RULE and not row.fitted]):
+        shares = [100 * (row.after.real / row.true.real - 1) for row in mine]
+        lines.append([
+            mine[0].case, ", ".join(f"{1e3 * row.height:g}" for row in mine),
+            ", ".join(f"{round(share) + 0:+d}" for share in shares),
+            ", ".join(f"{row.closure:+.2f}" for row in mine),
+        ])  # fmt: skip
+    return page_table("case | y (mm) | R off by (%) | closure (dB)", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -133,7 +142,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = [row for fit, found in fits for row in rows_of(fit, found)]
     write_rows([row.plain() for row in rows], FOLDER / f"{STEM}.csv", ".5g")
     rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
-    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows)}
+    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows),
+              "heights": height_table(rows)}  # fmt: skip
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     folders: list[Path] = [FOLDER, *([FIGURES] if options.write else [])]

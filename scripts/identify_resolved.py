@@ -20,12 +20,10 @@ from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from torchliner.identification.leave_out import Candidate
 from torchliner.identification.parameter_model import FittedParameters
 from torchliner.report.identification_report import draw_identification
-from torchliner.report.table import format_complex, format_pair
-from truth_page import table, write_tables
+from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"
 REST = 0.01 + 0.01j  # the presets' linear parts are those of runs at 115 dB
-WITHIN = 0.15  # of R, asked of the runs with flow
 SETS = (
     ("vena_contracta",),
     ("vena_contracta", "mass_loss"),
@@ -74,42 +72,29 @@ def values_of(candidate: Candidate) -> str:
     if not isinstance(fitted, FittedParameters):
         return ""
     both = zip(fitted.values.values(), fitted.standard.values(), strict=True)
-    return ", ".join(f"{value:.3g} ± {spread:.1g}" for value, spread in both)
+    return ", ".join(f"{value:.3g}±{spread:.1g}" for value, spread in both)
 
 
-def model_table(study: Study, found: Any) -> str:
-    """Models, the one that predicts best first, and R of the runs that it is asked for."""
+def model_table(found: Any) -> str:
+    """Models, the one that predicts best first, and R of each run by the others; one curve."""
+    curve = next(each for each in found.candidates if is_curve(each))
     lines = []
     for each in found.candidates:
-        off = [f"{percent(row):+d} %" for row in each.rows]
-        lines.append([each.label, f"{each.error:.3f}", f"{each.fitted.misfit:.1f}",
-                      values_of(each), *off])  # fmt: skip
-    cases = " | ".join(f"{case}, R off by" for case in study.cases)
-    return table(f"model | error left out | misfit/noise | values | {cases}", lines)
+        if each is curve or not is_curve(each):
+            off = ", ".join(f"{percent(row):+d}" for row in each.rows)
+            lines.append([each.label, f"{each.error:.3f}", f"{each.fitted.misfit:.1f}",
+                          values_of(each), off])  # fmt: skip
+    return page_table("model | error left out | misfit/noise | values | R off by (%)", lines)
+
+
+def is_curve(candidate: Candidate) -> bool:
+    """Of some freedom."""
+    return candidate.label.startswith("curve")
 
 
 def percent(row: Any) -> int:
     """By which R is off."""
     return round(100 * (row.predicted.real / row.true.real - 1)) + 0
-
-
-def run_table(found: Any) -> str:
-    """Of the best model and the best curve: each run without and with it."""
-    curve = next(each for each in found.candidates if each.label.startswith("curve"))
-    chosen = [found.best, *([curve] if curve is not found.best else [])]
-    lines = [
-        [row.label, each.label, format_complex(row.true), format_complex(row.predicted),
-         format_pair(row.standard), f"{percent(row):+d} %",
-         f"{row.predicted.imag - row.true.imag:+.2f}", f"{100 * row.outside:.0f} %",
-         format_complex(row.fitted)]
-        for each in chosen
-        for row in each.rows
-    ]  # fmt: skip
-    return table(
-        "run | model | true | predicted by the others | u(R), u(X) | R off by | X off by | its |v| "
-        "unseen by the others | fitted with it".replace("|v|", "speeds"),
-        lines,
-    )
 
 
 def flow_table(study: Study, found: Any) -> str:
@@ -122,29 +107,12 @@ def flow_table(study: Study, found: Any) -> str:
         rows = [row for row in each.rows if row.group in wanted]
         ways = []
         for value in ("fitted", "predicted"):
-            away = [getattr(row, value).real / row.true.real - 1 for row in rows]
-            ways.append(", ".join(f"{100 * part:+.0f} %" for part in away))
-            ways.append(", ".join(f"{getattr(r, value).imag - r.true.imag:+.2f}" for r in rows))
-            ways.append("yes" if max(map(abs, away)) <= WITHIN else "no")
-        lines.append([each.label, values_of(each), *ways])
-    return table(
-        "model | values | g01, g03 fitted: R off by | X off by | within 15 %? | predicted by the "
-        "others: R off by | X off by | within 15 %?",
-        lines,
-    )
-
-
-def speed_table(studies: Sequence[tuple[Study, Any]]) -> str:
-    """rms |v| of each run, and what its Z weighs."""
-    from torchliner.report.identification_report import seen_table
-
-    lines = [
-        [row["label"], f"{row['rms_speed']:.2f}", f"{row['low_speed']:.2f}",
-         f"{row['high_speed']:.2f}"]
-        for _, found in studies
-        for row in seen_table(found).as_rows()
-    ]  # fmt: skip
-    return table("run | rms speed (m/s) | 5 % of Z below | 95 % below", lines)
+            away = [getattr(row, value) - row.true for row in rows]
+            shares = [miss.real / row.true.real for miss, row in zip(away, rows, strict=True)]
+            ways.append(", ".join(f"{100 * share:+.0f}" for share in shares))
+            ways.append(", ".join(f"{miss.imag:+.2f}" for miss in away))
+        lines.append([each.label, *ways])
+    return page_table("model | fitted: R (%) | X | predicted: R (%) | X", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -154,10 +122,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = options_of(parser, arguments)
     FOLDER.mkdir(parents=True, exist_ok=True)
     found = [(study, identified(study)) for study in STUDIES]
-    tables = {"speeds": speed_table(found), "flow": flow_table(*found[2])}
+    tables = {"flow": flow_table(*found[2])}
     for study, each in found:
         name = study.name.split(maxsplit=1)[0].strip(",")
-        tables |= {f"{name}_models": model_table(study, each), f"{name}_runs": run_table(each)}
+        tables[f"{name}_models"] = model_table(each)
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     folders: list[Path] = [FOLDER, *([FIGURES] if options.write else [])]

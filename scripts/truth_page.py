@@ -32,8 +32,6 @@ from studies.truth_reasons import (
 from torchliner.audits.known_truths import TABLE, hole_kind
 from torchliner.audits.truth_rows import (
     DEFAULT,
-    DRIVES,
-    PHASES,
     TruthRow,
     errors_by_rule,
     truth_table,
@@ -42,7 +40,7 @@ from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import ORDERS
 from torchliner.report.table import format_complex
-from torchliner.report.truth_table import drive_label, plain_truth
+from torchliner.report.truth_table import plain_truth
 
 PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
 KNOWN = ROOT / "torchliner" / "audits" / TABLE
@@ -53,6 +51,7 @@ CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "
          "t015_145")  # fmt: skip
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
 MOVING = tuple(case for case in REASONED if not case.endswith("115"))
+CLOSED = ORDERS[-1]  # the order whose closure the page shows
 PRINTED = 6  # digits of the committed rows
 
 
@@ -138,59 +137,47 @@ def table(header: str, lines: Sequence[Sequence[str]]) -> str:
     )
 
 
-def span(values: Sequence[float]) -> str:
-    """Signed, from the smallest to the largest."""
-    low, high = f"{min(values):+.3f}", f"{max(values):+.3f}"
-    return low if low == high else f"{low} to {high}"
+def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
+    """The same with minus signs, at which a browser breaks no value."""
+    return re.sub(r"-(?=\d)", "−", table(header, lines))
 
 
-def rule_words(row: TruthRow) -> str:
-    """One rule in few words, with the Z it gave."""
-    words = f"{drive_label(row.drive, row.mean)}, {row.phase}"
-    return f"{format_complex(row.educed)} ({words}, {1e3 * row.height:g} mm)"
-
-
-def error_table(rows: Sequence[TruthRow]) -> str:
-    """Per case and order: the default over the heights with its interval, best and worst rule."""
+def interval_table(rows: Sequence[TruthRow]) -> str:
+    """Per case: the in situ value, and of each order the widest interval and what they hold."""
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
-        for order in ORDERS:
-            mine = [row for row in rows if (row.case, row.order) == (case, order)]
-            default = [row for row in mine if row.rule == DEFAULT]
-            best, worst = (f(mine, key=lambda row: round(row.error, 4)) for f in (min, max))
-            lines.append([
-                case, format_complex(mine[0].true), format_complex(mine[0].in_situ), order,
-                *(text for part in ("real", "imag") for text in part_words(default, part)),
-                rule_words(best), rule_words(worst),
-            ])  # fmt: skip
-    return table("case | true Z | in situ | order | default: dR | ± 95 % | R inside | dX | ± 95 % "
-                 "| X inside | nearest of all rules | furthest", lines)  # fmt: skip
+        mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
+        orders = [[row for row in mine if row.order == order] for order in ORDERS]
+        lines.append([case, format_complex(mine[0].in_situ), *map(interval_words, orders)])
+    return page_table(f"case | in situ | {' | '.join(ORDERS)}", lines)
 
 
-def part_words(rows: Sequence[TruthRow], part: str) -> list[str]:
-    """Misses over the heights, largest half-width of the intervals, how many hold the truth."""
-    ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
-    inside = [
-        low <= getattr(row.true, part) <= high for row, (low, high) in zip(rows, ends, strict=True)
-    ]
-    half = max((high - low) / 2 for low, high in ends)
-    misses = span([getattr(row.miss, part) for row in rows])
-    return [misses, f"{half:.3f}", f"{sum(inside)} of {len(inside)}"]
+def interval_words(rows: Sequence[TruthRow]) -> str:
+    """Largest half-width in R and X, and at how many heights each interval holds the truth."""
+    halves, held = [], []
+    for part in ("real", "imag"):
+        ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
+        halves.append(max((high - low) / 2 for low, high in ends))
+        held.append(sum(low <= getattr(row.true, part) <= high
+                        for row, (low, high) in zip(rows, ends, strict=True)))  # fmt: skip
+    if math.isnan(halves[0]):
+        return "-"
+    return f"{halves[0]:.3f}, {halves[1]:.3f} ({held[0]}, {held[1]})"
 
 
 def rule_table(rows: Sequence[TruthRow]) -> str:
-    """Median |dR|, |dX| of every rule, by groups of cases."""
+    """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
     found = [{(e.drive, e.mean, e.phase, e.order): e for e in errors_by_rule(g)} for g in groups]
+    shown = [("instantaneous", "kept", phase) for phase in (DEFAULT[2], "self-consistent")]
+    shown += [(drive, "kept", DEFAULT[2]) for drive in ("rms", "running-rms")]
     lines = []
-    for drive, mean in DRIVES:
+    for rule in shown:
         for order in ORDERS:
-            cells = [errors[drive, mean, phase, order].median for errors in found
-                     for phase in PHASES]  # fmt: skip
-            lines.append([drive_label(drive, mean), order,
-                          *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
-    columns = [f"{group}: {phase}" for group in GROUPS for phase in PHASES]
-    return table(" | ".join(["drive", "order", *columns]), lines)
+            cells = [errors[*rule, order].median for errors in found]
+            lines.append([", ".join((rule[0], rule[2])) if rule[0] == DEFAULT[0] else rule[0],
+                          order, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
+    return page_table(" | ".join(["drive, phase", "order", *GROUPS]), lines)
 
 
 def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
@@ -198,7 +185,7 @@ def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
 
     Args:
         rows: of all rules.
-        ends: the lowest and highest plane alone, without closure.
+        ends: the lowest and highest plane alone, without closure.  Else that of the last order.
     """
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
@@ -206,14 +193,15 @@ def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
         heights = sorted({row.height for row in mine})
         for height in (heights[0], heights[-1]) if ends else heights:
             here = {row.order: row for row in mine if row.height == height}
-            gaps = [here[order].closure for order in ORDERS if not ends]
+            gaps = [] if ends else [here[CLOSED].closure]
             lines.append([
                 case, format_complex(mine[0].true), f"{1e3 * height:.1f}",
                 *(format_complex(here[order].educed) for order in ORDERS),
                 *("-" if math.isnan(gap) else f"{gap:+.2f}" for gap in gaps),
             ])  # fmt: skip
-    closure = "" if ends else "".join(f" | closure dB, {order}" for order in ORDERS)
-    return table(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
+    closure = "" if ends else " | dB"
+    made = table if ends else page_table
+    return made(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
 
 
 def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
@@ -235,53 +223,48 @@ def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
     return found
 
 
-def reason_table(rows: Sequence[ReasonRow]) -> str:
-    """The holes' own velocity put through the model."""
-    return table(
-        "case | rms in the holes × porosity (m/s) | in step with the tone (%) | default | "
-        "self-consistent phase | rms | true Z",
-        [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
-          (r.replayed, r.self_consistent, r.of_rms, r.true))] for r in rows],
-    )  # fmt: skip
-
-
 def pair_words(pair: tuple[float | None, float | None]) -> str:
-    """'0.241 / 0.252'."""
-    return " / ".join("none" if v is None else f"{v:.3f}" for v in pair)
+    """'0.241, 0.252'."""
+    return ", ".join("none" if v is None else f"{v:.3f}" for v in pair)
+
+
+def reason_table(rows: Sequence[ReasonRow]) -> str:
+    """The holes' own velocity put through the model, and what would give the true R."""
+    return page_table(
+        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | true Z | "
+        "speed × | C_vc",
+        [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
+          (r.replayed, r.self_consistent, r.of_rms, r.true)), pair_words(r.factor),
+          pair_words(r.contraction)] for r in rows],
+    )  # fmt: skip
 
 
 def limit_table(rows: Sequence[ReasonRow]) -> str:
-    """What the model would need, and where it ends."""
-
-    return table(
-        "case | rms in the holes | needed for R: constant / sine | needed for X | X at rest | "
-        "X at infinite speed | true X | nearest Z of any velocity | R without S_t | true R",
-        [[r.case, f"{r.speed:.3f}", pair_words(r.for_resistance), pair_words(r.for_reactance),
-          *(f"{x:.3f}" for x in (r.at_rest, r.lowest, r.true.imag)), format_complex(r.nearest),
-          f"{r.quasi_steady:.3f}", f"{r.true.real:.3f}"] for r in rows],
+    """What the model would need, and how near it comes."""
+    return page_table(
+        "case | for R: constant, sine | for X: constant, sine | true Z | nearest Z | "
+        "R without S_t",
+        [[r.case, pair_words(r.for_resistance), pair_words(r.for_reactance),
+          format_complex(r.true), format_complex(r.nearest), f"{r.quasi_steady:.3f}"]
+         for r in rows],
     )  # fmt: skip
 
 
-def factor_table(rows: Sequence[ReasonRow]) -> str:
-    """By how much |v| is too small for the true R, and the vena contracta that mends it."""
-    return table(
-        "case | rms in the holes | R of it: replayed / rms | true R | factor in speed: replayed / "
-        "rms | vena contracta that gives R: replayed / rms",
-        [[r.case, f"{r.speed:.3f}", f"{r.replayed.real:.3f} / {r.of_rms.real:.3f}",
-          f"{r.true.real:.3f}", pair_words(r.factor), pair_words(r.contraction)] for r in rows],
-    )  # fmt: skip
-
-
-def motion_table(rows: Sequence[MotionRow], holes: Sequence[ReasonRow]) -> str:
-    """v' over height."""
-    hole = {row.case: row.speed for row in holes}
-    return table(
-        "case | y (mm) | v'_rms (m/s) | tone (%) | harmonics (%) | rest (%) | "
-        "rms averaged over a cell (m/s) | rms in the holes × porosity (m/s)",
-        [[r.case, f"{1e3 * (r.height or 0):.1f}", f"{r.rms:.2f}",
-          *(f"{100 * s + 0:.0f}".replace("-0", "0") for s in (r.tone, r.harmonics, r.rest)),
-          f"{r.cell_rms:.2f}", f"{hole[r.case]:.2f}"] for r in rows],
-    )  # fmt: skip
+def motion_table(rows: Sequence[MotionRow]) -> str:
+    """v' of each case over its heights."""
+    lines = []
+    for case in dict.fromkeys(row.case for row in rows):
+        mine = [row for row in rows if row.case == case]
+        shares = [[row.tone for row in mine], [row.rest for row in mine]]
+        lines.append([
+            case, ", ".join(f"{1e3 * (row.height or 0):g}" for row in mine),
+            ", ".join(f"{row.rms:.2f}" for row in mine),
+            *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
+            ", ".join(f"{row.cell_rms:.2f}" for row in mine),
+        ])  # fmt: skip
+    return page_table(
+        "case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines
+    )
 
 
 def blocks_of(page: str) -> dict[str, str]:
@@ -337,12 +320,11 @@ def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> d
     return {
         "default": default_table(rows),
         "ends": default_table(rows, ends=True),
-        "errors": error_table(rows),
+        "intervals": interval_table(rows),
         "rules": rule_table(rows),
-        "reasons": reason_table(reasons),
+        "reasons": reason_table([row for row in reasons if row.case in MOVING]),
         "limits": limit_table([row for row in reasons if row.case in MOVING]),
-        "factors": factor_table([row for row in reasons if row.case in MOVING]),
-        "motion": motion_table(motions, reasons),
+        "motion": motion_table(motions),
     }
 
 
