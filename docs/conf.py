@@ -100,6 +100,21 @@ def plain_text(app: Any, what: str, name: str, value: Any, options: Any, lines: 
     lines[:] = "".join(parts).split("\n")
 
 
+COMPLEX = re.compile(r"(\d[\d.]*-\d[\d.]*j)")
+
+
+def whole_numbers(app: Any, document: Any, page: str) -> None:
+    """A complex number is a span, which site.css keeps on one line: browsers break at a hyphen."""
+    from docutils import nodes
+
+    for paragraph in document.findall(nodes.paragraph):
+        for text in list(paragraph.findall(nodes.Text)):
+            parts: list[Any] = [nodes.Text(part) for part in COMPLEX.split(text)]
+            if len(parts) > 1 and not isinstance(text.parent, nodes.literal):
+                parts[1::2] = [nodes.inline("", "", n, classes=["complex"]) for n in parts[1::2]]
+                text.parent.replace(text, parts)
+
+
 def mathml(writer: Any, node: Any) -> None:
     """A formula as MathML, which browsers draw without a script; docutils translates it."""
     from docutils import nodes
@@ -110,8 +125,9 @@ def mathml(writer: Any, node: Any) -> None:
 
 
 def setup(app: Any) -> None:
-    """The reference's pages, links and formulas."""
+    """The reference's pages, links, numbers and formulas."""
     write_reference(HERE / "api")
     app.connect("source-read", beside_the_docs)
     app.connect("autodoc-process-docstring", plain_text, priority=400)  # before Napoleon
+    app.connect("doctree-resolved", whole_numbers)
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
