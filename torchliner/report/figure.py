@@ -205,7 +205,13 @@ def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
     if "width" in style:
         style = {"linewidth": style.pop("width"), "solid_capstyle": "butt"} | style
     line = "none" if marker else "-"
-    axis.plot([], [], **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style)
+    axis.plot(
+        [],
+        [],
+        scalex=False,
+        scaley=False,
+        **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style,
+    )
 
 
 def frame(axis: Any, values: Any, *bands: Any) -> bool:

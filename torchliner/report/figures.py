@@ -34,6 +34,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )  # fmt: skip
+from torchliner.report.hole_figures import shade_holes
 from torchliner.report.map_figures import Limits, draw_plane, mesh_of
 from torchliner.report.numbers import (
     Curves,
@@ -101,6 +102,8 @@ def draw_along_x(
         shown += [part_of(other.cell_impedance[:, j], part)
                   for other, j in alongside_at(ordered, frequency_index)]  # fmt: skip
         cut |= frame(axis, np.concatenate(shown), *bands)
+        if ordered[0].x is not None:
+            shade_holes(axis, ordered[0].holes)
     words = interval_words(ordered[0])
     if words:
         entry(panels[0][0], words, width=5, color="0.8")
@@ -225,6 +228,7 @@ def draw_velocity(
             if name in profile.values:
                 draw_curve(axis, profile, name, colour, 1e3, linestyle=line)
         label_axes(axis, "$x$ (mm)", labels[name])
+        shade_holes(axis, cases[0].holes)
         if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
     return finish(figure, path, case_title(cases[0]), ONE_ROW, axes)
