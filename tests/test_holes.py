@@ -65,7 +65,7 @@ def test_a_file_beside_the_plane(tmp_path):
     assert part.holes == tl.Holes((2 * MM,), (MM,), (MM,))
 
 
-def test_the_command_takes_it_for_planes_and_for_moments(tmp_path, monkeypatch):
+def test_educe_takes_it_for_planes_and_for_moments(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plane, holes = str(DATA / "slit_n130_y2.5mm.h5"), str(DATA / "holes_slit_n.csv")
     wanted = tl.read_holes(holes)
@@ -110,6 +110,17 @@ def test_a_file_with_half_of_the_variables_is_refused(tmp_path):
         tl.read_plane(tmp_path / "plane.h5")
 
 
+def test_words_say_how_many_how_wide_and_where():
+    assert repr(TWO) == "Holes: 2 holes of 1 mm, x = 2 to 6 mm"
+    assert tl.Holes((2 * MM,), (0.5 * MM,)).words == "1 slit of 0.5 mm, x = 2 mm"
+
+
+def test_info_says_them(tmp_path, capsys):
+    a_plane(TWO).write(tmp_path / "plane.h5")
+    main(["info", str(tmp_path / "plane.h5")])
+    assert "2 holes of 1 mm, x = 2 to 6 mm" in capsys.readouterr().out
+
+
 def test_bands_that_overlap_are_one():
     holes = tl.Holes((5.0, 1.0, 1.5), (1.0, 1.0, 1.0), (0.0, 0.0, 3.0))
     assert merged_bands(holes) == [(0.5, 2.0), (4.5, 5.5)]
@@ -127,6 +138,22 @@ def test_maps_and_curves_name_them_in_the_legend():
     circles = [each for each in found.plot().axes[0].collections if hasattr(each, "get_offsets")]
     assert np.allclose(circles[-1].get_offsets(), [[2, 1], [6, 1]])
     assert found.plot().axes[0].get_xlim() == bare.plot().axes[0].get_xlim() == (-0.5, 8.5)
+
+
+def test_borders_of_cells_stand_within_curves_along_x(liner):
+    """One border between two cells; over a hard wall, and at the ends of a line, none."""
+    pytest.importorskip("matplotlib")
+    x = (np.arange(12) + 0.5) * liner.cell_pitch / 6
+    for about, wanted in (({}, 1), ({"liner": "hard wall"}, 0)):
+        plane = tl.VelocityPlane(a_plane(None, 12).velocity[:, 0], sampling_rate=20e3, x=x,
+                                 frequency=1000.0, **about)  # fmt: skip
+        figure = tl.educe(plane, liner).plot()
+        upright = [line for line in figure.axes[1].get_lines()
+                   if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]  # fmt: skip
+        assert [line.get_xdata()[0] for line in upright] == pytest.approx(
+            [1e3 * liner.cell_pitch] * wanted)  # fmt: skip
+        names = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert ("border of cells" in names) == bool(wanted)
 
 
 @pytest.mark.parametrize(("name", "case"), [("slit_n", "slit_n130"), ("slit_g", "slit_g03_145"),

@@ -43,11 +43,16 @@ class Holes:
     def __len__(self) -> int:
         return len(self.x)
 
+    @property
+    def words(self) -> str:
+        """'2 slits of 0.68 mm, x = 6.2 to 18.7 mm'."""
+        size, x = (" to ".join(f"{1e3 * end:.4g}" for end in sorted({min(own), max(own)}))
+                   for own in (self.diameter, self.x))  # fmt: skip
+        kind = ("hole" if self.z is not None else "slit") + "s" * (len(self) > 1)
+        return f"{len(self)} {kind} of {size} mm, x = {x} mm"
+
     def __repr__(self) -> str:
-        mm = [1e3 * value for each in (self.diameter, self.x) for value in (min(each), max(each))]
-        kind, size = ("slits", "width") if self.z is None else ("holes", "diameter")
-        return (f"Holes: {len(self)} {kind}, {size} {mm[0]:.4g} to {mm[1]:.4g} mm, "
-                f"x = {mm[2]:.4g} to {mm[3]:.4g} mm")  # fmt: skip
+        return f"Holes: {self.words}"
 
     def __mul__(self, factor: float) -> Holes:
         """All lengths times a factor."""

@@ -34,7 +34,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )  # fmt: skip
-from torchliner.report.hole_figures import shade_holes
+from torchliner.report.hole_figures import mark_borders, shade_holes
 from torchliner.report.map_figures import Limits, draw_plane, mesh_of
 from torchliner.report.numbers import (
     Curves,
@@ -105,6 +105,7 @@ def draw_along_x(
         cut |= frame(axis, np.concatenate(shown), *bands)
         if ordered[0].x is not None:
             shade_holes(axis, ordered[0].holes)
+            mark_borders(axis, ordered[0])
     words = interval_words(ordered[0])
     if words:
         entry(panels[0][0], words, width=5, color="0.8")

@@ -61,16 +61,38 @@ def draw_holes(axis: Any, holes: Holes | None) -> None:
           markeredgewidth=1.0, **outlined(1.0))  # fmt: skip
 
 
-def draw_borders(axis: Any, result: ImpedanceMap, x: Any, z: Any) -> None:
-    """Borders of the cells of a map over ``x`` and ``z``, mm, where pitch and places are known."""
+def _half_pitch(result: ImpedanceMap) -> float | None:
+    """Half of a cell, mm, where pitch and places are known; none over a hard wall."""
     liner = result.choices.get("liner")
     pitch = liner.get("cell_pitch") if isinstance(liner, dict) else None
     if not pitch or result.x is None or result.choices.get("surface") == "hard wall":
+        return None
+    return 500 * float(pitch)
+
+
+def mark_borders(axis: Any, result: ImpedanceMap) -> None:
+    """Thin lines at the borders of cells that lie within curves along x, mm, and a row for them."""
+    half = _half_pitch(result)
+    if half is None or result.x is None:
+        return
+    centres = 1e3 * result.cell_x.cpu().numpy()
+    borders = np.unique(np.round(np.concatenate([centres - half, centres + half]), 6))
+    ends = 1e3 * float(result.x.min()), 1e3 * float(result.x.max())
+    inside = borders[(ends[0] < borders) & (borders < ends[1])]
+    for border in inside:
+        axis.axvline(border, color="0.6", linewidth=0.5, zorder=0)
+    if len(inside):
+        entry(axis, "border of cells", color="0.6", linewidth=0.5)
+
+
+def draw_borders(axis: Any, result: ImpedanceMap, x: Any, z: Any) -> None:
+    """Borders of the cells of a map over ``x`` and ``z``, mm, where pitch and places are known."""
+    half = _half_pitch(result)
+    if half is None:
         return
     from matplotlib.collections import LineCollection
 
     style: Any = {"color": "w", "linewidth": 0.6} | outlined(0.6)
-    half = 500 * float(pitch)
     ends = (x.min(), x.max()), (z.min(), z.max())
     centres = np.stack([1e3 * result.cell_x.cpu().numpy(), 1e3 * result.cell_z.cpu().numpy()])
     sides = [[np.where(np.isfinite(at), at + half * sign, end[sign > 0]) for sign in (-1, 1)]
@@ -80,4 +102,4 @@ def draw_borders(axis: Any, result: ImpedanceMap, x: Any, z: Any) -> None:
     axis.add_collection(LineCollection(list(corners.swapaxes(0, 1)), **style), autolim=False)
     if any(((end[0] < side) & (side < end[1])).any()
            for end, two in zip(ends, sides, strict=True) for side in two):  # fmt: skip
-        entry(axis, "cell", **style)
+        entry(axis, "border of cells", **style)
