@@ -68,6 +68,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "min_reported_time": 1e9,
     "abort_on_example_error": True,
+    "reset_modules": ("matplotlib", "gallery_style.apply"),
 }
 
 # Warnings of the gallery's scripts are shown with their pictures, without the paths of a machine.

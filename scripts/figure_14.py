@@ -28,6 +28,7 @@ from torchliner.report.figure import (
     COLOURS,
     MARKERS,
     PARTS,
+    SPL,
     Figure,
     entry,
     finish,
@@ -105,7 +106,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     plane.set_xlabel(PARTS[0][1])
     plane.set_ylabel(PARTS[1][1])
     levels.set_xlabel("$x$ (mm)")
-    levels.set_ylabel("SPL (dB)")
+    levels.set_ylabel(SPL)
     entry(plane, "pressures", "o", markerfacecolor="none")
     entry(plane, "KT, range of the draws")
     legend_below(figure, plane, 4)

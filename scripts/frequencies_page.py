@@ -77,10 +77,10 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
         change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]
         axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour,
                   linestyle=line, label=name)  # fmt: skip
-    axis.axhline(5, color="0.6", linewidth=0.8)
-    across = "share of the variance of $v$ that is in step with the tone, %"
-    label_axes(axis, across, f"change of $Z$ at {OTHER:g} Hz without it, %")
-    finish(figure, path, f"v of {TOTAL:g} m/s rms in all; grey: the note's limit", legend=2)
+    axis.axhline(5, color="0.6", linewidth=0.8, label="limit of the note")
+    across = "share of the variance of $v$ that is in step with the tone (%)"
+    label_axes(axis, across, f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")
+    finish(figure, path, f"v of {TOTAL:g} m/s rms in all", legend=3)
     for share in SHARES:
         beside, alone = with_and_without(tl.load_liner(LINERS[0]), share)
         change = f"{100 * abs(alone / beside - 1):.0f} %"

@@ -23,7 +23,15 @@ from torchliner.conversions import REFERENCE_PRESSURE
 from torchliner.io.csv_rows import write_rows
 from torchliner.ir_tdibc_method.ways import FITTED, Case, Stepped
 from torchliner.names import STEP_KERNELS
-from torchliner.report.figure import COLOURS, MARKERS, finish, impedance_panels, styled
+from torchliner.report.figure import (
+    COLOURS,
+    INCIDENT,
+    MARKERS,
+    V_RMS,
+    finish,
+    impedance_panels,
+    styled,
+)
 from torchliner.report.table import format_complex
 from truth_page import table, write_tables
 
@@ -141,14 +149,16 @@ def speed_table() -> str:
 @styled
 def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> None:
     """R and X of slit and orifice over level, with the true values."""
-    figure, panels = impedance_panels(3.4, "incident level (dB)")
+    figure, panels = impedance_panels(3.4, INCIDENT)
     for axis, part in panels:
         name = {"resistance": "real", "reactance": "imag"}[part]
         for i, (label, curve) in enumerate(curves.items()):
             z = getattr(curve.impedance[:, 0], name)
             fixed = [getattr(complex(r[0].impedance[0]), name) for r in curve.fixed_points]
             axis.plot(CURVE, z, color=COLOURS[i], label=f"{label}: instantaneous")
-            axis.plot(CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: Z(rms v)")
+            axis.plot(
+                CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: $Z$ at {V_RMS}"
+            )
         for i, kind in enumerate(("slit", "orifice")):
             true = {
                 row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind
@@ -174,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\n{name}\n{text}")
     if options.write:
         fitted = tl.load_liner("lbm_orifice").replace(vena_contracta=0.444)
-        liners = {"slit": tl.load_liner("lbm_slit"), "orifice, 0.444": fitted}
+        liners = {"slit": tl.load_liner("lbm_slit"), "orifice, $C_c = 0.444$": fitted}
         curves = {name: tl.ir_tdibc(liner, CURVE, TONE, kernel="periodic")
                   for name, liner in liners.items()}  # fmt: skip
         draw(curves, rows, FIGURES / f"{STEM}.png")

@@ -29,6 +29,7 @@ from torchliner.report.figure import (
     MARKERS,
     PARTS,
     Figure,
+    entry,
     finish,
     head_panel,
     legend_below,
@@ -51,6 +52,8 @@ LENGTHS = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)  # m
 STEP, BEYOND = 0.012, 0.3  # m: between microphones; of rigid duct at either end
 ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5)  # dB and degrees
 METHODS = ("KT", "two waves", "LEE fit")
+FLOW_WORDS = {"M = 0": "$M = 0$"}
+ACROSS = {"relative rise of R along x": r"$\Delta R/R$ along $x$"}
 ANECHOIC = "LEE fit, end taken as anechoic"
 DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
 
@@ -174,7 +177,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
             for side, z in zip(SIDES, points, strict=True):
                 axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3,
-                          label=f"{flow}, {side}")  # fmt: skip
+                          label=f"{FLOW_WORDS.get(flow, flow)}, {side}")  # fmt: skip
         for side, z in PAPER.items():
             axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
         axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit",
@@ -200,8 +203,9 @@ def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                     continue
                 x, up = of(rows, f"length, {flow}", "upstream", method)
                 _, down = of(rows, f"length, {flow}", "downstream", method)
+                words = f"{FLOW_WORDS.get(flow, flow)}; {method}"
                 axis.plot(1e3 * x, getattr(down - up, part), style, color=COLOURS[i],
-                          marker=MARKERS[i], markersize=3, label=f"{flow}; {method}")  # fmt: skip
+                          marker=MARKERS[i], markersize=3, label=words)  # fmt: skip
         axis.axhline(getattr(PAPER["downstream"] - PAPER["upstream"], part), color="k",
                      linewidth=0.8, linestyle="-.", label="paper, 150 mm")  # fmt: skip
         axis.set_xlabel("liner length (mm)")
@@ -211,27 +215,33 @@ def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
 
 @styled
 def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
-    """KT's rank and order, and the noise."""
+    """KT's rank and order, and the noise: lines and filled markers for the source upstream."""
     figure, axes = subplots(2, 2, 5.0)
-    for side in SIDES:
+    styles: dict[str, dict[str, Any]] = {
+        f"KT, rank {rank}": {"color": COLOURS[rank], "marker": MARKERS[rank], "markersize": 3}
+        for rank in (1, 2, 3, 4)
+    }
+    styles["two waves"] = {"color": "k", "marker": "o", "markersize": 3}
+    sides: dict[str, dict[str, Any]] = {
+        "upstream": {"linestyle": "-"},
+        "downstream": {"linestyle": "--", "markerfacecolor": "none"},
+    }
+    for side, dashes in sides.items():
         for rank in (1, 2, 3, 4):
             x, z = of(rows, f"rank {rank}", side, "KT")
             for axis, part in zip(axes[0], ("real", "imag"), strict=True):
-                axis.plot(x, getattr(z, part), "-" if side == "upstream" else "--",
-                          color=COLOURS[rank], marker=MARKERS[rank], markersize=3,
-                          label=f"rank {rank}, {side}")  # fmt: skip
-    for i, method in enumerate(METHODS[:2]):
-        for side in SIDES:
+                axis.plot(x, getattr(z, part), **styles[f"KT, rank {rank}"] | dashes)
+        for i, (method, name) in enumerate((("KT", "KT, rank 2"), ("two waves", "two waves"))):
             mine = [r for r in rows if r["study"] == "noise" and r["method"] == method
                     and r["source"] == side]  # fmt: skip
             for axis, word in zip(axes[1], ("resistance", "reactance"), strict=True):
                 place = np.array([r["value"] for r in mine]) * (1 + 0.06 * i)
                 axis.errorbar(place, [r[word] for r in mine], [r[f"std {word}"] for r in mine],
-                              color=DARK[side], marker="os"[i], linestyle=":", capsize=2,
-                              label=f"{method}, {side}")  # fmt: skip
+                              capsize=2, **styles[name] | dashes)  # fmt: skip
     for column, (_, label) in enumerate(PARTS):
         for line in range(2):
-            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
+            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="0.6", linewidth=2,
+                                       zorder=0)  # fmt: skip
             axes[line, column].set_ylabel(label)
         axes[0, column].set_xlabel("order of the prediction")
         axes[1, column].set_xlabel("error of the microphones (dB, degrees)")
@@ -240,9 +250,12 @@ def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         axes[1, column].minorticks_off()
     axes[0, 0].set_ylim(1.5, 3.0)
     axes[0, 1].set_ylim(-1.8, 0.6)
-    axes[0, 1].legend(fontsize=6, ncols=2)
-    axes[1, 1].legend(fontsize=6)
-    return finish(figure, path, "sheared flow, liner 150 mm; line: truth")
+    for name, style in styles.items():
+        entry(axes[0, 0], name, **style | {"linestyle": "none"})
+    for side, dashes in sides.items():
+        entry(axes[0, 0], f"source {side}", color="k", markersize=3, **{"marker": "o"} | dashes)
+    entry(axes[0, 0], "truth", color="0.6", linewidth=2)
+    return finish(figure, path, "sheared flow, liner 150 mm", legend=3)
 
 
 @styled
@@ -260,7 +273,7 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                     )  # fmt: skip
         for column, (_, label) in enumerate(PARTS):
             axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
-            axes[line, column].set_xlabel(study)
+            axes[line, column].set_xlabel(ACROSS.get(study, study))
             axes[line, column].set_ylabel(label)
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)

@@ -43,6 +43,11 @@ PRESSURE_STRIDE = {
     "n145": 2,
 }  # symmetric: 1e-7 in Z; with flow it would cost 5e-3
 FILES = {SLIT_FILE: SLIT_CASES, ORIFICE_FILE: ORIFICE_CASES, MORE_FILE: tuple(MORE_CASES)}
+HOLES = {  # tables by geometry, and a case that has it
+    "slit_n": (SLIT_FILE, "n130"), "slit_g": (SLIT_FILE, "g03_145"),
+    "orifice_o": (ORIFICE_FILE, "o145"), "orifice_t00": (MORE_FILE, "t00_130"),
+    "orifice_t": (MORE_FILE, "t03_130"),
+}  # fmt: skip
 TONE = (1400.0, 1.0)  # Hz, peak m/s into the liner
 
 
@@ -58,8 +63,9 @@ def prepared(plane: VelocityPlane, bits: int = MANTISSA_BITS, **extra: object) -
     stream = None if plane.streamwise is None else rounded(plane.streamwise, bits)
     provenance = {**plane.provenance, **extra, "mantissa_bits": bits}
     return dataclasses.replace(
-        plane, velocity=rounded(plane.velocity, bits), streamwise=stream, provenance=provenance
-    )
+        plane, velocity=rounded(plane.velocity, bits), streamwise=stream, provenance=provenance,
+        holes=None,  # a table of its own for each geometry
+    )  # fmt: skip
 
 
 def with_tone(plane: VelocityPlane) -> VelocityPlane:
@@ -154,12 +160,24 @@ def make_pressures(folder: Path, which: Sequence[str] = tuple(FILES)) -> None:
             print(f"{path.name:32s} {path.stat().st_size / 1e6:6.2f} MB  {record.title}")
 
 
+def make_holes(folder: Path) -> None:
+    """Where the open nodes of the facesheets are, a table for each geometry."""
+    for name, (file, case) in HOLES.items():
+        holes = read_resolved(folder / file, case, 0).holes
+        assert holes is not None
+        columns = {"x [mm]": holes.x, "z [mm]": holes.z, "diameter [mm]": holes.diameter}
+        kept = {label: values for label, values in columns.items() if values is not None}
+        rows = (",".join(f"{1e3 * value:.6g}" for value in row)
+                for row in zip(*kept.values(), strict=True))  # fmt: skip
+        (DATA / f"holes_{name}.csv").write_text("\n".join([",".join(kept), *rows]) + "\n")
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="folder with the four full simulation files")
     parts: dict[str, Callable[[Path], None]] = {
         "slits": make_slits, "orifices": make_orifices, "channel": make_channel, "more": make_more,
-        "pressures": make_pressures,
+        "pressures": make_pressures, "holes": make_holes,
     }  # fmt: skip
     parser.add_argument("--only", choices=list(parts), nargs="+", help="leave the others as is")
     options = parser.parse_args()

@@ -35,7 +35,8 @@ def main() -> None:
     warnings.simplefilter("ignore", DataWarning)
     FIGURES.mkdir(parents=True, exist_ok=True)
     for case in ("slit_n130", "slit_g03_145", "orifice_o145"):
-        planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
+        holes = DATA / f"holes_{case[: case.index('_') + 2]}.csv"  # by the first letter of the case
+        planes = [read_plane(path, holes=holes) for path in plane_files(f"{case}_y*.h5")]
         maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
         figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
         figures.draw_against_height(maps, FIGURES / f"{case}_height.png")

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, RATE, load_script, plane_of, turbulence
+from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 from test_audit import Counted
 
 import torchliner as tl
@@ -445,11 +445,3 @@ def test_command_refuses(capsys, words, message):
     code, out, err = run(capsys, "height", *words, "--quiet")
     assert (code, out) == (BAD_INPUT, "")
     assert message in err
-
-
-def test_figure_16_is_drawn(tmp_path):
-    """PNG, and a CSV a plane."""
-    load_script("figure_16").main(["-o", str(tmp_path)])
-    made = {path.name for path in tmp_path.iterdir()}
-    assert "figure_16.png" in made
-    assert sum(name.endswith(".csv") for name in made) == 11

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from conftest import load_script
 from scipy.integrate import quad
 
 import torchliner as tl
@@ -209,14 +208,3 @@ def test_exponents_that_come_out():
     assert (thin.mach_exponent, thick.mach_exponent) == pytest.approx((-0.4233, -0.4098), abs=1e-4)
     faster = [jet_scaling(0.05, fixed_velocity=u).mach_exponent for u in (1.0, 20.0, 60.0)]
     assert faster == pytest.approx([-0.4064, -0.4712, -0.5586], abs=2e-3)
-
-
-def test_figure_22_is_drawn(tmp_path):
-    """PNG and CSV; the numbers are those of the scaling."""
-    script = load_script("figure_22")
-    script.main(["-o", str(tmp_path)])
-    made = {path.name for path in tmp_path.iterdir()}
-    assert {"figure_22.png", "figure_22a.csv", "figure_22b.csv"} == made
-    lines = (tmp_path / "figure_22b.csv").read_text().splitlines()
-    assert lines[0] == "M_b,H_j/d (delta = 0.05),H_j/d (delta = 0.1)"
-    assert float(lines[1].split(",")[1]) == pytest.approx(jet_scaling(0.05).height_over_mach[0])

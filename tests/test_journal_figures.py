@@ -137,12 +137,18 @@ def test_cells_are_drawn_on_maps(liner):
     x = (np.arange(2 * points) + 0.5) * pitch / points
     plane = plane_of(turbulence((points, 2 * points, 480)), x=x, z=x[:points])
     found = tl.educe(plane, liner)
-    lines = figures.draw_map(found).axes[0].get_lines()
-    assert len(lines) == len(found.cell_x) == 2
-    assert np.ptp(lines[0].get_xdata()) == pytest.approx(1e3 * pitch)
-    assert np.mean(lines[1].get_xdata()[:4]) == pytest.approx(1e3 * float(found.cell_x[1]))
+    squares = borders(found)
+    assert len(squares) == len(found.cell_x) == 2
+    assert np.ptp(squares[0][:, 0]) == pytest.approx(1e3 * pitch)
+    assert np.mean(squares[1][:4, 0]) == pytest.approx(1e3 * float(found.cell_x[1]))
     found.choices["surface"] = "hard wall"
-    assert not figures.draw_map(found).axes[0].get_lines()
+    assert not borders(found)
+
+
+def borders(found):
+    """Vertices of the lines on a map of resistance."""
+    lines = figures.draw_map(found).axes[0].collections[1:]
+    return [path.vertices for one in lines for path in one.get_paths()]
 
 
 def test_a_peak_does_not_squash_the_rest():

@@ -99,7 +99,7 @@ def test_figures(files, capsys):
     found = educe_line(line, "kt", draws=20)
     figure = draw_wall([line], [found])
     axes = figure.axes
-    assert axes[1].get_ylabel() == "SPL (dB)"
+    assert axes[1].get_ylabel() == "SPL (dB re 20 µPa)"
     measured = axes[1].lines[-1].get_ydata()
     assert measured == pytest.approx(line.level[:, 0].numpy())
     assert len(axes[0].lines[0].get_xdata()) == 20

@@ -86,6 +86,22 @@ def test_streamwise_velocity_comes_with_its_own_stride(cells):
     assert read_resolved(cells, "orifice", 1, 2).streamwise is None
 
 
+def test_holes_stand_at_the_middle_of_their_open_nodes(cells):
+    """Two slits of nodes 86 to 95 of cells of 182, and an orifice of a mask (z, x)."""
+    mask = np.zeros((ROWS, COLUMNS), np.int8)
+    mask[1:3, 2:5] = 1
+    with h5py.File(cells, "a") as file:
+        first = np.arange(86, 96)
+        file["slit/x"][:] = np.arange(COLUMNS) * 5e-3
+        add(file["slit"], "orifice_ix", np.concatenate([first, first + 182]), "1")
+        add(file["orifice"], "orifice_mask", mask, "1")
+    slits, hole = (read_resolved(cells, case, 0).holes for case in ("slit", "orifice"))
+    assert slits.x == pytest.approx((91 * 6.84e-5, 273 * 6.84e-5))
+    assert slits.diameter == pytest.approx((6.84e-4, 6.84e-4))
+    assert slits.z is None
+    assert (*hole.x, *hole.z) == pytest.approx((3.5 * 1.08e-4, 2 * 1.08e-4))
+
+
 @pytest.mark.parametrize(
     ("case", "liner", "reference"),
     [

@@ -30,9 +30,11 @@ pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def pictures(monkeypatch):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     pyplot.switch_backend("Agg")
+    load_script("../docs/gallery_style").apply()
     monkeypatch.chdir(DOCS / "gallery")
     yield pyplot
     pyplot.close("all")
+    pyplot.rcdefaults()
 
 
 @pytest.mark.slow

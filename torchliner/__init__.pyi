@@ -33,6 +33,7 @@ from torchliner.in_situ_method.dean import in_situ as in_situ
 from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
 from torchliner.io.burst_sources import list_stations as list_stations
 from torchliner.io.burst_sources import read_bursts as read_bursts
+from torchliner.io.holes import read_holes as read_holes
 from torchliner.io.line_file import read_line as read_line
 from torchliner.io.map_file import read_map as read_map
 from torchliner.io.microphone_file import read_microphones as read_microphones
@@ -57,6 +58,7 @@ from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.records import BurstRecord as BurstRecord
+from torchliner.records import Holes as Holes
 from torchliner.records import ImpedanceLine as ImpedanceLine
 from torchliner.records import ImpedanceMap as ImpedanceMap
 from torchliner.records import MicrophoneLine as MicrophoneLine

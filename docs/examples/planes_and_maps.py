@@ -6,6 +6,8 @@ plane: tl.VelocityPlane = tl.read_plane("data/slit_n130_y2.5mm.h5")  # m/s, away
 found: tl.ImpedanceMap = tl.educe(plane, tl.load_liner("lbm_slit"))
 print(found.answer, found.bounds_of_liner(found.order), plane.reference["true"])
 found.write("map.h5")
+slit: tl.Holes = tl.read_holes("data/holes_slit_n.csv")  # drawn where they are stated
+tl.read_plane("data/slit_n130_y2.5mm.h5", holes=slit).plot("velocity.png")
 assert torch.equal(tl.read_map("map.h5").answer, found.answer)
 
 grid = tl.VelocityGrid(5.0, levels=100)  # |v| of the kernels' tables, for engines that use them

@@ -4,13 +4,17 @@ A map over one orifice
 
 Resistance and reactance at every probe 2.5 mm above a resolved orifice at 145 dB without flow. A
 probe sees the vortices that pass it, not the liner: the value of the whole cell is an average.
+The circle is the hole, whose place a table beside the plane states.
 """
 
 import matplotlib.pyplot as plt
 
 import torchliner as tl
 
-plane = tl.read_plane("../../data/orifice_o145_y2.5mm.h5")
+data = "../../data/"
+plane = tl.read_plane(f"{data}orifice_o145_y2.5mm.h5", holes=f"{data}holes_orifice_o.csv")
 found = tl.educe(plane, tl.load_liner(plane.liner))
-figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(7, 3.4), layout="constrained")
 found.plot(ax=axes)
+for axis, letter in zip(axes, ("(a)", "(b)"), strict=True):
+    axis.set_title(letter)

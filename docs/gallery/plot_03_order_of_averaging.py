@@ -16,6 +16,6 @@ maps = [tl.educe(tl.read_plane(f"../../data/slit_g03_145_y{y}mm.h5"), liner) for
 for order in maps[0].orders:
     plt.plot(heights, [m.of_liner(order)[0].real for m in maps], "o-", label=order)
 plt.axhline(maps[0].reference["true"].real, color="0.5", linestyle="--", label="true")
-plt.xlabel("y (mm)")
-plt.ylabel("R")
+plt.xlabel("$y$ (mm)")
+plt.ylabel("$R$")
 plt.legend()

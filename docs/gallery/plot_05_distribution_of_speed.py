@@ -15,6 +15,6 @@ for case, about in (("n130", "130 dB"), ("n145", "145 dB"), ("g03_145", "145 dB,
     speed = plane.velocity.abs().flatten()
     plt.hist(speed.numpy(), bins=120, density=True, histtype="step", label=about)
 plt.yscale("log")
-plt.xlabel("|v| (m/s)")
-plt.ylabel("density (s/m)")
+plt.xlabel("$|v|$ (m s$^{-1}$)")
+plt.ylabel("density (s m$^{-1}$)")
 plt.legend()

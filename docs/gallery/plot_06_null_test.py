@@ -11,5 +11,7 @@ import matplotlib.pyplot as plt
 import torchliner as tl
 
 plane = tl.read_plane("../../data/channel_y1.04mm.h5")
-figure, axes = plt.subplots(1, 2, figsize=(10, 3), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(7, 2.6), layout="constrained")
 tl.educe(plane, tl.load_liner("polito"), 1400.0).plot(ax=axes)
+for axis, letter in zip(axes, ("(a)", "(b)"), strict=True):
+    axis.set_title(letter)

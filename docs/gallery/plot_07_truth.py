@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 
 import torchliner as tl
 
-figure, panels = plt.subplots(1, 2, layout="constrained", figsize=(8, 4))
+figure, panels = plt.subplots(1, 2, layout="constrained", figsize=(7, 3.4))
 for path in sorted(Path("../../data").glob("[os][rl]i*_y0.5mm.h5")):
     plane = tl.read_plane(path)
     found = tl.educe(plane, tl.load_liner(plane.liner), allow_short=True, interval=None)
@@ -20,7 +20,9 @@ for path in sorted(Path("../../data").glob("[os][rl]i*_y0.5mm.h5")):
     marker = "o" if path.name.startswith("orifice") else "s"
     panels[0].plot(true.real, educed.real, f"C0{marker}")
     panels[1].plot(true.imag, educed.imag, f"C0{marker}")
-for panel, part, limits in zip(panels, "RX", ((0, 2.6), (-0.9, 0.05)), strict=True):
+for panel, part, letter, limits in zip(panels, "RX", "ab", ((0, 2.6), (-0.9, 0.05)), strict=True):
     panel.plot(limits, limits, color="0.5", linestyle="--")
-    panel.set(xlabel=f"true {part}", ylabel=f"educed {part}")
-figure.suptitle("circles: orifices, squares: slits")
+    panel.set(xlabel=f"true ${part}$", ylabel=f"educed ${part}$", title=f"({letter})")
+panels[0].plot([], [], "C0o", label="orifices")
+panels[0].plot([], [], "C0s", label="slits")
+panels[0].legend()

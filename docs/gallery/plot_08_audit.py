@@ -16,6 +16,6 @@ for row in found.rows:
     plt.plot(row.impedance.real, row.impedance.imag, "o", color="C0", alpha=0.5)
 true = plane.reference["true"]
 plt.plot(true.real, true.imag, "k*", markersize=12, label="true")
-plt.xlabel("R")
-plt.ylabel("X")
+plt.xlabel("$R$")
+plt.ylabel("$X$")
 plt.legend()

@@ -19,4 +19,4 @@ for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
     plt.plot([plane.duration * 1e3] * 2, [low.real, high.real], "C0-")
     plt.plot(plane.duration * 1e3, found.answer[0].real, "C0o")
 plt.xlabel("length of the record (ms)")
-plt.ylabel("R")
+plt.ylabel("$R$")

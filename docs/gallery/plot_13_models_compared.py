@@ -24,6 +24,6 @@ for row in tl.compare_models(plane, models, interval=None).rows:
     plt.plot(row.impedance.real, row.impedance.imag, "o", label=row.model)
 true = plane.reference["true"]
 plt.plot(true.real, true.imag, "k*", markersize=12, label="true")
-plt.xlabel("R")
-plt.ylabel("X")
+plt.xlabel("$R$")
+plt.ylabel("$X$")
 plt.legend()

@@ -16,6 +16,6 @@ for liner, marker, about in ((preset, "o", "preset"), (fitted.liners[0], "s", "f
     z = [complex(tl.educe(plane, liner, interval=None).answer[0]) for plane in planes]
     plt.plot([130, 145], [value.real for value in z], marker, label=about)
 plt.plot([130, 145], [plane.reference["true"].real for plane in planes], "k*", label="true")
-plt.xlabel("level (dB)")
-plt.ylabel("R")
+plt.xlabel("incident level (dB re 20 µPa)")
+plt.ylabel("$R$")
 plt.legend()

@@ -16,7 +16,8 @@ for rate in rates:
     gaps = torch.empty(int(2.2 * rate), dtype=torch.float64).exponential_(rate, generator=generator)
     factor = tl.tone_attenuation(gaps.cumsum(0), 1500.0, rate=200e3, segment=1.0).factor
     plt.plot(rate / 1e3, factor.abs().mean(), "C0o")
-plt.axvline(15, color="0.7", linestyle="--")
+plt.axvline(15, color="0.7", linestyle="--", label="of the paper")
+plt.legend()
 plt.xscale("log")
-plt.xlabel("bursts a second (kHz); dashed: the paper's")
+plt.xlabel("rate of bursts (kHz)")
 plt.ylabel("share of the tone that is left")

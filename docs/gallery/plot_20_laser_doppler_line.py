@@ -17,5 +17,7 @@ for n in range(6):
     slow = np.interp(seconds, np.arange(0, 8, 1 / 500), random.normal(size=4000))
     v = np.cos(2 * np.pi * 1500 * seconds) + (1 + 0.3 * n) * slow
     stations.append(tl.BurstRecord(seconds, wall_normal=v, x=0.02 * n, y=1e-3, z=0.0))
-figure, axes = plt.subplots(1, 2, figsize=(10, 3.5), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(7, 2.8), layout="constrained")
 tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0).plot(ax=axes)
+for axis, letter in zip(axes, ("(a)", "(b)"), strict=True):
+    axis.set_title(letter)

@@ -18,6 +18,6 @@ for side in ("upstream", "downstream"):
     plt.plot(x * 1e3, field.wall_level(x).squeeze(), label=f"source {side}")
 for edge in setup.case.liner[0]:
     plt.axvline(edge * 1e3, color="0.7", linestyle="--")
-plt.xlabel("x (mm)")
-plt.ylabel("level, dB of the incident wave")
+plt.xlabel("$x$ (mm)")
+plt.ylabel("SPL (dB re 20 µPa)")
 plt.legend()

@@ -28,6 +28,6 @@ for side, marker in (("upstream", ">"), ("downstream", "<")):
     ):
         plt.plot(z.real.flatten(), z.imag.flatten(), colour + marker, label=f"{name}, {side}")
 plt.plot(true.real, true.imag, "k*", markersize=12, label="true")
-plt.xlabel("R")
-plt.ylabel("X")
-plt.legend(fontsize="small")
+plt.xlabel("$R$")
+plt.ylabel("$X$")
+plt.legend()

@@ -16,7 +16,8 @@ frequency = [n / plane.duration for n in range(6, 31, 2)]  # lines of the record
 swept = tl.educe(plane, liner, frequency, incident=tl.Sweep(300, 3400))
 mean = tl.educe(plane, liner, frequency, interval=None)
 for found, style, about in ((swept, "o", "sweep"), (mean, "-", "mean response")):
-    plt.plot(frequency, found.of_liner("probes first").real, "C0" + style, label=about)
-plt.xlabel("frequency (Hz)")
-plt.ylabel("R")
+    resistance = found.of_liner("probes first").real
+    plt.plot(found.frequency / 1e3, resistance, "C0" + style, label=about)
+plt.xlabel("$f$ (kHz)")
+plt.ylabel("$R$")
 plt.legend()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
 
 WITHIN = 0.1  # in X, that a law is asked for
 
@@ -45,21 +46,31 @@ def draw_mass_loss(
     figure, axes = subplots(1, 1, 3.6)
     axis = axes[0, 0]
     ends = [-0.95, 0.0]
-    axis.fill_between(ends, [e - WITHIN for e in ends], [e + WITHIN for e in ends], color="0.92")
-    axis.plot(ends, ends, color="k", linewidth=0.8)
+    axis.fill_between(ends, [e - WITHIN for e in ends], [e + WITHIN for e in ends], color="0.92",
+                      label=f"within {WITHIN:g}")  # fmt: skip
+    axis.plot(ends, ends, color="k", linewidth=0.8, label="equal")
     for k, law in enumerate(laws):
         mine = [row for row in rows if row.law == law]
         axis.plot(
             [row.true.imag for row in mine], [row.predicted.imag for row in mine], MARKERS[k],
             color=COLOURS[k], markerfacecolor="white" if k < len(laws) - 1 else COLOURS[k],
-            markersize=4.5, label=law.replace("\\|", "|"),
+            markersize=4.5, label=_typeset(law),
         )  # fmt: skip
     named = sorted((row for row in rows if row.law == laws[-1]), key=lambda row: row.true.imag)
     for i, row in enumerate(named):
         place = (row.true.imag, ends[0] + 0.02 + 0.055 * (i % 3))
-        axis.annotate(row.case, place, fontsize=6, ha="center", color="0.35")
-    axis.set_xlabel("true X")
-    axis.set_ylabel("X of a fit without the case")
+        top = max(one.predicted.imag for one in rows if one.case == row.case and one.law in laws)
+        axis.plot([row.true.imag] * 2, [place[1] + 0.03, top], color="0.8", linewidth=0.5, zorder=0)
+        axis.annotate(row.case, place, fontsize=7, ha="center", color="0.3",
+                      bbox={"color": "w", "alpha": 0.7, "linewidth": 0, "pad": 0.5})  # fmt: skip
+    label_axes(
+        axis, r"true reactance, $\mathrm{Im}\,Z$", r"$\mathrm{Im}\,Z$ of a fit without the case"
+    )
     axis.set_xlim(*ends)
     axis.set_ylim(*ends)
-    return finish(figure, path, "grey: within 0.1", legend=3)
+    return finish(figure, path, legend=3)
+
+
+def _typeset(law: str) -> str:
+    """Its letters as symbols."""
+    return re.sub(r"\\?\|v\\?\||\b[ABkp]\b", lambda found: f"${found[0]}$".replace("\\", ""), law)

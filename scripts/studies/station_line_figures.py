@@ -58,8 +58,8 @@ def draw_averages(
 ) -> Figure:
     """Z of (5.2) of several lines, each with its three widths side by side (figure 12).
 
-    Left of the symbol the statistical interval, at it the paper's three standard deviations of the
-    draws, right of it the spread along the line.
+    Right of the symbol the statistical interval, the paper's three standard deviations of the draws
+    and the spread along the line.
     """
     figure, axes = subplots(1, 2, 3.4)
     names = labels_of(lines, labels)
@@ -69,11 +69,11 @@ def draw_averages(
             if line.average is not None:
                 _draw_average(axis, line, i, part, frequency_index)
             if line.average is not None and published is not None:
-                axis.plot(i, part_of(published, part), "*", color=COLOURS[3], markersize=8,
-                          zorder=4, label="paper")  # fmt: skip
+                axis.plot(i - 2 * SHIFT, part_of(published, part), "*", color=COLOURS[3],
+                          markersize=8, zorder=4, label="paper")  # fmt: skip
         axis.set_xticks(range(len(lines)), names, fontsize=7)
         axis.set_xlim(-0.5, len(lines) - 0.5)
-        axis.set_ylabel(text)
+        label_axes(axis, "configuration", text)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     place_legend(figure, list(unique.values()), list(unique), 3)
@@ -97,7 +97,9 @@ def _draw_average(axis: Any, line: ImpedanceLine, i: int, part: str, f: int) -> 
     along = float(part_of(found.spatial_spread[f], part))
     words = "spread along the line"
     _bar(axis, i + SHIFT, value - along, value + along, COLOURS[2], "--", words)
-    axis.plot(i, value, "o", color="k", markersize=4, zorder=4, label="$Z_{mean}$")
+    axis.plot(
+        i - 2 * SHIFT, value, "o", color="k", markersize=3, zorder=4, label="$Z_\\mathrm{mean}$"
+    )
 
 
 def _bar(

@@ -31,7 +31,7 @@ from torchliner.report.truth_table import drive_label
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)
-MARKED_SPEEDS = (0.1, 0.3, 1.0, 3.0)  # m/s, on the model's curve
+MARKED_SPEEDS = (0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 
 @styled
@@ -111,10 +111,10 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
             z = complex(panel.liner.impedance(panel.frequency, speed).reshape(-1)[0])
             axis.plot(z.real, z.imag, "k|", markersize=6)
             axis.annotate(f"{speed:g}", (z.real, z.imag), textcoords="offset points",
-                          xytext=(1, 5), fontsize=7)  # fmt: skip
+                          xytext=(1, 5), fontsize=7, clip_on=True)  # fmt: skip
+        _zoom(axis, panel.rows)
         for i, row in enumerate(panel.rows):
             _draw_case(axis, row, COLOURS[i])
-        _zoom(axis, panel.rows)
         head_panel(axis, panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
@@ -135,8 +135,10 @@ def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:
                   markersize=size, zorder=4)  # fmt: skip
     axis.plot([row.true.real, row.of_rms.real], [row.true.imag, row.of_rms.imag], ":",
               color=colour, linewidth=0.8)  # fmt: skip
+    last = row.true.real > 0.7 * axis.get_xlim()[1]
     axis.annotate(row.case, (row.true.real, row.true.imag), textcoords="offset points",
-                  xytext=(6, 3), fontsize=7.5, color=colour)  # fmt: skip
+                  xytext=(0, -10) if last else (6, 3), ha="right" if last else "left",
+                  fontsize=7.5, color=colour)  # fmt: skip
 
 
 def _zoom(axis: Any, rows: Sequence[ReasonRow]) -> None:

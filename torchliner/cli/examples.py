@@ -4,7 +4,7 @@ from __future__ import annotations
 
 EXAMPLES = {
     "educe": (
-        "plane.h5 -o map.h5 --figure pictures",
+        "plane.h5 -o map.h5 --figure pictures --holes holes.csv",
         "'run_*.nc' --normal y --frequency 300:6000:100 --liner mine.toml",
     ),
     "ldv info": ("bursts/ --json",),

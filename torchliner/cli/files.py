@@ -96,16 +96,20 @@ def read_records(
     Raises:
         ValueError: a part of moments is asked for.
     """
+    from torchliner.io.holes import read_holes
     from torchliner.io.moments_file import holds_moments, read_moments
 
-    for path in paths if reading(options) else ():
+    said = reading(options)
+    facts = {"holes": read_holes(said.pop("holes"))} if "holes" in said else {}
+    for path in paths if said else ():
         if holds_moments(path):
-            words = ", ".join(f"--{name.replace('_', '-')}" for name in reading(options))
+            words = ", ".join(f"--{name.replace('_', '-')}" for name in said)
             raise ValueError(f"{path} holds moments, of which there is no part: leave out {words}")
     return [
-        read_moments(path) if holds_moments(path) else read_planes([path], options)[0]
+        with_facts(read_moments(path), facts) if holds_moments(path)
+        else read_planes([path], options)[0]
         for path in paths
-    ]
+    ]  # fmt: skip
 
 
 def planes_of(records: Sequence[VelocityPlane | Moments]) -> list[VelocityPlane]:

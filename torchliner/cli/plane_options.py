@@ -27,6 +27,8 @@ STATED: dict[str, Any] = {
         "help": "of vectors and points, away from the liner; default: as the format has it"},
     "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: the file's",
     "--z ARRAY": "likewise across the duct",
+    "--holes PATH": "places of the holes, for figures: a table x [mm], z [mm], diameter [mm], "
+                    "without z for slits; default: the file's",
     "--points PATH": "point list, of histories at points; default: none",
 }  # fmt: skip
 

@@ -19,6 +19,7 @@ from torchliner.io.hdf5 import (
     write_index,
     write_references,
 )
+from torchliner.io.holes import stored_holes, write_holes
 from torchliner.io.point_file import read_alongside, write_alongside
 from torchliner.io.result_file import (
     Sizes,
@@ -142,6 +143,7 @@ def _fill(file: h5py.File, result: ImpedanceMap) -> None:
     group, dims = within("")
     write_variables(group, result, FIELDS, {"probes": dims})
     write_references(file, result.reference)
+    write_holes(file, result.holes)
     group, dims = within(AMPLITUDES)
     write_variables(group, result, COMPLEX, {"probes": dims})
     if result.uncertainty is not None:
@@ -182,6 +184,7 @@ def read_map(path: str | Path) -> ImpedanceMap:
             uncertainty=read_uncertainty(part(INTERVALS), path, sizes=sizes),
             alongside=read_alongside(file, path),
             closure=read_closure(part(CLOSURE), path, sizes),
+            holes=stored_holes(file, path),
         )
 
 

@@ -18,6 +18,7 @@ from torchliner.io.hdf5 import (
     text_attribute,
     write_index,
 )
+from torchliner.io.holes import stored_holes, write_holes
 from torchliner.io.moments_checks import PRECISIONS, checked_head, require_sums, require_whole
 from torchliner.io.plane_file import NUMBERS
 from torchliner.io.result_file import Sizes
@@ -125,6 +126,7 @@ def write_moments(known: Moments, path: str | Path) -> None:
     with KIND.created(path, head) as file:
         write_coordinates(file, plane.probe_shape, plane.x, plane.z)
         write_case(file, plane, NUMBERS)
+        write_holes(file, plane.holes)
         for name, size in sizes.items():
             write_index(file, name, size)
         write_variables(file, sums, TONES)
@@ -196,7 +198,7 @@ def read_moments(path: str | Path) -> Moments:
             sampling_rate=plan.sampling_rate, name=str(path),
             x=read_coordinate(file, "x", shape[:-1], path),
             z=read_coordinate(file, "z", shape[:-1], path),
-            **about,
+            holes=stored_holes(file, path), **about,
         )  # fmt: skip
         sums = _read_sums(file, path, plan, basis, plane.probes)
     return Moments(plane, sums, words["settings"], pitch, words["notes"])

@@ -21,6 +21,7 @@ from torchliner.io.axes import (
 from torchliner.io.cf import VELOCITY, find_axes, find_coordinates, find_velocity, sign_of
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
 from torchliner.io.hdf5_velocity import H5Velocity
+from torchliner.io.holes import stored_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.tables import FileKind, Variable, numbers, read_variables
 from torchliner.records import VelocityPlane
@@ -107,6 +108,7 @@ def plane_from(
         start=first,
         streamwise=stream,
         area=read_si(group, AREA, "m2", path) if ours and is_there(group, AREA, path) else None,
+        holes=stored_holes(group, path) if ours else None,
         name=label,
         **find_coordinates(group, axes, request, path, strict=ours),
         **case,

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from torchliner.file_checks import require_memory
+from torchliner.records.holes import Holes
 from torchliner.records.slabs import slab_bounds
 
 
@@ -30,6 +31,7 @@ class PlaneRequest:
             liner lies on the positive side (the velocity is then turned away from it).
         x, z: coordinates: arrays, or FILE or FILE:VARIABLE.
         points: file of a point list, whose columns are x, y, z.
+        holes: a ``Holes``, or FILE of ``read_holes``.
     """
 
     variable: str | None = None
@@ -42,6 +44,7 @@ class PlaneRequest:
     x: Any = None
     z: Any = None
     points: str | Path | None = None
+    holes: Holes | str | Path | None = None
 
 
 @dataclass(frozen=True)

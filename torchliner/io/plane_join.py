@@ -143,7 +143,7 @@ def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
             f"{both}: they are sampled at {first.sampling_rate:.9g} and {other.sampling_rate:.9g} "
             "Hz, two time bases; resample one, or give the files one by one"
         )
-    names = (*STATED, "height", "frequency")
+    names = (*STATED, "height", "frequency", "holes")
     require_same_case(first, other, names, "restarts of one run state the same")
 
 

@@ -165,6 +165,8 @@ def _region(
              if getattr(plane, name) is not None}  # fmt: skip
     if plane.area is not None:
         about["area"] = plane.area[chosen]
+    if plane.holes is not None:
+        about["holes"] = plane.holes.within(about.get("x"), about.get("z"))
     return chosen.nonzero()[:, 0], {"shape": shape, **about}
 
 
@@ -196,7 +198,8 @@ def scaled(plane: VelocityPlane, length: float, velocity: float) -> VelocityPlan
     for name, value in (("length", length), ("velocity", velocity)):
         require_positive(f"{name} scale", value)
     bare = select(plane, factor=velocity)
-    lengths = {name: value * length for name in ("x", "z", "height", "displacement_thickness")
+    names = ("x", "z", "height", "displacement_thickness", "holes")
+    lengths = {name: value * length for name in names
                if (value := getattr(plane, name)) is not None}  # fmt: skip
     return replace(
         bare, sampling_rate=plane.sampling_rate * velocity / length,

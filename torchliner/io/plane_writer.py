@@ -17,6 +17,7 @@ from torchliner.io.axes import write_case, write_coordinates, write_times
 from torchliner.io.cf import VELOCITY
 from torchliner.io.hdf5 import attach_scales, tiles, write_variable
 from torchliner.io.hdf5_velocity import numpy_kind
+from torchliner.io.holes import write_holes
 from torchliner.io.plane_file import AREA, KIND, NUMBERS, STREAMWISE
 from torchliner.io.whole_file import HDF5, Part, part_of
 from torchliner.records import VelocityPlane
@@ -98,6 +99,7 @@ def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
         write_variable(file, AREA, shares, "m2", dims).attrs["long_name"] = "area of each probe"
     file[VELOCITY].attrs["positive"] = "away from the liner"
     write_case(file, plane, NUMBERS)
+    write_holes(file, plane.holes)
 
 
 def _fields(plane: VelocityPlane) -> list[tuple[str, Any]]:

@@ -13,6 +13,7 @@ from typing import Any
 from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
 from torchliner.io.axes import CLOCK
+from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import join_planes
 from torchliner.io.plane_selection import select
@@ -23,7 +24,8 @@ from torchliner.units import si_factor
 
 HEAD = 4096  # bytes by which a file is recognised
 MAGIC = "*?["
-COORDINATES = ("x", "z")  # that any format takes from the user
+COORDINATES = ("x", "z")
+ANY = (*COORDINATES, "holes")  # that any format takes from the user
 
 
 def read_plane(
@@ -48,7 +50,7 @@ def read_plane(
             "0:0.1,-0.01:0.01".
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, x, z,
-            points.
+            points, holes.
     Raises:
         FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
             glob that matches nothing.
@@ -153,15 +155,18 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     given = [each.name for each in fields(request) if getattr(request, each.name) is not None]
     own = [name for name in COORDINATES if name in given and name not in found.takes]
     for name in given:
-        if name not in (*found.takes, *COORDINATES):
+        if name not in (*found.takes, *ANY):
             raise ValueError(
                 f"{path} is {found.name}, which says {name} itself or has none: leave out "
                 f"{name}=..."
             )
     plane: VelocityPlane = found.open(Path(path), request)
-    return replace(plane, **{
+    about: dict[str, Any] = {
         name: stated_coordinate(getattr(request, name), request.length_units, name) for name in own
-    })  # fmt: skip
+    }  # fmt: skip
+    if (holes := request.holes) is not None:
+        about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
+    return replace(plane, **about)
 
 
 def stated_coordinate(where: Any, unit: str | None, name: str) -> Any:

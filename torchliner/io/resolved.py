@@ -25,6 +25,7 @@ from torchliner.io.resolved_liner import (
     require_case,
     resolved_cases,
     resolved_fluid,
+    resolved_holes,
     truth_of,
 )
 from torchliner.io.stored_values import read_values
@@ -75,6 +76,7 @@ def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1
             height=cases[case][line],
             x=read_si(group, "x", "m", path)[::stride],
             z=read_si(group, "z", "m", path) if three else None,
+            holes=resolved_holes(group, path),
             streamwise=stream,
             fluid=resolved_fluid(group, path),
             frequency=read_attribute(group, "frequency_Hz", path),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import h5py
+import numpy as np
 
 from torchliner.checks import require_positive, tell
 from torchliner.fluid import Fluid
@@ -13,6 +15,7 @@ from torchliner.io.hdf5 import is_there, open_file, read_attribute, read_si
 from torchliner.liners.catalogue import load_liner
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import did_you_mean
+from torchliner.records.holes import Holes
 
 # A preset stands for one geometry on one lattice: its spacing (m) fixes the linear part, since the
 # Stokes layer is not resolved. Beside it, which of the file's impedances is the truth there.
@@ -78,6 +81,25 @@ def liner_of_group(group: h5py.Group, path: str | Path) -> SDoFLiner:
         cell_pitch=node * nodes["pitch"], fluid=resolved_fluid(group, path),
         name=f"resolved {group.name.strip('/')}",
     )  # fmt: skip
+
+
+def resolved_holes(group: h5py.Group, path: str | Path) -> Holes | None:
+    """Centres of the slits or orifices, one a cell, from the open nodes; None without these."""
+    masks = [name for name in ("orifice_mask_full", "orifice_mask", "orifice_ix")
+             if is_there(group, name, path)]  # fmt: skip
+    if not masks:
+        return None
+    node, pitch = (read_attribute(group, f"cfg_{key}", path) for key in ("dx", "Lc"))
+    values = read_si(group, masks[0], "1", path)
+    z, x = values.nonzero() if values.ndim == 2 else (None, values)
+    cells = [x // pitch == number for number in np.unique(x // pitch)]
+
+    def middle(nodes: Any) -> tuple[float, ...]:
+        # The first node is centred at half a spacing: 0 is a cell's corner.
+        return tuple(float(node * (nodes[one].mean() + 0.5)) for one in cells)
+
+    diameter = (float(liner_of_group(group, path).orifice_diameter),) * len(cells)
+    return Holes(middle(x), diameter, None if z is None else middle(z))
 
 
 def truth_of(group: h5py.Group, path: str | Path) -> str:

@@ -3,6 +3,7 @@
 from torchliner.records.burst_record import BurstRecord
 from torchliner.records.closure import Closure, Gap
 from torchliner.records.field_fit import FieldFit
+from torchliner.records.holes import Holes
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.microphone_line import MicrophoneLine
@@ -18,6 +19,7 @@ __all__ = [
     "Closure",
     "FieldFit",
     "Gap",
+    "Holes",
     "ImpedanceLine",
     "ImpedanceMap",
     "Interval",

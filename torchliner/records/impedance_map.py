@@ -20,6 +20,7 @@ from torchliner.conversions import (
 from torchliner.fluid import Fluid
 from torchliner.names import ORDERS
 from torchliner.records.closure import Closure, words_of
+from torchliner.records.holes import Holes
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.summaries import (
@@ -57,7 +58,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
             its own incoherent velocity and the coherent one of its cell, and from the admittance
             averaged over each cell's probes, (C, F); None where another order was asked for.
         liner_reflection_coherent_first: the same over the probes of all cells, (F,).
-        x, z, height, fluid, reference, ...: as in the plane.
+        x, z, height, fluid, reference, holes, ...: as in the plane.
         wall: probes that counted as wall, admittance 0, in the averages over probes, bool,
             (..., F); None without a wall filter.
         choices: every option and what followed from it (kernel error, levels, versions).
@@ -101,6 +102,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
     cell_reflection_coherent_first: Tensor | None = None
     liner_reflection_coherent_first: Tensor | None = None
     closure: Closure | None = None
+    holes: Holes | None = None
 
     @property
     def impedance(self) -> Tensor:

@@ -14,6 +14,7 @@ from torch import Tensor
 from torchliner.checks import make_plain, require_positive, require_positive_where_stated
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
+from torchliner.records.holes import Holes, require_holes_on_plane
 from torchliner.records.outlets import Drawn, outlet
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
@@ -42,6 +43,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         height: distance of the plane from the liner, m.
         x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
         area: m2 that each probe stands for, in the order of the probes, (P,); None: unknown.
+        holes: where those of the liner below are, for figures; None: unknown.
         streamwise: streamwise velocity, m/s, on the same probes and times.
         fluid: gas of the data.
         frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk Mach number.
@@ -53,7 +55,8 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         name: how messages call it (for files: FILE:/dataset).
     Raises:
         TypeError: velocity is not real floating point.
-        ValueError: shapes disagree, the plane is empty, a scalar is out of range.
+        ValueError: shapes disagree, the plane is empty, a scalar is out of range, a hole lies
+            outside the plane.
     """
 
     velocity: Any
@@ -63,6 +66,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
     x: Any = field(default=None, kw_only=True)
     z: Any = field(default=None, kw_only=True)
     area: Any = field(default=None, kw_only=True)
+    holes: Holes | None = field(default=None, kw_only=True)
     streamwise: Any = field(default=None, kw_only=True)
     fluid: Fluid = field(default_factory=Fluid, kw_only=True)
     frequency: float | None = field(default=None, kw_only=True)
@@ -111,6 +115,8 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
                                  f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
                                  "needed")  # fmt: skip
             object.__setattr__(self, "area", area)
+        if self.holes is not None:
+            require_holes_on_plane(self.holes, self.x, self.z, self.name)
         require_positive_where_stated(self, "height", "frequency")
         require_flow_and_level(self.name, self.mach, self.incident_level)
         thickness = self.displacement_thickness
@@ -186,14 +192,14 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         """The same flow in other units of length and velocity; time scales by length/velocity.
 
         Args:
-            length: factor on x, z, height and displacement thickness.
+            length: factor on x, z, height, displacement thickness and holes.
             velocity: factor on the velocities.
         """
         require_positive("length scale", length)
         require_positive("velocity scale", velocity)
         lengths: dict[str, Any] = {
             name: None if getattr(self, name) is None else getattr(self, name) * length
-            for name in ("x", "z", "height", "displacement_thickness")
+            for name in ("x", "z", "height", "displacement_thickness", "holes")
         }
         loaded = self.load()
         streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity

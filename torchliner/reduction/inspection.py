@@ -127,6 +127,8 @@ def _stated(plane: VelocityPlane) -> dict[str, Any]:
         value = getattr(plane, name)
         if value not in (None, ""):
             facts[f"{name}{f' ({unit})' if unit else ''}"] = value
+    if plane.holes is not None:
+        facts["holes"] = plane.holes.words
     for name, value in plane.reference.items():
         facts[f"reference, {name}"] = f"{value.real:.4f}{value.imag:+.4f}j"
     facts["sound speed (m/s)"] = float(plane.fluid.sound_speed)

@@ -18,6 +18,8 @@ from torchliner.report.figure import (
     COLOURS,
     LINES,
     MARKERS,
+    ONE_ROW,
+    SPL,
     Figure,
     entry,
     finish,
@@ -118,7 +120,7 @@ def draw_walls(
             colour = COLOURS[i]
             axis.plot(1e3 * places, curve, color=colour, label=label, linestyle=LINES[i])
             axis.plot(1e3 * at, points, MARKERS[i], color=colour, markersize=3)
-    for axis, label in zip(axes[0], ("SPL (dB re 20 µPa)", "phase (degrees)"), strict=True):
+    for axis, label in zip(axes[0], (SPL, "phase (degrees)"), strict=True):
         for start, end in solved[0][0].case.liner:
             axis.axvspan(1e3 * start, 1e3 * end, color="0.9", zorder=0)
         label_axes(axis, "$x$ (mm)", label)
@@ -146,7 +148,7 @@ def draw_field(
     speed = torch.abs(v).numpy().reshape(grid[0].shape)
     inside = y > NEAR_WALL * case.height
     for axis, values, label in (
-        (axes[0, 0], level, "SPL (dB)"),
+        (axes[0, 0], level, SPL),
         (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)"),
     ):
         top = np.percentile(values[inside], 99.5)  # vorticity on the liner's face beside
@@ -158,7 +160,8 @@ def draw_field(
                 [1e3 * start, 1e3 * end], [0, 0], color=COLOURS[1], linewidth=3, clip_on=False
             )
         label_axes(axis, "$x$ (mm)", "$y$ (mm)")
+    entry(axes[0, 0], "liner", color=COLOURS[1], linewidth=3)
     frequency = float(setup.frequency[frequency_index])
-    title = f"{setup.name}, {frequency:g} Hz, source {field.source}; orange: liner; "
+    title = f"{setup.name}, {frequency:g} Hz, source {field.source}; "
     title += "the colours end at 99.5 % of the values off the wall (arrow)"
-    return finish(figure, path, title)
+    return finish(figure, path, title, ONE_ROW)

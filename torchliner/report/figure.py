@@ -23,6 +23,7 @@ PARTS = (
     ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
 )
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
+SPL, INCIDENT = "SPL (dB re 20 µPa)", "incident level (dB re 20 µPa)"
 V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
 STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
@@ -205,7 +206,13 @@ def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
     if "width" in style:
         style = {"linewidth": style.pop("width"), "solid_capstyle": "butt"} | style
     line = "none" if marker else "-"
-    axis.plot([], [], **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style)
+    axis.plot(
+        [],
+        [],
+        scalex=False,
+        scaley=False,
+        **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style,
+    )
 
 
 def frame(axis: Any, values: Any, *bands: Any) -> bool:

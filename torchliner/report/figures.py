@@ -34,6 +34,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )  # fmt: skip
+from torchliner.report.hole_figures import mark_borders, shade_holes
 from torchliner.report.map_figures import Limits, draw_plane, mesh_of
 from torchliner.report.numbers import (
     Curves,
@@ -46,6 +47,7 @@ from torchliner.report.numbers import (
     velocity_along_x,
 )
 
+SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))  # of a point
 BARS = 15  # statistical intervals along a spectrum, about
 
 
@@ -101,6 +103,9 @@ def draw_along_x(
         shown += [part_of(other.cell_impedance[:, j], part)
                   for other, j in alongside_at(ordered, frequency_index)]  # fmt: skip
         cut |= frame(axis, np.concatenate(shown), *bands)
+        if ordered[0].x is not None:
+            shade_holes(axis, ordered[0].holes)
+            mark_borders(axis, ordered[0])
     words = interval_words(ordered[0])
     if words:
         entry(panels[0][0], words, width=5, color="0.8")
@@ -147,6 +152,7 @@ def draw_against_height(
     references |= alongside_surfaces(results, frequency_index)
     shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
+    labels: list[tuple[str, complex, str]] = []
     for i, (name, label) in enumerate(zip(names, orders, strict=True)):
         values = np.array([getattr(row, name) for row in rows])
         axis.plot(
@@ -154,13 +160,14 @@ def draw_against_height(
         )
         for row, value in zip(rows, values, strict=True):
             _draw_cross(axis, value, getattr(row, f"interval{ENDS[label]}"), COLOURS[i])
-        _label_heights(axis, rows, values, COLOURS[i], 0.05 * span, above=i == 0)
+        labels += [(*each, COLOURS[i]) for each in _height_labels(rows, values, 0.05 * span)]
     for i, (name, value) in enumerate(references.items()):
         axis.plot(
             value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
         )  # fmt: skip
     cut = _around(axis, np.array(shown))
+    _place_labels(axis, labels, shown)
     label_axes(axis, PARTS[0][1], PARTS[1][1])
     caption = f"{_family(results, frequency_index)}; numbers: height y in mm"
     words = interval_words(results[0])
@@ -189,21 +196,46 @@ def _draw_cross(axis: Any, value: complex, interval: Any, colour: str) -> None:
         axis.plot([value.real] * 2, [low.imag, high.imag], color=colour, linewidth=0.8, zorder=2)
 
 
-def _label_heights(
-    axis: Any, rows: Any, values: Any, colour: str, close: float, above: bool
-) -> None:
-    """Heights in mm beside the points; points on top of each other share one label."""
-    last = 0
+def _height_labels(rows: Any, values: Any, close: float) -> list[tuple[str, complex]]:
+    """Heights in mm and where; points on top of each other share one label."""
+    found, last = [], 0
     for i in range(1, len(rows) + 1):
         if i < len(rows) and abs(values[i] - values[last]) < close:
             continue
         heights = [row.height for row in rows[last:i] if row.height is not None]
         text = " to ".join(f"{1e3 * h:.2g}" for h in sorted({min(heights), max(heights)}))
-        axis.annotate(
-            text, (values[last].real, values[last].imag), textcoords="offset points",
-            xytext=(5, 5 if above else -10), fontsize=7, color=colour,
-        )  # fmt: skip
+        found.append((text, complex(values[last])))
         last = i
+    return found
+
+
+def _place_labels(axis: Any, labels: Sequence[tuple[str, complex, str]], points: Any) -> None:
+    """Text beside each of its points, where it covers neither another text nor a point; what is
+    said twice at one place in two colours is said once, in black."""
+    scale = 72 / axis.figure.dpi  # pixels to pt
+    taken = [scale * axis.transData.transform((z.real, z.imag)) for z in points]
+    frame = axis.transAxes.transform([(0, 0), (1, 1)])
+    boxes = [(*place, 2.0, 2.0) for place in taken]  # centre, half width and height
+    middle, half = scale * (frame[0] + frame[1]) / 2, scale * (frame[1] - frame[0]) / 2
+    seen: dict[tuple[str, int, int], list[tuple[complex, str]]] = {}
+    for text, z, colour in labels:
+        x, y = scale * axis.transData.transform((z.real, z.imag))
+        seen.setdefault((text, round(x / 12), round(y / 12)), []).append((z, colour))
+    for (text, *_), members in seen.items():
+        z, colour = members[0][0], members[0][1] if len(members) == 1 else "k"
+        x, y = scale * axis.transData.transform((z.real, z.imag))
+        wide, high = 1.9 * len(text), 3.5  # half a box of 7 pt
+        places = [(x + far * (wide + 4) * right, y + far * (high + 4) * up) for far in (1, 1.6, 2.4)
+                  for right, up in SIDES]  # fmt: skip
+        covered = [
+            sum(abs(at[0] - a) < wide + w and abs(at[1] - b) < high + h for a, b, w, h in boxes)
+            + any(np.abs(np.subtract(at, middle)) > half - (wide, high)) for at in places
+        ]  # fmt: skip
+        place = places[covered.index(min(covered))]
+        boxes.append((*place, wide, high))
+        axis.annotate(text, (z.real, z.imag), textcoords="offset points", ha="center", va="center",
+                      xytext=(place[0] - x, place[1] - y), fontsize=7, color=colour, zorder=5,
+                      bbox={"color": "w", "alpha": 0.7, "linewidth": 0, "pad": 0.3})  # fmt: skip
 
 
 @styled
@@ -225,6 +257,7 @@ def draw_velocity(
             if name in profile.values:
                 draw_curve(axis, profile, name, colour, 1e3, linestyle=line)
         label_axes(axis, "$x$ (mm)", labels[name])
+        shade_holes(axis, cases[0].holes)
         if name != "v0 (m/s)":
             axis.set_ylim(bottom=0)
     return finish(figure, path, case_title(cases[0]), ONE_ROW, axes)

@@ -9,6 +9,7 @@ from typing import Any
 from torchliner.ir_tdibc_method.level_curve import LevelCurve
 from torchliner.report.figure import (
     COLOURS,
+    INCIDENT,
     MARKERS,
     ONE_ROW,
     Figure,
@@ -100,7 +101,7 @@ def level_facts(curve: LevelCurve) -> dict[str, Any]:
 @styled
 def draw_levels(curve: LevelCurve, path: str | Path | None = None) -> Figure:
     """Resistance and reactance over level; dashed: the fixed point of the frequency domain."""
-    figure, panels = impedance_panels(3.2, "incident level (dB)")
+    figure, panels = impedance_panels(3.2, INCIDENT)
     order = curve.level.argsort()
     level = curve.level[order].numpy()
     lowest = [roots[0].impedance if roots else None for roots in curve.fixed_points]

@@ -10,6 +10,7 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap
 from torchliner.report.figure import PARTS, finish, label_axes, panels_of, style_width, styled
+from torchliner.report.hole_figures import draw_borders, draw_holes
 from torchliner.report.numbers import height_label
 
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
@@ -42,7 +43,7 @@ def draw_plane(
     mesh = mesh_of(result, frequency_index)
     unit = "mm" if result.x is not None else "index"
     span = (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)
-    figure, axes = panels_of(2, min(5.0, 1.3 + 0.45 * style_width() * span), given)
+    figure, axes = panels_of(2, min(5.4, 1.7 + 0.45 * style_width() * span), given)
     limits, notes = limits or map_limits([result], frequency_index), []
     for axis, (part, label) in zip(axes, PARTS, strict=False):
         values = getattr(result, part)[..., frequency_index].detach().cpu().numpy()
@@ -60,29 +61,13 @@ def draw_plane(
         note = f"{sum(beyond)} of {np.isfinite(values).sum()} probes beyond" if any(beyond) else ""
         axis.figure.colorbar(drawn, ax=axis, extend=extend, label=f"{label}\n{note}".strip(), **bar)
         notes.append(f"{label.split(',')[0]} {beyond[0]} below and {beyond[1]} above")
-        _draw_borders(axis, result, x, z)
+        draw_borders(axis, result, x, z)
+        if result.x is not None:
+            draw_holes(axis, result.holes)
         axis.set_aspect("equal")
         label_axes(axis, f"$x$ ({unit})", f"$z$ ({unit})")
     ends = f"probes beyond the ends of the colours (arrows): {'; '.join(notes)}"
-    return finish(figure, path, f"{_caption(result, frequency_index)}; {ends}", given=given)
-
-
-def _draw_borders(axis: Any, result: ImpedanceMap, x: Any, z: Any) -> None:
-    """Borders of the cells, where pitch and places are known; holes stand in no map."""
-    liner = result.choices.get("liner")
-    pitch = liner.get("cell_pitch") if isinstance(liner, dict) else None
-    if not pitch or result.x is None or result.choices.get("surface") == "hard wall":
-        return
-    half = 500 * float(pitch)
-    ends = (x.min(), x.max()), (z.min(), z.max())
-    cells = zip(1e3 * result.cell_x.cpu().numpy(), 1e3 * result.cell_z.cpu().numpy(), strict=True)
-    for centre in cells:
-        (left, right), (low, high) = (
-            (at - half, at + half) if np.isfinite(at) else end
-            for at, end in zip(centre, ends, strict=True)
-        )
-        axis.plot([left, right, right, left, left], [low, low, high, high, low], "--", color="w",
-                  linewidth=0.8, scalex=False, scaley=False)  # fmt: skip
+    return finish(figure, path, f"{_caption(result, frequency_index)}; {ends}", 2, given)
 
 
 def mesh_of(result: ImpedanceMap, frequency_index: int) -> Any:

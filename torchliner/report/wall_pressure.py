@@ -13,6 +13,7 @@ from torchliner.report.figure import (
     COLOURS,
     MARKERS,
     PARTS,
+    SPL,
     Figure,
     draw_band,
     entry,
@@ -50,7 +51,7 @@ def draw_wall(
         entry(left, "measured level", "o", markerfacecolor="none")
         entry(left, "fitted level, range of the draws")
         label_axes(left, PARTS[0][1], PARTS[1][1])
-        label_axes(right, "$x$ (mm)", "SPL (dB)")
+        label_axes(right, "$x$ (mm)", SPL)
     hertz = f", {float(found[0].frequency[0]):g} Hz" if single else ""
     return finish(figure, path, f"{found[0].method}{hertz}", legend=2)
 

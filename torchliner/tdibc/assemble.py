@@ -148,5 +148,6 @@ def assemble(
         uncertainty=uncertainty,
         wall=None if wall is None else on_probes(wall),
         cell_weight=cells.weight,
+        holes=plane.holes,
         **known,
     )

@@ -1,0 +1,178 @@
+"""Places of holes: read, carried, cut, scaled, drawn."""
+
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, SHARED
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.io.resolved import read_resolved
+from torchliner.records.holes import merged_bands
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
+MM = 1e-3
+TWO = tl.Holes((2 * MM, 6 * MM), (1 * MM, 1 * MM), (1 * MM, 1 * MM))
+
+
+def a_plane(holes, rows=3):
+    """v of 9 columns 1 mm apart."""
+    v = torch.randn(rows, 9, 600, generator=torch.Generator().manual_seed(0))
+    return tl.VelocityPlane(v, sampling_rate=20e3, x=MM * np.arange(9), z=MM * np.arange(rows),
+                            frequency=1000.0, holes=holes)  # fmt: skip
+
+
+def table(folder, text):
+    path = folder / "holes.csv"
+    path.write_text(text)
+    return path
+
+
+def test_places_go_through_files_moments_and_maps(tmp_path):
+    plane = a_plane(TWO)
+    plane.write(tmp_path / "plane.h5")
+    read = tl.read_plane(tmp_path / "plane.h5")
+    assert read.holes == TWO
+    liner = tl.load_liner("polito")
+    tl.moments(read, liner).write(tmp_path / "moments.h5")
+    known = tl.read_moments(tmp_path / "moments.h5")
+    found = tl.educe(known, liner)
+    found.write(tmp_path / "map.h5")
+    assert tl.read_map(tmp_path / "map.h5").holes == known.plane.holes == TWO
+
+
+def test_slits_have_no_z_and_files_without_holes_have_none(tmp_path):
+    slits = tl.Holes((2 * MM,), (0.5 * MM,))
+    for holes in (slits, None):
+        a_plane(holes).write(tmp_path / "plane.h5")
+        assert tl.read_plane(tmp_path / "plane.h5").holes == holes
+
+
+def test_a_region_cuts_them_and_a_scale_turns_them():
+    plane = a_plane(TWO)
+    assert plane.scaled(2.0, 1.0).holes == tl.Holes((4 * MM, 12 * MM), (2 * MM,) * 2, (2 * MM,) * 2)
+    assert TWO.within(torch.tensor([3 * MM, 8 * MM]), None) == tl.Holes((6 * MM,), (MM,), (MM,))
+    assert TWO.within(torch.tensor([3 * MM, 4 * MM]), None) is None
+    assert len(TWO.within(torch.tensor([2.4 * MM, 8 * MM]), None)) == 2  # its edge is in there
+
+
+def test_a_file_beside_the_plane(tmp_path):
+    a_plane(None).write(tmp_path / "plane.h5")
+    path = table(tmp_path, "diameter [mm]; z [m]; x [cm]\n# remark\n1; 0,001; 0,2\n1; 0,001; 0,6\n")
+    assert tl.read_holes(path) == TWO
+    assert tl.read_plane(tmp_path / "plane.h5", holes=path).holes == TWO
+    part = tl.read_plane(tmp_path / "plane.h5", holes=path, region="0:0.004")
+    assert part.holes == tl.Holes((2 * MM,), (MM,), (MM,))
+
+
+def test_educe_takes_it_for_planes_and_for_moments(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plane, holes = str(DATA / "slit_n130_y2.5mm.h5"), str(DATA / "holes_slit_n.csv")
+    wanted = tl.read_holes(holes)
+    for source in (plane, "moments.h5"):
+        if source != plane:
+            assert main(["reduce", plane, "--liner", "lbm_slit", "-o", source, "--quiet"]) == 0
+        assert main(["educe", source, "--holes", holes, "-o", "map.h5", "--quiet"]) == 0
+        assert tl.read_map("map.h5").holes == wanted
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("x [mm], z [mm], diameter [mm]\n2, 1, -1\n", r"holes.csv: .*diameter of hole 1, at x = 0.002 m"
+     ", is -0.001 m; it must be positive"),
+    ("x, z [mm], diameter [mm]\n2, 1, 1\n", "holes.csv: column 'x' has no unit"),
+    ("x [mm], z [mm]\n2, 1\n", "holes.csv: column 'diameter' is missing"),
+    ("x [mm], y [mm], diameter [mm]\n2, 1, 1\n", r"unknown column 'y \[mm\]'.*write x \[mm\], z"),
+    ("x [mm], z [mm], diameter [mm]\n2, nan, 1\n", "line 2, column 'z' is 'nan'"),
+])  # fmt: skip
+def test_tables_that_say_no_places(tmp_path, text, words):
+    with pytest.raises(ValueError, match=words):
+        tl.read_holes(table(tmp_path, text))
+
+
+def test_holes_outside_the_plane_are_refused():
+    with pytest.raises(ValueError, match="1 of 2 holes lie outside the plane, number 2 first, at "
+                                         "x = 60 mm, z = 1 mm; the probes are at x = 0 to 8 mm, "
+                                         "z = 0 to 2 mm"):  # fmt: skip
+        a_plane(tl.Holes((2 * MM, 60 * MM), (MM, MM), (MM, MM)))
+    with pytest.raises(TypeError, match="holes is list; give Holes"):
+        a_plane([[2 * MM, MM]])
+    with pytest.raises(ValueError, match="z has 1 values for 2 holes"):
+        tl.Holes((0.0, 1.0), (MM, MM), (0.0,))
+
+
+def test_a_file_with_half_of_the_variables_is_refused(tmp_path):
+    import h5py
+
+    a_plane(TWO).write(tmp_path / "plane.h5")
+    with h5py.File(tmp_path / "plane.h5", "a") as file:
+        del file["hole_diameter"]
+    with pytest.raises(ValueError, match="hole_diameter"):
+        tl.read_plane(tmp_path / "plane.h5")
+
+
+def test_words_say_how_many_how_wide_and_where():
+    assert repr(TWO) == "Holes: 2 holes of 1 mm, x = 2 to 6 mm"
+    assert tl.Holes((2 * MM,), (0.5 * MM,)).words == "1 slit of 0.5 mm, x = 2 mm"
+
+
+def test_info_says_them(tmp_path, capsys):
+    a_plane(TWO).write(tmp_path / "plane.h5")
+    main(["info", str(tmp_path / "plane.h5")])
+    assert "2 holes of 1 mm, x = 2 to 6 mm" in capsys.readouterr().out
+
+
+def test_bands_that_overlap_are_one():
+    holes = tl.Holes((5.0, 1.0, 1.5), (1.0, 1.0, 1.0), (0.0, 0.0, 3.0))
+    assert merged_bands(holes) == [(0.5, 2.0), (4.5, 5.5)]
+
+
+def test_maps_and_curves_name_them_in_the_legend():
+    pytest.importorskip("matplotlib")
+    plane = a_plane(TWO)
+    found = tl.educe(plane, tl.load_liner("polito"))
+    bare = tl.educe(a_plane(None), tl.load_liner("polito"))
+    for one, drawn in ((found, True), (bare, False), (plane, True), (a_plane(None), False)):
+        figure = one.plot()
+        names = [text.get_text() for each in figure.legends for text in each.get_texts()]
+        assert ("hole" in names) == drawn
+    circles = [each for each in found.plot().axes[0].collections if hasattr(each, "get_offsets")]
+    assert np.allclose(circles[-1].get_offsets(), [[2, 1], [6, 1]])
+    assert found.plot().axes[0].get_xlim() == bare.plot().axes[0].get_xlim() == (-0.5, 8.5)
+
+
+def test_borders_of_cells_stand_within_curves_along_x(liner):
+    """One border between two cells; over a hard wall, and at the ends of a line, none."""
+    pytest.importorskip("matplotlib")
+    x = (np.arange(12) + 0.5) * liner.cell_pitch / 6
+    for about, wanted in (({}, 1), ({"liner": "hard wall"}, 0)):
+        plane = tl.VelocityPlane(a_plane(None, 12).velocity[:, 0], sampling_rate=20e3, x=x,
+                                 frequency=1000.0, **about)  # fmt: skip
+        figure = tl.educe(plane, liner).plot()
+        upright = [line for line in figure.axes[1].get_lines()
+                   if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]  # fmt: skip
+        assert [line.get_xdata()[0] for line in upright] == pytest.approx(
+            [1e3 * liner.cell_pitch] * wanted)  # fmt: skip
+        names = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert ("border of cells" in names) == bool(wanted)
+
+
+@pytest.mark.parametrize(("name", "case"), [("slit_n", "slit_n130"), ("slit_g", "slit_g03_145"),
+    ("orifice_o", "orifice_o145"), ("orifice_t00", "orifice_t00_130"),
+    ("orifice_t", "orifice_t015_145")])  # fmt: skip
+def test_shipped_tables_lie_on_their_planes_one_hole_a_cell(name, case):
+    plane = tl.read_plane(DATA / f"{case}_y0.5mm.h5", lazy=True, holes=DATA / f"holes_{name}.csv")
+    liner, holes = tl.load_liner(plane.liner), plane.holes
+    assert holes.diameter == pytest.approx([liner.orifice_diameter] * len(holes), rel=5e-3)
+    centres = liner.cell_pitch * (np.arange(len(holes)) + 0.5)
+    assert holes.x == pytest.approx(centres, rel=2e-3)
+
+
+def test_the_full_files_say_where_their_holes_are():
+    path = SHARED / "data/resolved_more.h5"
+    if not path.exists():
+        pytest.skip("the full simulation files are not here")
+    for case, name in (("n145", "slit_n"), ("o130", "orifice_o"), ("t015_145", "orifice_t")):
+        known, told = read_resolved(path, case, 0).holes, tl.read_holes(DATA / f"holes_{name}.csv")
+        assert np.allclose(known.x, told.x, rtol=1e-5)
+        assert np.allclose(known.diameter, told.diameter, rtol=1e-5)
+        assert (known.z is None) == (told.z is None)
