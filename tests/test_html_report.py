@@ -25,13 +25,13 @@ from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.names import ORDERS
 from torchliner.report.page import subject
 from torchliner.report.page.answer import sentence
-from torchliner.report.page.blocks import typeset
 from torchliner.report.page.moved import moved
 from torchliner.report.page.of_map import PARTS
 from torchliner.report.page.speeds import speeds_of
 from torchliner.report.page.subject import subject_of, thin
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import format_bounds, format_complex
+from torchliner.report.typesetting import typeset
 
 pytest.importorskip("jinja2")
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

@@ -19,7 +19,6 @@ from torchliner.report.page.blocks import (
     Grid,
     Section,
     shown,
-    typeset,
 )
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.opening import report_file
@@ -27,6 +26,7 @@ from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import ENDING, Page, require_report
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.report.typesetting import typeset
 
 PARTS = {"R": "resistance", "X": "reactance"}
 WIDTH, HEIGHT, EDGE = 120.0, 22.0, 5.0  # of a small multiple, px

@@ -7,10 +7,11 @@ import warnings
 from torchliner.audits.audit import AUDITED, audit
 from torchliner.checks import DataWarning
 from torchliner.report.audit_report import draw_audit, plain_audit
-from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown
 from torchliner.report.page.columns import impedance_columns
 from torchliner.report.page.subject import MapSubject, base_choices
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.report.typesetting import typeset
 
 NOT_BASE = (
     *AUDITED, "order", "incident", "device", "memory", "rank_tolerance", "levels", "spacing",

@@ -10,13 +10,14 @@ from torchliner.records import ImpedanceLine
 from torchliner.report.line_figures import draw_lines
 from torchliner.report.page.answer import closure_clause, state
 from torchliner.report.page.asked import _words, liner_table
-from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+from torchliner.report.typesetting import typeset
 
 
 def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:

@@ -11,13 +11,14 @@ from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.figure import COLOURS, draw_curve, finish, impedance_panels, styled
 from torchliner.report.figure import Figure as Drawing
 from torchliner.report.page.asked import _words
-from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex
+from torchliner.report.typesetting import typeset
 
 ORDERS = {"": "admittance over points", "_pressure_first": "pressure first"}
 

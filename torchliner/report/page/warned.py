@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from torchliner.report.page.blocks import Block, Bullets, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Bullets, Text, shown
+from torchliner.report.typesetting import typeset
 
 # What a warning says, from what makes Z another quantity to what only widens its interval; of two
 # alike the one with the larger closure in dB comes first.
