@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import quote
 
@@ -97,10 +98,10 @@ def _page(
         Section("warnings", "Warnings", warnings_of(warned)),
         Section("rows", "All rows", every),
         Section("origin", "Inputs and provenance", [
-            *files_of([("index", folder / "index.nc", "")]),
+            *files_of(None, [("index", folder / "index.nc", "")]),
             Facts([(unit, f"{shown(several[0]['file'])}; hash of data, choices and version: "
                           f"{several[0]['hash']}") for unit, several in units.items()]),
-            versions(version),
+            versions(SimpleNamespace(choices={"version": version})),
         ]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip

@@ -82,7 +82,6 @@ def moved(subject: MapSubject) -> list[Block]:
 
 def _missing(subject: MapSubject) -> str:
     """Why the choices are not varied; "" where they can be."""
-    name = str((subject.result.choices.get("liner") or {}).get("name", ""))
     if subject.known is None:
         return (
             "Which choices move the result follows from the data or their moments, which are not "
@@ -90,8 +89,4 @@ def _missing(subject: MapSubject) -> str:
         )
     if subject.result.choices.get("incident") is not None:
         return "The map was educed with an incident signal; an audit is of tones."
-    if subject.model is None:
-        return (
-            f"The liner {shown(name)!r} is no preset; name its file (--liner, or liner= in Python)."
-        )
-    return ""
+    return subject.without

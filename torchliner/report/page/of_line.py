@@ -32,8 +32,8 @@ def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
         Section("stations-section", "Stations", [_stations(line)]),
         Section("comparison", "Comparison", _compared(line)),
         Section("origin", "Inputs and provenance", [
-            *files_of([("line", path, "" if path else "this line, in memory")]),
-            versions(line.choices.get("version")),
+            *files_of(line, [("line", path, "" if path else "this line, in memory")]),
+            versions(line),
         ]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip

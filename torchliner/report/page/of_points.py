@@ -42,7 +42,7 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
         Section("asked", "What was asked",
                 [Grid("choices", "Every choice.", Table(choices, columns))] if choices else []),
         Section("along", "Along x", _along(found)),
-        Section("origin", "Inputs and provenance", [*files_of(files), versions(None)]),
+        Section("origin", "Inputs and provenance", [*files_of(found, files), versions(found)]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip
     return Page(f"Impedances: {found.name}", typeset(answer), "", sections, FOOTER)
