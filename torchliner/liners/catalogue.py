@@ -94,7 +94,7 @@ class TableFile(LinerFile):
 
     def build(self, path: Path, name: str) -> TabulatedLiner:
         """See ``LinerFile``."""
-        about = {"name": self.name or name, "cell_pitch": self.cell_pitch}
+        about: Any = {"name": self.name or name, "cell_pitch": self.cell_pitch}
         numbers = (self.frequency, self.resistance, self.reactance)
         if self.file is not None and not any((*numbers, self.speed)):
             return TabulatedLiner.read_csv(path.parent / self.file, **about)

@@ -117,7 +117,7 @@ def _origin(
     plane: VelocityPlane | Moments, liner: LinerModel, pressure: Any, chosen: Choices, phase: Any
 ) -> dict[str, Any]:
     """What a map keeps so that it can be made again, beside its choices."""
-    data = getattr(plane, "plane", plane)
+    data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
     what = "velocity"
     if isinstance(plane, Moments) and Path(data.name).is_file() and holds_moments(data.name):
         what = "moments"

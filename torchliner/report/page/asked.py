@@ -9,7 +9,7 @@ from typing import Any
 
 from torchliner.records.summaries import frequency_words, shape_words
 from torchliner.report.page.blocks import Block, Facts, Folded, Grid, shown
-from torchliner.report.page.subject import MapSubject, _plain, base_choices
+from torchliner.report.page.subject import MapSubject, base_choices, plain
 from torchliner.report.table import Column, Table
 from torchliner.tdibc.choices import Choices
 
@@ -89,7 +89,7 @@ def _choices(subject: MapSubject) -> list[Block]:
 
 
 def _words(value: Any) -> str:
-    value = _plain(value)
+    value = plain(value)
     if value is None:
         return "none"
     if isinstance(value, float):

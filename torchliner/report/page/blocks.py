@@ -39,10 +39,11 @@ class Text:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list, in order of size where ``ordered``."""
+    """A list, in order of size where ``ordered``; ``beside``: what stands beside each."""
 
     items: Sequence[str]
     ordered: bool = False
+    beside: Sequence[str] = ()
     kind: ClassVar[str] = "bullets"
 
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from torchliner.liners.catalogue import preset_names
+from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import ImpedanceMap
 from torchliner.report.page.blocks import Block, Code, Text
-from torchliner.report.page.subject import MapSubject, base_choices, inputs_of
+from torchliner.report.page.subject import MapSubject, base_choices, inputs_of, plain
 
 READ = ("start", "stop", "every", "region")  # parts of a plane, arguments of ``read_plane``
 ONE_PHASE = "The command line takes one reference phase; the map has one a probe."
@@ -22,19 +22,26 @@ def source_of(result: ImpedanceMap) -> Path | None:
     return Path(name) if name else None
 
 
+def preset_of(result: ImpedanceMap) -> str:
+    """The preset with the numbers of the map's liner; "" where there is none."""
+    stated = plain(dict(result.choices.get("liner") or {}))
+    name = str(stated.get("name", ""))
+    same = name in preset_names() and plain(load_liner(name).describe()) == stated
+    return name if same else ""
+
+
 def command(subject: MapSubject) -> list[Block]:
     """The command as it was typed, else one that follows from the choices; and Python."""
     result, typed = subject.result, subject.result.choices.get("command")
     if source_of(result) is None:
         return [Text("The map does not say which file it was educed from.")]
     known = Repeated(subject)
-    words, text = (
-        known.words(),
-        f"The map again, from its own record of its choices. {known.lost()}",
-    )
     if isinstance(typed, list):
         words = ["torchliner", *map(str, typed)]
-        text = "The command as it was typed; beside it Python that gives the same map."
+        text = "The command as it was typed, and Python that gives the same map."
+    else:
+        words, lost = known.words(), known.lost()
+        text = f"The map again, from its own record of its choices. {lost}"
     return [
         Text(text.strip()), Code("command", " ".join(map(shlex.quote, words))),
         Code("Python", known.program()),
@@ -58,9 +65,7 @@ class Repeated:
         self.chosen = base_choices(result)
         self.frequencies = [float(f) for f in result.frequency.tolist()]
         self.phase = result.choices.get("reference_phase")
-        name = str((result.choices.get("liner") or {}).get("name", ""))
-        self.preset = name if subject.model is not None and name in preset_names() else ""
-        self.rebuilt = subject.model is not None
+        self.rebuilt, self.preset = subject.model is not None, preset_of(result)
         beside = [str(o.choices["source"]) for o in result.alongside if "source" in o.choices]
         self.beside = beside[0] if beside else ""
         walls = self.files.get("wall pressure", [])

@@ -100,14 +100,14 @@ def inputs_of(result: Any) -> list[Mapping[str, Any]]:
 
 def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
     """The model of a map: that given, else one of the numbers that the map holds; or why none."""
-    stated = _plain(dict(result.choices.get("liner") or {}))
+    stated = plain(dict(result.choices.get("liner") or {}))
     name = shown(stated.get("name", ""))
     if liner is None:
         if stated.get("model") == "python":
             return None, (
-                f"The liner {name!r} is a Python file, which is run only where it is named: --liner "
-                f"{shown(stated.get('file', ''))} (liner= in Python), as it was with the SHA-256 "
-                f"{shown(stated.get('sha256', ''))}."
+                f"The liner {name!r} is a Python file, which is run only where you name it: "
+                f"--liner {shown(stated.get('file', ''))}, or liner= in Python, as it was with the "
+                f"SHA-256 {shown(stated.get('sha256', ''))}."
             )
         try:
             found = load_liner(stated)
@@ -118,7 +118,7 @@ def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
                 f"the model in Python (liner=). {shown(error)}."
             )
         return found, ""
-    found = _plain(liner.describe())
+    found = plain(liner.describe())
     # Maps of older versions state less of a table.
     off = [key for key in found if key in stated and found[key] != stated[key] and key != "name"]
     if off or not stated:
@@ -129,11 +129,11 @@ def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
     return liner, ""
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """As it comes back from JSON."""
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+        return {key: plain(each) for key, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> Moments:
@@ -184,20 +184,20 @@ def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str,
     left_out = (*without, *derived)
     known = {key: value for key, value in result.choices.items() if key in usual}
     return _tuples({key: value for key, value in known.items()
-                    if key not in left_out and _plain(value) != _plain(usual[key])})  # fmt: skip
+                    if key not in left_out and plain(value) != plain(usual[key])})  # fmt: skip
 
 
 def drawable(result: ImpedanceMap) -> ImpedanceMap:
     """Names from the file as printable text, not as formulas of the drawing library."""
 
-    def plain(text: str) -> str:
+    def printed(text: str) -> str:
         return shown(text).replace("$", r"\$")
 
     return dataclasses.replace(
         result,
-        title=plain(result.title),
-        reference={plain(name): value for name, value in result.reference.items()},
-        alongside=tuple(dataclasses.replace(o, name=plain(o.name)) for o in result.alongside),
+        title=printed(result.title),
+        reference={printed(name): value for name, value in result.reference.items()},
+        alongside=tuple(dataclasses.replace(o, name=printed(o.name)) for o in result.alongside),
     )
 
 
