@@ -41,9 +41,8 @@ class Size(NamedTuple):
 
     @property
     def largest(self) -> float:
-        """Of its two parts; 0 where they are not numbers."""
-        value = max(abs(self.change.real), abs(self.change.imag))
-        return value if math.isfinite(value) else 0.0
+        """Of its two parts."""
+        return max(abs(self.change.real), abs(self.change.imag))
 
     def text(self) -> str:
         """As it stands beside the warning."""

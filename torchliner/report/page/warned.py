@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -41,9 +42,11 @@ def size_of(text: str, known: Whole | None) -> Size | None:
     if known is None:
         return None
     try:
-        return kind.size(known, said)
+        found = kind.size(known, said)
     except (ValueError, ArithmeticError):  # words of another program that look like ours
         return None
+    # Where every probe counts as wall there is no Z that could move.
+    return found if found is not None and cmath.isfinite(found.change) else None
 
 
 def _kind(text: str) -> tuple[Kind, re.Match[str]]:
