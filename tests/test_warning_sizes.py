@@ -9,6 +9,7 @@ import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 from test_closure import (
+    LEVELS,
     MODEL,
     OF_AIR,
     TIGHT,
@@ -153,7 +154,7 @@ def test_the_largest_of_a_kind_comes_first_and_the_unknown_last(maps):
     """Kinds in their order; each has its size beside it, or that it is unknown."""
     notes = [
         "the error bars rest on 5 independent blocks", "p: 1 of 9 probes hold nan or inf; excluded",
-        "p has 3 samples per period of 1400 Hz, +9.0 dB", "p: 3 of 9 probes hold nan or inf; excluded",
+        "p has 3 samples per period of 1 Hz, +9 dB", "p: 3 of 9 probes hold nan or inf; excluded",
         "between velocity levels R is off by up to 0.002 (limit 0.001)",
         "the causal kernel is off by up to 0.01 in R within 300-3500 Hz", "something else",
         "null test: there is a hard wall",

@@ -181,6 +181,8 @@ def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str,
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
     derived = ("velocity_max",) if result.choices.get("response") == "model" else ()
+    if result.choices.get("incident") is not None:
+        derived += ("phase",)  # that of the signal
     left_out = (*without, *derived)
     known = {key: value for key, value in result.choices.items() if key in usual}
     return _tuples({key: value for key, value in known.items()
