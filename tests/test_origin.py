@@ -251,7 +251,7 @@ def test_a_line_holds_its_bursts(capsys, files):
     assert line.choices["reference_phase"] == [0.5, 0.5]
     facts = files_of(line, [("line", files / "line.h5", "")])[1].pairs
     assert [what for what, _ in facts] == ["bursts", "bursts", "line"]
-    assert facts[0][1].endswith("; the same now")
+    assert facts[0][1].endswith("; unchanged")
 
 
 def test_a_file_that_is_another_now_is_warned_of(files):
@@ -273,11 +273,14 @@ def test_a_file_that_is_another_now_is_warned_of(files):
     assert standing(later).words.startswith("of the same size now; not compared")
 
 
+WRONG = {"what": "velocity", "name": "p", "bytes": "3", "kind": [], "hash": 1}
+
+
 def test_maps_of_older_versions_hold_none():
     """Said; what a stranger wrote there instead is passed over."""
     old = tl.read_map(OLD)
     assert "does not hold the hashes of its inputs" in section(subject_of(old))[0].text
-    for other in (3, "text", [3, {"name": "x"}], {"a": 1}):
+    for other in (3, "text", [3, {"name": "x"}, WRONG], {"a": 1}):
         strange = dataclasses.replace(old, choices={**old.choices, "inputs": other, "versions": 1})
         assert "does not hold" in section(subject_of(strange))[0].text
 

@@ -168,5 +168,5 @@ def standing(stored: Mapping[str, Any]) -> Standing:
         return Standing(f"of the same size now; not compared, {size / 1e9:.3g} GB")
     now = input_file(stored["what"], name, kind)["hash"]
     if now == stored["hash"]:
-        return Standing("the same now")
+        return Standing("unchanged")
     return Standing(f"another file of the same size now: {now}", True)

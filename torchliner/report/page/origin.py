@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -43,7 +44,10 @@ def files_of(result: Any, files: Sequence[tuple[str, Path | None, str]]) -> list
     """
     held = [] if result is None else inputs_of(result)
     names = {str(each["name"]) for each in held}
-    facts = [(shown(each["what"]), f"{_described(each)}; {standing(each).words}") for each in held]
+    uses: dict[str, list[str]] = {}  # of one file there may be several
+    for each in held:
+        uses.setdefault(f"{_described(each)}; {standing(each).words}", []).append(each["what"])
+    facts = [(shown(", ".join(what)), words) for words, what in uses.items()]
     facts += [
         (what, _now(what, path, name)) for what, path, name in files if str(path) not in names
     ]
@@ -92,14 +96,14 @@ def versions(result: Any) -> Facts:
     choices = getattr(result, "choices", {})
     made = choices.get("versions")
     made = dict(made) if isinstance(made, Mapping) else {"torchliner": choices.get("version")}
-    found = [(f"result made by {shown(name)}", shown(made[name] or "not stated")) for name in made]
-    found += [("page made by torchliner", __version__), ("page, python", platform.python_version())]
+    here = {"torchliner": __version__, "python": platform.python_version()}
     for name in PACKAGES:
-        try:
-            found.append((f"page, {name}", version(name)))
-        except PackageNotFoundError:
-            continue
-    return Facts(found)
+        with contextlib.suppress(PackageNotFoundError):
+            here[name] = version(name)
+    return Facts([
+        (f"{what} made by", shown(", ".join(f"{k} {v or '(not stated)'}" for k, v in own.items())))
+        for what, own in (("result", made), ("page", here))
+    ])  # fmt: skip
 
 
 def citation(_: Any = None) -> list[Block]:

@@ -38,7 +38,7 @@ def command(subject: MapSubject) -> list[Block]:
     known = Repeated(subject)
     if isinstance(typed, list):
         words = ["torchliner", *map(str, typed)]
-        text = "The command as it was typed, and Python that gives the same map."
+        text = "The command as it was typed, and Python that gives the same impedances."
     else:
         words, lost = known.words(), known.lost()
         text = f"The map again, from its own record of its choices. {lost}"

@@ -25,7 +25,7 @@ from torchliner.tdibc.reduce import moments
 MOST_DRAWN = 3  # frequencies with figures of their own
 MOST_SURFACE = 40_000  # probes of a picture over (x, z)
 MOST_LINE = 4_000  # probes of a line, or scattered ones
-INPUT = {"what", "name", "bytes", "kind", "hash"}
+INPUT = {"what": str, "name": str, "bytes": int, "kind": str, "hash": str}  # of one that is stored
 SAME_STATISTICS = 1e-3  # of v, relative to its rms: two records of a flow never agree as well
 REDUCED = (*SETTINGS, "missing", "allow_short", "interval", "dtype")
 PROBES = (
@@ -95,7 +95,8 @@ def inputs_of(result: Any) -> list[Mapping[str, Any]]:
     every = (result, *getattr(result, "alongside", ()))
     lists = [each.choices.get("inputs") for each in every]
     found = [each for one in lists if isinstance(one, list) for each in one]
-    return [each for each in found if isinstance(each, Mapping) and set(each) >= INPUT]
+    return [each for each in found if isinstance(each, Mapping)
+            and all(isinstance(each.get(key), kind) for key, kind in INPUT.items())]  # fmt: skip
 
 
 def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
@@ -180,7 +181,9 @@ def _tuples(kept: dict[str, Any]) -> dict[str, Any]:
 def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str, Any]:
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
-    derived = ("velocity_max",) if result.choices.get("response") == "model" else ()
+    derived: tuple[str, ...] = (
+        ("velocity_max",) if result.choices.get("response") == "model" else ()
+    )
     if result.choices.get("incident") is not None:
         derived += ("phase",)  # that of the signal
     left_out = (*without, *derived)
