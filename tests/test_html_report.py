@@ -25,6 +25,7 @@ from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.names import ORDERS
 from torchliner.report.page import subject
 from torchliner.report.page.answer import sentence
+from torchliner.report.page.asked import liner_table
 from torchliner.report.page.moved import moved
 from torchliner.report.page.of_map import PARTS
 from torchliner.report.page.speeds import speeds_of
@@ -251,6 +252,19 @@ def test_the_numbers_of_a_map_are_enough_for_the_audit(name, tmp_path):
     at = (torch.tensor([1000.0, 1400.0]), 3.0)
     assert torch.equal(beside.model.impedance(*at), liner.impedance(*at))
     assert moved(beside)[0].text.startswith("The largest mover is")
+
+
+def test_a_table_is_not_written_out():
+    """The extent of its axes and values; short lists of numbers as they are."""
+    speed, f = torch.linspace(0, 20, 30), torch.linspace(500, 3000, 12)
+    table = tl.TabulatedLiner(f, (1 + 0.1 * speed).expand(12, 30) + 0j, speed)
+    rows = liner_table(table.describe())[0].table.rows
+    known = {row["parameter"]: row["value"] for row in rows}
+    assert known["resistance"] == "12 x 30 values, 1 to 3"
+    assert known["frequency"] == "12 values, 500 to 3000"
+    assert liner_table({"a": [1.0, 2.5]})[0].table.rows[0]["value"] == "1, 2.5"
+    (made,) = (tl.load_liner(each) for each in [table.describe()])
+    assert torch.equal(made.values, table.values)
 
 
 def test_a_description_that_is_none():

@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from torchliner.records.summaries import frequency_words, shape_words
 from torchliner.report.page.blocks import Block, Facts, Folded, Grid, shown
 from torchliner.report.page.subject import MapSubject, base_choices, plain
@@ -17,6 +19,7 @@ UNITS = {  # by the ending of a parameter's name
     "thickness": "m", "diameter": "m", "depth": "m", "radius": "m", "pitch": "m", "speed": "m/s",
     "density": "kg/m3", "viscosity": "Pa s",
 }  # fmt: skip
+MOST_LISTED = 8  # numbers in a cell
 FIRST = ("order", "phase", "drive", "mean", "engine", "window", "interval")
 MARKUP = re.compile(r"``|\s+")
 
@@ -95,6 +98,10 @@ def _words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, list):
+        numbers = np.asarray(value) if len(value) > MOST_LISTED else np.zeros(0, str)
+        if numbers.dtype.kind in "if":  # of a table
+            shape = " x ".join(map(str, numbers.shape))
+            return f"{shape} values, {numbers.min():.7g} to {numbers.max():.7g}"
         return ", ".join(map(_words, value))
     return ("no", "yes")[value] if isinstance(value, bool) else shown(value)
 
