@@ -263,6 +263,7 @@ def test_a_table_is_not_written_out():
     assert known["resistance"] == "12 x 30 values, 1 to 3"
     assert known["frequency"] == "12 values, 500 to 3000"
     assert liner_table({"a": [1.0, 2.5]})[0].table.rows[0]["value"] == "1, 2.5"
+    assert liner_table({"a": [[1.0]] * 9 + [[]]})[0].table.rows[0]["value"].startswith("1, 1, ")
     (made,) = (tl.load_liner(each) for each in [table.describe()])
     assert torch.equal(made.values, table.values)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import re
 from collections.abc import Mapping
@@ -98,12 +99,20 @@ def _words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, list):
-        numbers = np.asarray(value) if len(value) > MOST_LISTED else np.zeros(0, str)
-        if numbers.dtype.kind in "if":  # of a table
-            shape = " x ".join(map(str, numbers.shape))
-            return f"{shape} values, {numbers.min():.7g} to {numbers.max():.7g}"
-        return ", ".join(map(_words, value))
+        return _extent(value) or ", ".join(map(_words, value))
     return ("no", "yes")[value] if isinstance(value, bool) else shown(value)
+
+
+def _extent(values: list[Any]) -> str:
+    """Of many numbers, as a table has them; "" for others."""
+    numbers = np.zeros(0, str)
+    if len(values) > MOST_LISTED:
+        with contextlib.suppress(ValueError):  # lists of unlike lengths
+            numbers = np.asarray(values)
+    if numbers.dtype.kind not in "if" or not numbers.size:
+        return ""
+    shape = " x ".join(map(str, numbers.shape))
+    return f"{shape} values, {numbers.min():.7g} to {numbers.max():.7g}"
 
 
 def meanings() -> dict[str, str]:
