@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import torch
+import numpy as np
 from pydantic import Field
 
 from torchliner import toml_files
@@ -101,8 +101,8 @@ class TableFile(LinerFile):
         if self.file is not None or not all(numbers):
             raise ValueError("a table is file, a .csv beside this one, or frequency, resistance "
                              "and reactance, with speed where they depend on it")  # fmt: skip
-        parts = (torch.tensor(part, dtype=torch.float64) for part in numbers[1:])
-        return TabulatedLiner(self.frequency, torch.complex(*parts), self.speed, **about)
+        real, imaginary = (np.array(part, dtype=float) for part in numbers[1:])
+        return TabulatedLiner(self.frequency, real + 1j * imaginary, self.speed, **about)
 
 
 ENDINGS = (".toml", ".csv", ".py")
@@ -146,6 +146,11 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     ['0.07-0.01j', '4.61-0.27j']
     """
     if isinstance(name, Mapping):
+        if "file" in name:  # whoever wrote a map does not choose what is read here
+            raise ValueError(
+                f"the liner is described by the file {name['file']!r} and not by its numbers; load "
+                "that file"
+            )
         return _build(_stated(name), Path(str(name.get("name", "liner"))))
     suffix = Path(name).suffix.lower()
     beside: list[str] = []
