@@ -29,9 +29,9 @@ from torchliner.records.origin import (
     standing,
     with_whole_hashes,
 )
-from torchliner.report.page.origin import files_of
+from torchliner.report.page.origin import _stated, files_of
 from torchliner.report.page.origin import origin as section
-from torchliner.report.page.subject import subject_of
+from torchliner.report.page.subject import inputs_of, subject_of
 from torchliner.report.page.warned import of_map
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -177,6 +177,9 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     tl.moments(plane, cell_pitch=None).write("m.h5")
     again = tl.educe(tl.read_moments("m.h5"), tl.load_liner("polito").replace(cell_pitch=None))
     assert held(again) == [("moments", "m.h5")]
+    known = [(each["what"], each["name"]) for each in inputs_of(again)]
+    assert known == [("moments", "m.h5"), ("velocity", "p0.h5"), ("velocity", "p1.h5")]
+    assert not any(key == "inputs" for key, _ in _stated(again.choices["data"]).pairs)
     (kept,) = again.choices["inputs"]
     again = with_whole_hashes(again)
     assert again.choices["inputs"] == [kept]  # small: it was whole before

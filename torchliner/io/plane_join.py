@@ -32,11 +32,12 @@ SAME_PLACE = 1e-6  # m
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
 
-def joined_files(plane: VelocityPlane) -> list[str]:
-    """Names of the planes that one was joined of; none of another."""
+def named_planes(plane: VelocityPlane) -> list[tuple[str, str]]:
+    """What a plane is and its name, for ``origin_of``; of a joined one those it was joined of."""
     parts = plane.provenance.get(JOINED)
     known = parts if isinstance(parts, list) else []  # a file may hold anything of that name
-    return [str(part["file"]) for part in known if isinstance(part, dict) and "file" in part]
+    names = [str(part["file"]) for part in known if isinstance(part, dict) and "file" in part]
+    return [("velocity", name) for name in names or [plane.name]]
 
 
 @dataclass

@@ -8,7 +8,7 @@ from typing import Any
 
 from torchliner.checks import real_tensor, tell
 from torchliner.io.moments_file import holds_moments
-from torchliner.io.plane_join import joined_files
+from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import origin_of, with_choices
@@ -118,11 +118,9 @@ def _origin(
 ) -> dict[str, Any]:
     """What a map keeps so that it can be made again, beside its choices."""
     data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
-    what = "velocity"
+    named = named_planes(data)
     if isinstance(plane, Moments) and Path(data.name).is_file() and holds_moments(data.name):
-        what = "moments"
-    parts = joined_files(data) if what == "velocity" else []
-    named = [(what, name) for name in parts or [data.name]]
+        named = [("moments", data.name)]
     named += [("liner", name) for name in liner.files]
     named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]
     named += [("incident signal", chosen.incident.label)] if chosen.incident is not None else []

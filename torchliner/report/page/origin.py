@@ -87,7 +87,7 @@ def _stated(data: Any) -> Block:
     if not isinstance(data, Mapping) or not data:
         return Text("The data state nothing of their own origin.")
     words = [(str(key).replace("_", " "), shown(v if isinstance(v, str) else json.dumps(v)))
-             for key, v in data.items()]  # fmt: skip
+             for key, v in data.items() if key != "inputs"]  # fmt: skip
     return Facts(words)
 
 

@@ -74,7 +74,7 @@ class Repeated:
     @property
     def data(self) -> list[str]:
         """Files of the plane, or of its moments."""
-        named = self.files.get("velocity") or self.files.get("moments")
+        named = self.files.get("moments") or self.files.get("velocity")
         return named or [str(source_of(self.result))]
 
     def words(self) -> list[str]:

@@ -94,9 +94,12 @@ def inputs_of(result: Any) -> list[Mapping[str, Any]]:
     """The inputs that a result, and what stands beside it, hold; none of those of old versions."""
     every = (result, *getattr(result, "alongside", ()))
     lists = [each.choices.get("inputs") for each in every]
+    if isinstance(data := result.choices.get("data"), Mapping):
+        lists.append(data.get("inputs"))  # behind moments
     found = [each for one in lists if isinstance(one, list) for each in one]
-    return [each for each in found if isinstance(each, Mapping)
-            and all(isinstance(each.get(key), kind) for key, kind in INPUT.items())]  # fmt: skip
+    return [each for i, each in enumerate(found) if isinstance(each, Mapping)
+            and all(isinstance(each.get(key), kind) for key, kind in INPUT.items())
+            and each not in found[:i]]  # fmt: skip
 
 
 def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
