@@ -25,13 +25,14 @@ from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.names import ORDERS
 from torchliner.report.page import subject
 from torchliner.report.page.answer import sentence
-from torchliner.report.page.blocks import typeset
+from torchliner.report.page.asked import liner_table
 from torchliner.report.page.moved import moved
 from torchliner.report.page.of_map import PARTS
 from torchliner.report.page.speeds import speeds_of
 from torchliner.report.page.subject import subject_of, thin
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import format_bounds, format_complex
+from torchliner.report.typesetting import typeset
 
 pytest.importorskip("jinja2")
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -203,13 +204,84 @@ def test_the_audit_starts_from_the_map(files, shipped):
     assert text.count(z) == 2
     assert "probes first" in moved(beside)[1].alt
     own = tl.load_liner("lbm_slit").replace(name="mine")
-    known = dict(shipped.choices["liner"], name="mine")
-    other = dataclasses.replace(shipped, choices={**shipped.choices, "liner": known})
-    beside = subject_of(other, data=tl.read_moments(files / "moments.h5"))
-    assert "name its file" in moved(beside)[0].text
+    other = with_liner(shipped, dict(shipped.choices["liner"], name="mine"))
+    assert subject_of(other).model == own
     assert subject_of(other, liner=own).model is own
     with pytest.raises(ValueError, match=r"not that of the map.*differs in vena_contracta"):
         subject_of(other, liner=own.replace(vena_contracta=0.6))
+
+
+def with_liner(found, known):
+    return dataclasses.replace(found, choices={**found.choices, "liner": known})
+
+
+LINERS = {
+    "sdof.toml": "model = 'sdof'\nfacesheet_thickness = 1e-3\norifice_diameter = 1e-3\n"
+                 "porosity = 0.1\ncavity_depth = 0.04\ncavity_hydraulic_radius = 5e-3\n"
+                 "cell_pitch = 0.002",
+    "layered.toml": "model = 'layered'\n[[layers]]\nkind = 'goodrich'\nthickness = 1e-3\n"
+                    "orifice_diameter = 1e-3\nporosity = 0.08\n[[layers]]\nkind = 'cavity'\n"
+                    "depth = 0.04\nhydraulic_radius = 0.005",
+    "table.toml": "model = 'table'\nfile = 't.csv'\ncell_pitch = 0.002",
+    "t.csv": "frequency,speed,resistance,reactance\n1000,0,0.1,-1\n1000,60,2.25,-1.5\n"
+             "2000,0,0.2,1\n2000,60,0.30000000000000004,1e-17",
+    "mine.py": "def impedance(frequency, speed):\n    return 1 + 0.1 * speed + 0j * frequency",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LINERS)
+def test_the_numbers_of_a_map_are_enough_for_the_audit(name, tmp_path):
+    """Of any liner whose numbers are in a file; a program is run only where it is named."""
+    for each, text in LINERS.items():
+        (tmp_path / each).write_text(text)
+    plane = plane_of(turbulence((4, 480)), x=np.arange(4) * 1e-3)
+    liner = tl.load_liner(tmp_path / name)
+    tl.educe(plane, liner, interval=None).write(tmp_path / "map.h5")
+    found = tl.read_map(tmp_path / "map.h5")
+    for each in LINERS:
+        (tmp_path / each).unlink()
+    beside = subject_of(found, data=plane)
+    if name == "mine.py":
+        (text,) = moved(beside)
+        assert re.search(
+            "run only where you name it: --liner mine.py.*SHA-256 [0-9a-f]{64}", text.text
+        )
+        assert subject_of(found, liner=liner).model is liner
+        return
+    assert tl.load_liner(found.choices["liner"]).describe() == liner.describe()
+    at = (torch.tensor([1000.0, 1400.0]), 3.0)
+    assert torch.equal(beside.model.impedance(*at), liner.impedance(*at))
+    assert moved(beside)[0].text.startswith("The largest mover is")
+
+
+def test_a_table_is_not_written_out():
+    """The extent of its axes and values; short lists of numbers as they are."""
+    speed, f = torch.linspace(0, 20, 30), torch.linspace(500, 3000, 12)
+    table = tl.TabulatedLiner(f, (1 + 0.1 * speed).expand(12, 30) + 0j, speed)
+    rows = liner_table(table.describe())[0].table.rows
+    known = {row["parameter"]: row["value"] for row in rows}
+    assert known["resistance"] == "12 x 30 values, 1 to 3"
+    assert known["frequency"] == "12 values, 500 to 3000"
+    assert liner_table({"a": [1.0, 2.5]})[0].table.rows[0]["value"] == "1, 2.5"
+    assert liner_table({"a": [[1.0]] * 9 + [[]]})[0].table.rows[0]["value"].startswith("1, 1, ")
+    (made,) = (tl.load_liner(each) for each in [table.describe()])
+    assert torch.equal(made.values, table.values)
+
+
+def test_a_description_that_is_none():
+    """The model, the key, or what a table needs."""
+    for facts, words in (
+        ({}, "model is None"), ({"model": "Mine"}, "model is 'Mine'.*it is one of sdof"),
+        ({"model": "table", "name": "t", "low": 1.0}, "t has 1 mistake.*\n  low: no such key"),
+        ({"model": "table", "name": "t"}, "t: a table is file, a .csv beside this one, or freq"),
+        ({"model": "table", "frequency": [1.0], "resistance": [[1.0]], "reactance": [0.0]},
+         "liner: .*shape"),
+        ({"model": "table", "frequency": [1.0], "resistance": [1.0, 2.0], "reactance": [0.0] * 3},
+         "liner: operands could not be broadcast"),
+        ({"model": "table", "file": "/etc/hostname"}, "'/etc/hostname' and not by its numbers"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            tl.load_liner(facts)
 
 
 def test_the_distribution_is_that_of_the_samples(files):

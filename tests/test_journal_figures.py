@@ -10,7 +10,7 @@ import torchliner as tl
 
 pytest.importorskip("matplotlib")
 from torchliner.report import figures
-from torchliner.report.figure import DRAWN, WIDTHS, entry, finish, frame, styled, subplots, typeset
+from torchliner.report.figure import WIDTHS, entry, finish, frame, styled, subplots
 from torchliner.report.map_figures import map_limits
 from torchliner.report.pictures import draw_pictures
 
@@ -35,18 +35,6 @@ def maps(planes, liner):
 
 def letters(figure) -> list[str]:
     return [axis.get_title(loc="left") for axis in figure.axes]
-
-
-@pytest.mark.parametrize(
-    ("given", "wanted"),
-    [("v' rms -0.5", "v\u2032 rms \u22120.5"), ("2.33-0.30j", "2.33\u22120.30j"),
-     ("(-2)", "(\u22122)"), ("5-95 %, two-wave", "5-95 %, two-wave"),
-     (r"$v'_{\mathrm{rms}}$ s$^{-1}$", r"$v'_{\mathrm{rms}}$ s$^{-1}$"),
-     ("y = 0.5 mm", "$y$ = 0.5 mm")],
-)  # fmt: skip
-def test_signs_of_a_keyboard_become_true_ones(given, wanted):
-    """Minus and prime, not hyphen and apostrophe; words, exponents and mathematics stay."""
-    assert typeset(given, DRAWN) == wanted
 
 
 def test_widths_are_those_asked_for(maps):

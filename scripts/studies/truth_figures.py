@@ -25,9 +25,9 @@ from torchliner.report.figure import (
     legend_below,
     styled,
     subplots,
-    typeset,
 )
 from torchliner.report.truth_table import drive_label
+from torchliner.report.typesetting import typeset
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)

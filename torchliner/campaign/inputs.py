@@ -9,9 +9,9 @@ from typing import Any
 
 from torchliner.io.planes import read_plane
 from torchliner.records import VelocityPlane
+from torchliner.records.origin import series_of
 
 ENDS = 1 << 20  # bytes at either end of a file that are looked at
-SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
 NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
 
 
@@ -25,13 +25,6 @@ def open_plane(path: str | Path, request: Mapping[str, Any] | None = None) -> Ve
         OSError, ValueError: as ``read_plane``.
     """
     return read_plane(Path(path).absolute(), lazy=True, **(request or {}))
-
-
-def series_of(path: Path) -> list[Path]:
-    """Files that one file of a series stands for, sorted; none where it stands for itself."""
-    if path.suffix.lower() not in SERIES:
-        return []
-    return sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
 
 
 def data_fingerprint(path: Path, request: Mapping[str, Any]) -> str:

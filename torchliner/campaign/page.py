@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import quote
 
@@ -19,7 +20,6 @@ from torchliner.report.page.blocks import (
     Grid,
     Section,
     shown,
-    typeset,
 )
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.opening import report_file
@@ -27,6 +27,7 @@ from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import ENDING, Page, require_report
 from torchliner.report.page.warned import warnings_of
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.report.typesetting import typeset
 
 PARTS = {"R": "resistance", "X": "reactance"}
 WIDTH, HEIGHT, EDGE = 120.0, 22.0, 5.0  # of a small multiple, px
@@ -97,10 +98,10 @@ def _page(
         Section("warnings", "Warnings", warnings_of(warned)),
         Section("rows", "All rows", every),
         Section("origin", "Inputs and provenance", [
-            *files_of([("index", folder / "index.nc", "")]),
+            *files_of(None, [("index", folder / "index.nc", "")]),
             Facts([(unit, f"{shown(several[0]['file'])}; hash of data, choices and version: "
                           f"{several[0]['hash']}") for unit, several in units.items()]),
-            versions(version),
+            versions(SimpleNamespace(choices={"version": version})),
         ]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip

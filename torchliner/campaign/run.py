@@ -29,6 +29,7 @@ from torchliner.io.moments_file import read_moments
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import printable, writable_folder, written_whole
 from torchliner.records import ImpedanceMap
+from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x
 from torchliner.report.pictures import draw_pictures
 from torchliner.tdibc.educe import educe
@@ -208,6 +209,8 @@ def _educed(unit: Unit) -> Rows:
     )  # fmt: skip
     if pressure is not None:
         (found,) = with_in_situ([found], [plane], pressure)
+    kept = [each for each in found.choices["inputs"] if each["what"] not in ("velocity", "moments")]
+    found = with_choices(found, inputs=[input_file("velocity", case.path), *kept])
     for folder in ("maps", "lines", "units"):
         (output / folder).mkdir(exist_ok=True)
     found.write(_map_path(unit))

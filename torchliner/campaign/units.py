@@ -18,7 +18,6 @@ from torchliner.records import VelocityPlane
 from torchliner.reduction.moments import SETTINGS
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.requested import Request
-from torchliner.toml_files import parse_toml, read_text
 from torchliner.version import __version__
 
 REDUCED = (*SETTINGS, "phase", "missing", "allow_short", "device", "dtype", "memory")
@@ -125,8 +124,6 @@ def _plain(request: Request) -> Any:
 
 def _loaded(liner: str) -> tuple[LinerModel, str]:
     """A liner, and a digest of all it was made of."""
-    model, paths = load_liner(liner), [Path(liner)] if Path(liner).suffix else []
-    if paths and paths[0].suffix.lower() == ".toml":
-        table = parse_toml(read_text(paths[0]), paths[0]).get("file")
-        paths += [paths[0].parent / table] if table else []
-    return model, digest(sorted(model.describe().items()), *(p.read_bytes() for p in paths))
+    model = load_liner(liner)
+    content = (Path(name).read_bytes() for name in model.files)
+    return model, digest(sorted(model.describe().items()), *content)

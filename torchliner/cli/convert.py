@@ -132,7 +132,7 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
 
 def _digest(options: argparse.Namespace, paths: list[Path]) -> str:
     """Words for what is written: the files as they are now, and all that is asked of them."""
-    from torchliner.campaign.inputs import series_of
+    from torchliner.records.origin import series_of
 
     files: list[Path] = []
     for path in paths:

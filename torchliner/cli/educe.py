@@ -50,6 +50,8 @@ OPTIONS = {
                              "or a .wav or .npy file; default: tones of --frequency",
         "--incident-rate HZ": "sampling rate of an .npy file, Hz; default: none",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
+        "--hash": "keep the SHA-256 of all of each input, which reads them once more; default: of "
+                  "inputs above 32 MiB that of 32 blocks",
     }
     | CLUSTER
     | shared("--figure", "--json", "--quiet", "--strict"),
@@ -64,6 +66,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.pressure_file import read_pressure
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
+    from torchliner.records.origin import with_choices, with_whole_hashes
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
 
@@ -89,6 +92,9 @@ def run(options: argparse.Namespace) -> int:
         found = _educed(options, records, wall or pressure, client)
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
+    found = [with_choices(each, command=options.typed) for each in found]
+    if options.hash:
+        found = [with_whole_hashes(each) for each in found]
     for path, result in zip(outputs, found, strict=False):
         result.write(path)
     if options.figure is not None:

@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
     from torchliner.in_situ_method.every_method import in_situ_report
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.records.origin import with_choices
     from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 
     chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start"))
@@ -39,6 +40,7 @@ def run(options: argparse.Namespace) -> int:
     record = read_pressure(options.record)
     report = in_situ_report(record, options.frequency, **chosen)
     points, table = report.points, in_situ_table(report.rows)
+    points = points and with_choices(points, command=options.typed)
     as_rows = options.output is None or options.output.suffix.lower() == ".csv"
     if points is None and not (as_rows and options.figure is None):
         raise ValueError(

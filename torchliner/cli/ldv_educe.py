@@ -71,6 +71,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable_folder
     from torchliner.ldv.educe_bursts import educe_bursts
+    from torchliner.records.origin import input_file, with_choices
     from torchliner.report.line_table import format_line, plain_line
 
     chosen = chosen_from(options, CHOICES) | stated(options, STATION)
@@ -94,6 +95,10 @@ def run(options: argparse.Namespace) -> int:
             sources, liner, options.educe_at, reference=_reference(options), parts=parts,
             progress=step, client=client, filters=ldv.filters_from(options), **chosen,
         )  # fmt: skip
+    line = with_choices(line, command=options.typed)
+    if options.reference is not None and options.reference.is_dir():
+        channels = input_file("reference channels", options.reference)
+        line = with_choices(line, inputs=[*line.choices["inputs"], channels])
     if options.title is not None:
         line = replace(line, title=options.title)
     show_results(

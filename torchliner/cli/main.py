@@ -137,6 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser = parsers[options.command].chosen(options)
         if extras:
             parser.refuse(extras)
+        options.typed = words
         return _run(parser, options)
     except KeyboardInterrupt:
         print("torchliner: interrupted", file=sys.stderr)

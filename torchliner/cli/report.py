@@ -14,7 +14,8 @@ OPTIONS = {
         "--output FILE": {"required": True, "help": "write the page as .html"},
         "--data SOURCE": "plane of a map, or its moments: distribution of |v|, and which choices "
                          "move the result; default: neither is shown",
-        "--liner LINER": "of a map: .toml or .csv file; default: the preset it names",
+        "--liner LINER": "of a map: .toml, .csv or .py file; default: of the numbers that the map "
+                         "holds",
         "--cases": "of a campaign: a page for each case as well, in OUTPUT_cases beside",
     }
     | shared("--json", "--quiet"),

@@ -36,6 +36,7 @@ from torchliner.in_situ_method.error_bars import (
 from torchliner.names import LOSSES
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
+from torchliner.records.origin import origin_of
 from torchliner.records.pressure_record import require_record
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
@@ -109,7 +110,7 @@ def in_situ(
         choices={
             "method": "in situ", "losses": losses, **options, "source": record.name,
             "cavity_depth": record.cavity_depth, "cavity_porosity": record.cavity_porosity,
-            "coherence_segments": behind,
+            "coherence_segments": behind, **origin_of([("in situ", record.name)]),
         },
         notes=tuple(notes),
         uncertainty=known,

@@ -19,6 +19,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.same_case import STATED, require_same_case
 from torchliner.records.slabs import slab_bounds
 
+JOINED = "joined"  # in the provenance
 OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the first
 JULIAN = 1582  # last year in which the standard calendar was another
 EPOCH = re.compile(
@@ -29,6 +30,14 @@ EPOCH = re.compile(
 )
 SAME_PLACE = 1e-6  # m
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
+
+
+def named_planes(plane: VelocityPlane) -> list[tuple[str, str]]:
+    """What a plane is and its name, for ``origin_of``; of a joined one those it was joined of."""
+    parts = plane.provenance.get(JOINED)
+    known = parts if isinstance(parts, list) else []  # a file may hold anything of that name
+    names = [str(part["file"]) for part in known if isinstance(part, dict) and "file" in part]
+    return [("velocity", name) for name in names or [plane.name]]
 
 
 @dataclass
@@ -119,7 +128,7 @@ def join_planes(
         streamwise=streams,
         sampling_rate=rate,
         name=f"{first.name} and {len(ordered) - 1} more",
-        provenance={**first.provenance, "joined": joined, "overlaps": notes},
+        provenance={**first.provenance, JOINED: joined, "overlaps": notes},
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -27,6 +27,7 @@ from torchliner.ldv.station_segments import checked_phases
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
+from torchliner.records.origin import origin_of, with_choices
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.slices import in_order
@@ -124,7 +125,22 @@ def educe_bursts(
     line = with_line_closure(dataclasses.replace(line, average=average), replay_choices)
     notes = warnings_of(line)
     tell(notes)
-    return dataclasses.replace(line, notes=tuple(notes))
+    known = None if reference_phase is None else phases
+    origin = origin_of(_named(stations, references, model), reference_phase=known)
+    return with_choices(dataclasses.replace(line, notes=tuple(notes)), **origin)
+
+
+def _named(
+    stations: Sequence[Station], references: Sequence[Any], liner: LinerModel
+) -> Iterator[tuple[str, str]]:
+    """What went into a line, and the names of its files."""
+    for each in stations:
+        own = each.path if isinstance(each, StationSource) else each.name.split(", station ")[0]
+        yield "bursts", str(own)
+    for channel in references:  # a function is not called once more
+        if isinstance(channel, ReferenceChannel):
+            yield "reference channel", channel.name
+    yield from (("liner", name) for name in liner.files)
 
 
 def _read_and_educe(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from torchliner import toml_files
@@ -80,17 +82,30 @@ class SDoFFile(CellFile):
 
 
 class TableFile(LinerFile):
-    """Keys of a file with ``model = "table"``: a CSV beside it."""
+    """Keys of a file with ``model = "table"``: a CSV beside it, or the numbers themselves, as
+    ``TabulatedLiner.describe`` has them."""
 
     model: Literal["table"]
-    file: str
+    file: str | None = None
+    frequency: list[float] | None = None
+    speed: list[float] | None = None
+    resistance: list[Any] | None = None
+    reactance: list[Any] | None = None
 
     def build(self, path: Path, name: str) -> TabulatedLiner:
         """See ``LinerFile``."""
-        table = path.parent / self.file
-        return TabulatedLiner.read_csv(table, name=self.name or name, cell_pitch=self.cell_pitch)
+        about: Any = {"name": self.name or name, "cell_pitch": self.cell_pitch}
+        numbers = (self.frequency, self.resistance, self.reactance)
+        if self.file is not None and not any((*numbers, self.speed)):
+            return TabulatedLiner.read_csv(path.parent / self.file, **about)
+        if self.file is not None or not all(numbers):
+            raise ValueError("a table is file, a .csv beside this one, or frequency, resistance "
+                             "and reactance, with speed where they depend on it")  # fmt: skip
+        real, imaginary = (np.array(part, dtype=float) for part in numbers[1:])
+        return TabulatedLiner(self.frequency, real + 1j * imaginary, self.speed, **about)
 
 
+ENDINGS = (".toml", ".csv", ".py")
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 
 
@@ -112,26 +127,51 @@ def preset_text(name: str) -> str:
     return toml_files.preset_text(PACKAGE, name, *KIND)
 
 
-def load_liner(name: str | Path) -> LinerModel:
-    """A liner by preset name, or from a TOML, CSV or Python file.
+def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
+    """A liner by preset name, from a TOML, CSV or Python file, or from what a map holds of it.
 
     Args:
         name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py. A Python
-            file is run; it has ``impedance(frequency, speed)`` or an object ``liner``.
+            file is run; it has ``impedance(frequency, speed)`` or an object ``liner``. Or what
+            ``describe`` of a model from a preset, TOML or CSV gives, as ``choices["liner"]`` of a
+            map: the same liner, from its numbers alone.
     Raises:
         ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
-            listed, each mistyped key with the nearest valid one; of a Python file the line.
+            listed, each mistyped key with the nearest valid one; of a Python file the line. A
+            description without the numbers of its model.
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
     ['0.07-0.01j', '4.61-0.27j']
     """
-    if Path(name).suffix.lower() == ".csv":
-        return TabulatedLiner.read_csv(name)
-    if Path(name).suffix.lower() == ".py":
-        return read_liner(Path(name))
-    return _build(*preset_or_file(PACKAGE, name, *KIND))
+    if isinstance(name, Mapping):
+        if "file" in name:  # whoever wrote a map does not choose what is read here
+            raise ValueError(
+                f"the liner is described by the file {name['file']!r} and not by its numbers; load "
+                "that file"
+            )
+        return _build(_stated(name), Path(str(name.get("name", "liner"))))
+    suffix = Path(name).suffix.lower()
+    beside: list[str] = []
+    if suffix == ".csv":
+        found: LinerModel = TabulatedLiner.read_csv(name)
+    elif suffix == ".py":
+        found = read_liner(Path(name))
+    else:
+        content, path = preset_or_file(PACKAGE, name, *KIND)
+        found = _build(content, path)
+        beside = [str(path.parent / content["file"])] if "file" in content else []
+    if suffix in ENDINGS:
+        object.__setattr__(found, "files", (str(name), *beside))
+    return found
+
+
+def _stated(facts: Any) -> Any:
+    """A description without what it leaves to the defaults, as a TOML file has none of it."""
+    if isinstance(facts, Mapping):
+        return {key: _stated(value) for key, value in facts.items() if value is not None}
+    return [_stated(each) for each in facts] if isinstance(facts, (list, tuple)) else facts
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:

@@ -63,6 +63,8 @@ class LinerModel:
     """L_c, m, for averages over cells."""
     fluid: Fluid | None = None
     """Gas, compared with that of the data."""
+    files: tuple[str, ...] = ()
+    """Names of the files it was read from; of presets and changed copies none."""
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
         """Normalised impedance, complex, time dependence e^(j omega t).

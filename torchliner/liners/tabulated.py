@@ -36,6 +36,8 @@ class TabulatedLiner(LinerModel):
         ValueError: shapes disagree, an axis does not increase, values are not finite.
     """
 
+    model = "table"
+
     frequency: Any
     values: Any
     speed: Any = None
@@ -148,9 +150,19 @@ class TabulatedLiner(LinerModel):
         return lower * (1 - across) + upper * across
 
     def describe(self) -> dict[str, Any]:
-        """What a result should record."""
+        """All of the table, so that a result that holds it can be repeated without its file."""
+        values = self.values.detach()
+        return {
+            "model": self.model, "name": self.name, "cell_pitch": self.cell_pitch,
+            "frequency": self.frequency.tolist(),
+            "speed": None if self.speed is None else self.speed.tolist(),
+            "resistance": values.real.tolist(), "reactance": values.imag.tolist(),
+        }  # fmt: skip
+
+    def facts(self) -> dict[str, Any]:
+        """See ``LinerModel``."""
         low, high = self.frequency_range
-        return {"model": "table", "name": self.name, "low": low, "high": high}
+        return {"model": self.model, "name": self.name, "low": low, "high": high}
 
 
 def _read_columns(path: Path) -> dict[str, Array]:

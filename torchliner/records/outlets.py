@@ -101,7 +101,7 @@ class Result(Written):
             path: of the page, .html; one that is there is replaced.
             data: of a map: its ``VelocityPlane`` or its ``Moments``, for the distribution of |v|
                 and for which choices move the result.
-            liner: of a map: its model, where that is no preset.
+            liner: of a map: its model, where its numbers are not in the map, as of Python files.
         Raises:
             ImportError: jinja2 or matplotlib is not installed (extra ``report``).
             ValueError: another ending; data or a liner that are not those of the map.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import io
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -17,6 +16,7 @@ import numpy as np
 
 from torchliner.io.whole_file import PICTURES, written_whole
 from torchliner.report.numbers import Curves
+from torchliner.report.typesetting import typeset, typeset_label
 
 PARTS = (
     ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
@@ -30,11 +30,6 @@ STACKED = 4.5  # in, below which panels that stand beside each other stand one a
 LEGEND_ROOM = 0.4  # in, of a figure's height; a higher legend makes the figure higher
 PEAK = 8  # medians of a positive quantity, above which its axis is logarithmic
 DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
-SIGNS = (
-    (r"(?<![\w)$^{])-(?= ?[\d.])|(?<=\d)-(?=\d[\d.]*j)", "\N{MINUS SIGN}"),
-    (r"(?<=(?<!\$)\b[uv])'", "\N{PRIME}"),
-)  # true ones for those of a keyboard
-DRAWN = (*SIGNS, (r"(?<!\$)\by = (?=[\d.])", "$y$ = "))
 
 
 class Style(NamedTuple):
@@ -82,13 +77,6 @@ def figure_style(width: str | float = "page", *, title: bool = False) -> Iterato
 def style_width() -> float:
     """Of a figure drawn now, in."""
     return _style.get().width
-
-
-def typeset(text: str, signs: Sequence[tuple[str, str]] = SIGNS) -> str:
-    """Words with a true minus and prime; of ``DRAWN`` also with the height's symbol as on axes."""
-    for pattern, sign in signs:
-        text = re.sub(pattern, sign, text)
-    return text
 
 
 def require_matplotlib() -> Any:
@@ -260,7 +248,7 @@ def place_legend(
     figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int
 ) -> None:
     """Below all panels, in so many columns as the figure is wide for."""
-    names = [typeset(label, DRAWN) for label in labels]
+    names = [typeset_label(label) for label in labels]
     for count in range(min(columns, len(names)), 0, -1):
         legend = figure.legend(handles, names, loc="outside lower center", ncols=count)
         size = legend.get_window_extent()
@@ -292,7 +280,7 @@ def finish(
         legend_below(figure, figure.axes[0], legend)
     for one in filter(None, (axis.get_legend() for axis in figure.axes)):
         for text in one.get_texts():
-            text.set_text(typeset(text.get_text(), DRAWN))
+            text.set_text(typeset_label(text.get_text()))
     figure.caption = typeset(" ".join((caption or "").split()))
     if _style.get().title and figure.caption:
         figure.suptitle(figure.caption, wrap=True)

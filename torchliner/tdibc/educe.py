@@ -6,9 +6,12 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from torchliner.checks import tell
-from torchliner.liners.model import Liner, as_liner
+from torchliner.checks import real_tensor, tell
+from torchliner.io.moments_file import holds_moments
+from torchliner.io.plane_join import named_planes
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
+from torchliner.records.origin import origin_of, with_choices
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.probe_velocity import with_smaller_slabs
 from torchliner.reduction.sources import in_full_precision
@@ -94,8 +97,11 @@ def educe(
                 each, request, client=client, progress=progress)
             for each in planes
         ]  # fmt: skip
+    origins = [_origin(each, liner, pressure, chosen, reference_phase) for each in planes]
     found = []
-    for prepared in prepare(planes, liner, frequency, chosen, progress):
+    for prepared, origin in zip(
+        prepare(planes, liner, frequency, chosen, progress), origins, strict=True
+    ):
         if chosen.incident is not None:
             result = educe_signal(prepared, reflected, progress)
         else:
@@ -103,8 +109,23 @@ def educe(
                 chosen.phase, reference_phase, pressure
             )
         tell(result.notes)
-        found.append(result)
+        found.append(with_choices(result, **origin))
     return found if several else found[0]
+
+
+def _origin(
+    plane: VelocityPlane | Moments, liner: LinerModel, pressure: Any, chosen: Choices, phase: Any
+) -> dict[str, Any]:
+    """What a map keeps so that it can be made again, beside its choices."""
+    data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
+    named = named_planes(data)
+    if isinstance(plane, Moments) and Path(data.name).is_file() and holds_moments(data.name):
+        named = [("moments", data.name)]
+    named += [("liner", name) for name in liner.files]
+    named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]
+    named += [("incident signal", chosen.incident.label)] if chosen.incident is not None else []
+    stated = None if phase is None else real_tensor(phase).tolist()
+    return origin_of(named, reference_phase=stated)
 
 
 def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, count: int) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import Liner
 from torchliner.records import VelocityPlane
+from torchliner.records.origin import origin_of
 from torchliner.reduction.moments import Moments
 from torchliner.tdibc.prepared import Progress
 from torchliner.tdibc.requested import Request
@@ -41,6 +44,8 @@ def moments(
         ValueError: data or options that cannot give an answer.
     """
     request = Request(liner, frequency, cell_pitch, choices)
+    if isinstance(plane, VelocityPlane) and (inputs := origin_of(named_planes(plane))["inputs"]):
+        plane = replace(plane, provenance={**plane.provenance, "inputs": inputs})
     if client is not None:
         return moments_in_slices(plane, request, client=client, progress=progress)
     return reduce_whole(plane, request, progress)

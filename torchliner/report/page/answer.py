@@ -7,10 +7,11 @@ from typing import Any
 from torchliner.records import ImpedanceMap
 from torchliner.records.closure import CLOSES, FAILS, OPEN
 from torchliner.report.map_table import NULL_TEST
-from torchliner.report.page.blocks import Block, Grid, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Grid, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.subject import MapSubject
 from torchliner.report.table import Column, Table, format_bounds, format_complex
+from torchliner.report.typesetting import typeset
 
 VERDICTS = {CLOSES: "closes", OPEN: "stays open", FAILS: "fails"}
 

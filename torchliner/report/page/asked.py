@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from torchliner.records.summaries import frequency_words, shape_words
 from torchliner.report.page.blocks import Block, Facts, Folded, Grid, shown
-from torchliner.report.page.subject import MapSubject, _plain, base_choices
+from torchliner.report.page.subject import MapSubject, base_choices, plain
 from torchliner.report.table import Column, Table
 from torchliner.tdibc.choices import Choices
 
@@ -17,6 +20,7 @@ UNITS = {  # by the ending of a parameter's name
     "thickness": "m", "diameter": "m", "depth": "m", "radius": "m", "pitch": "m", "speed": "m/s",
     "density": "kg/m3", "viscosity": "Pa s",
 }  # fmt: skip
+MOST_LISTED = 8  # numbers in a cell
 FIRST = ("order", "phase", "drive", "mean", "engine", "window", "interval")
 MARKUP = re.compile(r"``|\s+")
 
@@ -89,14 +93,26 @@ def _choices(subject: MapSubject) -> list[Block]:
 
 
 def _words(value: Any) -> str:
-    value = _plain(value)
+    value = plain(value)
     if value is None:
         return "none"
     if isinstance(value, float):
         return f"{value:.7g}"
     if isinstance(value, list):
-        return ", ".join(map(_words, value))
+        return _extent(value) or ", ".join(map(_words, value))
     return ("no", "yes")[value] if isinstance(value, bool) else shown(value)
+
+
+def _extent(values: list[Any]) -> str:
+    """Of many numbers, as a table has them; "" for others."""
+    numbers = np.zeros(0, str)
+    if len(values) > MOST_LISTED:
+        with contextlib.suppress(ValueError):  # lists of unlike lengths
+            numbers = np.asarray(values)
+    if numbers.dtype.kind not in "if" or not numbers.size:
+        return ""
+    shape = " x ".join(map(str, numbers.shape))
+    return f"{shape} values, {numbers.min():.7g} to {numbers.max():.7g}"
 
 
 def meanings() -> dict[str, str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
@@ -14,14 +13,9 @@ from torchliner.io.csv_rows import fill_csv
 from torchliner.io.whole_file import printable
 from torchliner.report.page.svg import inline_svg
 from torchliner.report.table import Column, Table
+from torchliner.report.typesetting import typeset
 
 MOST_ROWS = 400  # of a table on the page; all of them are in its CSV
-MINUS = re.compile(r"(?<![A-Za-z_/])-(?=\.?\d)")
-
-
-def typeset(text: str) -> str:
-    """Numbers of our own formats with true minus signs."""
-    return MINUS.sub("\N{MINUS SIGN}", text)
 
 
 def csv_link(table: Table) -> str:
@@ -45,10 +39,11 @@ class Text:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list, in order of size where ``ordered``."""
+    """A list, in order of size where ``ordered``; ``beside``: what stands beside each."""
 
     items: Sequence[str]
     ordered: bool = False
+    beside: Sequence[str] = ()
     kind: ClassVar[str] = "bullets"
 
 

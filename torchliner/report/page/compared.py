@@ -8,11 +8,12 @@ from typing import Any
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.records.impedance_map import ENDS
 from torchliner.report.alongside import differences
-from torchliner.report.page.blocks import Block, Grid, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Grid, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.complex_plane import known_of
 from torchliner.report.page.subject import MapSubject
 from torchliner.report.table import Column, Table, format_complex, plain_columns
+from torchliner.report.typesetting import typeset
 
 COLUMNS = (
     FREQUENCY,

@@ -7,10 +7,11 @@ import warnings
 from torchliner.audits.audit import AUDITED, audit
 from torchliner.checks import DataWarning
 from torchliner.report.audit_report import draw_audit, plain_audit
-from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown
 from torchliner.report.page.columns import impedance_columns
 from torchliner.report.page.subject import MapSubject, base_choices
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.report.typesetting import typeset
 
 NOT_BASE = (
     *AUDITED, "order", "incident", "device", "memory", "rank_tolerance", "levels", "spacing",
@@ -81,7 +82,6 @@ def moved(subject: MapSubject) -> list[Block]:
 
 def _missing(subject: MapSubject) -> str:
     """Why the choices are not varied; "" where they can be."""
-    name = str((subject.result.choices.get("liner") or {}).get("name", ""))
     if subject.known is None:
         return (
             "Which choices move the result follows from the data or their moments, which are not "
@@ -89,8 +89,4 @@ def _missing(subject: MapSubject) -> str:
         )
     if subject.result.choices.get("incident") is not None:
         return "The map was educed with an incident signal; an audit is of tones."
-    if subject.model is None:
-        return (
-            f"The liner {shown(name)!r} is no preset; name its file (--liner, or liner= in Python)."
-        )
-    return ""
+    return subject.without

@@ -10,29 +10,32 @@ from torchliner.records import ImpedanceLine
 from torchliner.report.line_figures import draw_lines
 from torchliner.report.page.answer import closure_clause, state
 from torchliner.report.page.asked import _words, liner_table
-from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
-from torchliner.report.page.warned import warnings_of
+from torchliner.report.page.sizes import whole_line
+from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+from torchliner.report.typesetting import typeset
 
 
 def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
     """The whole page."""
     flags = [f"{name}: {text}" for name, several in zip(line.names, line.flags, strict=True)
              for text in several]  # fmt: skip
+    notes = [*changed_inputs(line), *line.notes, *flags]
     sections = [
         Section("answers", "Answer", _averages(line)),
-        Section("warnings", "Warnings", warnings_of([*line.notes, *flags])),
+        Section("warnings", "Warnings", listed(sized_warnings(notes, whole_line(line)))),
         Section("asked", "What was asked", _asked(line)),
         Section("along", "Along the line", _along(line)),
         Section("stations-section", "Stations", [_stations(line)]),
         Section("comparison", "Comparison", _compared(line)),
         Section("origin", "Inputs and provenance", [
-            *files_of([("line", path, "" if path else "this line, in memory")]),
-            versions(line.choices.get("version")),
+            *files_of(line, [("line", path, "" if path else "this line, in memory")]),
+            versions(line),
         ]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip

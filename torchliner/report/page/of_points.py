@@ -11,13 +11,15 @@ from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.figure import COLOURS, draw_curve, finish, impedance_panels, styled
 from torchliner.report.figure import Figure as Drawing
 from torchliner.report.page.asked import _words
-from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
-from torchliner.report.page.warned import warnings_of
+from torchliner.report.page.sizes import whole_points
+from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
 from torchliner.report.table import Column, Table, format_bounds, format_complex
+from torchliner.report.typesetting import typeset
 
 ORDERS = {"": "admittance over points", "_pressure_first": "pressure first"}
 
@@ -35,13 +37,14 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
     )
     choices = [{"choice": str(key), "value": _words(value)} for key, value in found.choices.items()]
     columns = [Column("choice", heading="choice"), Column("value", heading="value")]
+    notes = [*changed_inputs(found), *found.notes]
     sections = [
         Section("answers", "Answer", [_table(found)]),
-        Section("warnings", "Warnings", warnings_of(found.notes, source)),
+        Section("warnings", "Warnings", listed(sized_warnings(notes, whole_points(found), source))),
         Section("asked", "What was asked",
                 [Grid("choices", "Every choice.", Table(choices, columns))] if choices else []),
         Section("along", "Along x", _along(found)),
-        Section("origin", "Inputs and provenance", [*files_of(files), versions(None)]),
+        Section("origin", "Inputs and provenance", [*files_of(found, files), versions(found)]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip
     return Page(f"Impedances: {found.name}", typeset(answer), "", sections, FOOTER)

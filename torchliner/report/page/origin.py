@@ -1,23 +1,21 @@
-"""Where a result comes from: files and their hashes, commands, versions; how to cite it."""
+"""Where a result comes from: files and their hashes, versions; how to cite it."""
 
 from __future__ import annotations
 
-import hashlib
+import contextlib
 import json
 import platform
-import shlex
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from torchliner.records import ImpedanceMap
+from torchliner.records.origin import KINDS, input_file, standing
 from torchliner.report.page.blocks import Block, Code, Facts, Text, shown
-from torchliner.report.page.subject import MapSubject, base_choices
+from torchliner.report.page.repeat import command, source_of
+from torchliner.report.page.subject import MapSubject, inputs_of
 from torchliner.version import __version__
 
-MOST_HASHED = 4 << 30  # bytes of a file that is read for its hash
-PIECE = 1 << 22
 PACKAGES = ("torch", "numpy", "scipy", "h5py")
 PAPER = (
     "R. Roncen, L. Ambrosiani, A. Paduano, F. Avallone, F. Méry and E. Piot, Direct time-domain "
@@ -34,133 +32,78 @@ BIBTEX = f"""@article{{roncen2026,
 @software{{torchliner,
   author  = {{{{The torchliner developers}}}}, title = {{torchliner}}, version = {{{__version__}}}
 }}"""
+BESIDE = "Files beside it as they are now; the result does not hold the hashes of its inputs."
 
 
-def hash_of(path: Path | None) -> str:
-    """SHA-256 of a file as it is now, or why there is none."""
-    if path is None or not path.is_file():
-        return "not there now" if path is not None else "in memory"
-    if path.stat().st_size > MOST_HASHED:
-        return f"not made: {path.stat().st_size / 1e9:.3g} GB (sha256sum makes it)"
-    found = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(PIECE):
-            found.update(piece)
-    return found.hexdigest()
+def files_of(result: Any, files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
+    """The inputs that a result holds, then other files as they are now, with sizes and hashes.
 
-
-def files_of(files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
-    """Files by what they are, with size and hash."""
-    facts = []
-    for what, path, name in files:
-        there = path is not None and path.is_file()
-        size = f", {path.stat().st_size:,} bytes" if there and path is not None else ""
-        facts.append((what, f"{shown(name or path or '')}{size}; SHA-256: {hash_of(path)}"))
-    return [
-        Text("Files with their hashes as they are now; a result does not keep those of its data."),
-        Facts(facts),
+    Args:
+        result: None for what has no inputs of its own.
+        files: what each is, its path, and words where it has none.
+    """
+    held = [] if result is None else inputs_of(result)
+    names = {str(each["name"]) for each in held}
+    uses: dict[str, list[str]] = {}  # of one file there may be several
+    for each in held:
+        uses.setdefault(f"{_described(each)}; {standing(each).words}", []).append(each["what"])
+    facts = [(shown(", ".join(what)), words) for words, what in uses.items()]
+    facts += [
+        (what, _now(what, path, name)) for what, path, name in files if str(path) not in names
     ]
+    lead = "Inputs as they were when the result was made, and whether they are the same now."
+    return [Text(lead if held else BESIDE), Facts(facts)]
 
 
-def source_of(result: Any) -> Path | None:
-    """The file that a map says it was educed from."""
-    name = str(result.choices.get("source", "")).split(":/")[0]
-    return Path(name) if name else None
+def _described(each: Mapping[str, Any]) -> str:
+    kind = KINDS.get(each["kind"], each["kind"])
+    return shown(f"{each['name']}, {each['bytes']:,} bytes; {kind}: {each['hash']}")
+
+
+def _now(what: str, path: Path | None, name: str) -> str:
+    if path is None:
+        return f"{shown(name)}; no file"
+    if not (path.is_file() or path.is_dir()):
+        return f"{shown(name or path)}; not there now"
+    return _described(input_file(what, path))
 
 
 def origin(subject: MapSubject) -> list[Block]:
     """Of a map."""
     result = subject.result
-    source = source_of(result)
     files = [("map", subject.path, "" if subject.path else "this map, in memory")]
-    files += [("velocity", source, str(source))] if source is not None else []
-    files += [(other.name, Path(found), found) for other in result.alongside
-              if (found := str(other.choices.get("source", "")))]  # fmt: skip
-    if subject.data is not None and subject.data != source:
-        files.append(("data of this report", subject.data, str(subject.data)))
-    return [*files_of(files), _stated(result.choices.get("data")), *command(subject),
-            versions(result.choices.get("version"))]  # fmt: skip
+    if not inputs_of(result):
+        source = source_of(result)
+        files += [("velocity", source, "")] if source is not None else []
+        files += [(other.name, Path(found), "") for other in result.alongside
+                  if (found := str(other.choices.get("source", "")))]  # fmt: skip
+    if subject.data is not None and subject.data not in [path for _, path, _ in files]:
+        files.append(("data of this report", subject.data, ""))
+    return [*files_of(result, files), _stated(result.choices.get("data")), *command(subject),
+            versions(result)]  # fmt: skip
 
 
 def _stated(data: Any) -> Block:
     if not isinstance(data, Mapping) or not data:
         return Text("The data state nothing of their own origin.")
     words = [(str(key).replace("_", " "), shown(v if isinstance(v, str) else json.dumps(v)))
-             for key, v in data.items()]  # fmt: skip
+             for key, v in data.items() if key != "inputs"]  # fmt: skip
     return Facts(words)
 
 
-def versions(made: Any) -> Facts:
-    """Of what made the result and of what made the page."""
-    found = [
-        ("result made by torchliner", shown(made or "not stated")),
-        ("page made by torchliner", __version__), ("Python", platform.python_version()),
-    ]  # fmt: skip
+def versions(result: Any) -> Facts:
+    """Of what made the result, as far as it holds them, and of what made the page."""
+    choices = getattr(result, "choices", {})
+    made = choices.get("versions")
+    made = dict(made) if isinstance(made, Mapping) else {"torchliner": choices.get("version")}
+    here = {"torchliner": __version__, "python": platform.python_version()}
     for name in PACKAGES:
-        try:
-            found.append((name, version(name)))
-        except PackageNotFoundError:
-            continue
-    return Facts(found)
-
-
-def command(subject: MapSubject) -> list[Block]:
-    """What gives this map again, on the command line and in Python."""
-    result = subject.result
-    source = source_of(result)
-    if source is None:
-        return [Text("The map does not say which file it was educed from.")]
-    chosen = base_choices(result)
-    liner = "LINER.toml"
-    if subject.model is not None:
-        liner = str(result.choices["liner"].get("name") or liner)
-    asked = [float(f) for f in result.frequency.tolist()]
-    words = ["torchliner", "educe", str(source), "--liner", liner]
-    words += ["--frequency", *(f"{f:.12g}" for f in asked)]
-    for key, value in chosen.items():
-        words += _option(key, value)
-    beside = next((str(o.choices["source"]) for o in result.alongside if "source" in o.choices), "")
-    words += ["--in-situ", beside] if beside else []
-    words += ["-o", str(subject.path or "map.h5")]
-    arguments = [
-        f"tl.read_plane({str(source)!r}, lazy=True)",
-        f"tl.load_liner({liner!r})",
-        repr(asked),
-    ]
-    arguments += [f"{key}={value!r}" for key, value in chosen.items()]
-    arguments += [f"pressure=tl.read_pressure({beside!r})"] if beside else []
-    body = ",\n    ".join(arguments)
-    lost = _incomplete(result, bool(beside), subject.model is None)
-    return [
-        Text(f"The map again, from its own record of its choices. {lost}".strip()),
-        Code("command", " ".join(map(shlex.quote, words))),
-        Code("Python", f"import torchliner as tl\n\nfound = tl.educe(\n    {body},\n)"),
-    ]
-
-
-def _option(key: str, value: Any) -> list[str]:
-    """Of the command line."""
-    if key == "interval" and value is None:
-        return ["--no-intervals"]
-    flag = f"--{key.replace('_', '-')}"
-    if value is True:
-        return [flag]
-    values = value if isinstance(value, (list, tuple)) else [value]
-    return [flag, *(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)]
-
-
-def _incomplete(result: ImpedanceMap, beside: bool, unknown: bool) -> str:
-    """What the map does not keep of the command that made it."""
-    found = []
-    if unknown:
-        found.append("the file of the liner, whose numbers are listed above")
-    if result.choices.get("phase") == "given":
-        found.append("the reference phase")
-    if result.closure is not None and result.closure.kind == "wall" and not beside:
-        found.append("the file of the wall pressures (--wall-pressure)")
-    if result.choices.get("incident") is not None:
-        found.append("the samples of an incident signal from a file")
-    return f"The record does not hold {', '.join(found)}." if found else ""
+        with contextlib.suppress(PackageNotFoundError):
+            here[name] = version(name)
+    return Facts([
+        (f"{what} made by", shown(", ".join(f"{k} {v or '(not stated)'}" for k, v in own.items())))
+        for what, own in (("result", made), ("page", here))
+    ])  # fmt: skip
 
 
 def citation(_: Any = None) -> list[Block]:

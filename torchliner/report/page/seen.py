@@ -14,10 +14,11 @@ from torchliner.report.numbers import (
     interval_words,
     part_of,
 )
-from torchliner.report.page.blocks import Block, Figure, Text, typeset
+from torchliner.report.page.blocks import Block, Figure, Text
 from torchliner.report.page.complex_plane import draw_complex_plane, plane_table
 from torchliner.report.page.subject import MapSubject, at_probes
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.report.typesetting import typeset
 
 FEW = 2  # probes that make a line
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.liners.catalogue import load_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.same_case import require_same_case
 from torchliner.reduction.moments import SETTINGS, Moments
@@ -25,6 +25,7 @@ from torchliner.tdibc.reduce import moments
 MOST_DRAWN = 3  # frequencies with figures of their own
 MOST_SURFACE = 40_000  # probes of a picture over (x, z)
 MOST_LINE = 4_000  # probes of a line, or scattered ones
+INPUT = {"what": str, "name": str, "bytes": int, "kind": str, "hash": str}  # of one that is stored
 SAME_STATISTICS = 1e-3  # of v, relative to its rms: two records of a flow never agree as well
 REDUCED = (*SETTINGS, "missing", "allow_short", "interval", "dtype")
 PROBES = (
@@ -41,7 +42,8 @@ class MapSubject:
         result: the map.  path: of its file; None where it is in memory alone.
         known: moments of the data behind it; None where they are not given.
         data: file of these.
-        model: the liner as a model; None where only its numbers are known.
+        model: the liner as a model; None where it cannot be made of what the map holds.
+        without: why not, and what is needed.
     """
 
     result: ImpedanceMap
@@ -49,6 +51,7 @@ class MapSubject:
     known: Moments | None = None
     data: Path | None = None
     model: Any = None
+    without: str = ""
 
     @functools.cached_property
     def main(self) -> int:
@@ -81,33 +84,60 @@ def subject_of(
     Raises:
         ValueError: the data are not those of the map; the liner is another one.
     """
-    model = _model_of(result, liner)
+    model, without = _model_of(result, liner)
     known = None if data is None else _known(result, data, model)
     name = None if known is None else Path(known.plane.name.split(":/")[0])
-    return MapSubject(result, path, known, name, model)
+    return MapSubject(result, path, known, name, model, without)
 
 
-def _model_of(result: ImpedanceMap, liner: Any) -> Any:
-    stated = dict(result.choices.get("liner") or {})
-    name = str(stated.get("name", ""))
+def inputs_of(result: Any) -> list[Mapping[str, Any]]:
+    """The inputs that a result, and what stands beside it, hold; none of those of old versions."""
+    every = (result, *getattr(result, "alongside", ()))
+    lists = [each.choices.get("inputs") for each in every]
+    if isinstance(data := result.choices.get("data"), Mapping):
+        lists.append(data.get("inputs"))  # behind moments
+    found = [each for one in lists if isinstance(one, list) for each in one]
+    return [each for i, each in enumerate(found) if isinstance(each, Mapping)
+            and all(isinstance(each.get(key), kind) for key, kind in INPUT.items())
+            and each not in found[:i]]  # fmt: skip
+
+
+def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
+    """The model of a map: that given, else one of the numbers that the map holds; or why none."""
+    stated = plain(dict(result.choices.get("liner") or {}))
+    name = shown(stated.get("name", ""))
     if liner is None:
-        found = load_liner(name) if name in preset_names() else None
-        return found if found is not None and _plain(found.describe()) == _plain(stated) else None
-    found = _plain(liner.describe())
-    off = [key for key in found if found[key] != _plain(stated).get(key) and key != "name"]
-    if off:
+        if stated.get("model") == "python":
+            return None, (
+                f"The liner {name!r} is a Python file, which is run only where you name it: "
+                f"--liner {shown(stated.get('file', ''))}, or liner= in Python, as it was with the "
+                f"SHA-256 {shown(stated.get('sha256', ''))}."
+            )
+        try:
+            found = load_liner(stated)
+        except (ValueError, TypeError, KeyError) as error:
+            return None, (
+                f"The map does not hold all numbers of the liner {name!r}, of the model "
+                f"{shown(stated.get('model', 'not stated'))!r}; name its file (--liner), or give "
+                f"the model in Python (liner=). {shown(error)}."
+            )
+        return found, ""
+    found = plain(liner.describe())
+    # Maps of older versions state less of a table.
+    off = [key for key in found if key in stated and found[key] != stated[key] and key != "name"]
+    if off or not stated:
         raise ValueError(
             f"the liner {found.get('name', '')!r} is not that of the map, {name!r}: it differs in "
             f"{', '.join(off)}; name the one that the map was educed with, or leave it out"
         )
-    return liner
+    return liner, ""
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """As it comes back from JSON."""
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+        return {key: plain(each) for key, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> Moments:
@@ -154,24 +184,28 @@ def _tuples(kept: dict[str, Any]) -> dict[str, Any]:
 def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str, Any]:
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
-    derived = ("velocity_max",) if result.choices.get("response") == "model" else ()
+    derived: tuple[str, ...] = (
+        ("velocity_max",) if result.choices.get("response") == "model" else ()
+    )
+    if result.choices.get("incident") is not None:
+        derived += ("phase",)  # that of the signal
     left_out = (*without, *derived)
     known = {key: value for key, value in result.choices.items() if key in usual}
     return _tuples({key: value for key, value in known.items()
-                    if key not in left_out and _plain(value) != _plain(usual[key])})  # fmt: skip
+                    if key not in left_out and plain(value) != plain(usual[key])})  # fmt: skip
 
 
 def drawable(result: ImpedanceMap) -> ImpedanceMap:
     """Names from the file as printable text, not as formulas of the drawing library."""
 
-    def plain(text: str) -> str:
+    def printed(text: str) -> str:
         return shown(text).replace("$", r"\$")
 
     return dataclasses.replace(
         result,
-        title=plain(result.title),
-        reference={plain(name): value for name, value in result.reference.items()},
-        alongside=tuple(dataclasses.replace(o, name=plain(o.name)) for o in result.alongside),
+        title=printed(result.title),
+        reference={printed(name): value for name, value in result.reference.items()},
+        alongside=tuple(dataclasses.replace(o, name=printed(o.name)) for o in result.alongside),
     )
 
 

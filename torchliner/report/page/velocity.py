@@ -19,9 +19,10 @@ from torchliner.report.figure import (
 )
 from torchliner.report.figure import Figure as Drawing
 from torchliner.report.numbers import Curves, over_z
-from torchliner.report.page.blocks import Block, Facts, Figure, Text, typeset
+from torchliner.report.page.blocks import Block, Facts, Figure, Text
 from torchliner.report.page.speeds import Speeds, speeds_of
 from torchliner.report.page.subject import MapSubject, at_probes
+from torchliner.report.typesetting import typeset
 
 BINS = 60
 MEAN, RMS = "v0 (m/s)", "v' rms (m/s)"

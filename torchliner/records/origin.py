@@ -1,0 +1,172 @@
+"""Where a result comes from: its input files with sizes and hashes, and what computed it.
+
+A large file is not read a second time for its hash: of it the size and some blocks are hashed,
+which costs the same few hundredths of a second for 0.1 and for 100 GB. Another simulation, another
+conversion and a longer record change every block; an edit of a few samples between the blocks goes
+unseen, and so the kind of the hash stands beside it (``with_whole_hashes`` makes the other kind).
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import accumulate
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import torch
+
+from torchliner.version import __version__
+
+BLOCK, BLOCKS = 1 << 20, 32
+WHOLE, BLOCKWISE = "sha256", f"sha256 of {BLOCKS} blocks"
+KINDS = {  # in words
+    WHOLE: "SHA-256",
+    BLOCKWISE: f"SHA-256 of size and {BLOCKS} blocks of 1 MiB spread over the content",
+}
+SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
+MOST_READ = 1 << 32  # bytes that are read to see whether they are still the same
+State = tuple[tuple[str, int, int], ...]  # of files: name, bytes, time of change
+Result = TypeVar("Result", bound=Any)
+
+
+def series_of(path: Path) -> list[Path]:
+    """Files that one file of a series stands for, sorted; none where it stands for itself."""
+    if path.suffix.lower() not in SERIES:
+        return []
+    return sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
+
+
+def named_file(name: str) -> Path | None:
+    """The file of a record's name, FILE or FILE:/dataset; None where there is none of that name."""
+    text, inside, _ = name.partition(":/")
+    # A folder holds a record only where something in it is named: "velocity" is a name of others.
+    return Path(text) if os.path.isfile(text) or (inside and os.path.isdir(text)) else None
+
+
+def input_file(what: str, path: str | Path, kind: str | None = None) -> dict[str, Any]:
+    """What is stored of an input: what it is, its name as given, bytes, and a hash with its kind.
+
+    Args:
+        what: velocity, moments, liner ...
+        path: of a file, of a folder, or of a file that stands for a series.
+        kind: one of ``KINDS``; default that of the whole file up to 32 MiB, else of blocks.
+    Raises:
+        OSError: it cannot be read.
+    """
+    state = _state(Path(path))
+    size = _size(state)
+    if kind is None:
+        kind = WHOLE if len(state) == 1 and size <= BLOCKS * BLOCK else BLOCKWISE
+    return {"what": what, "name": str(path), "bytes": size, "kind": kind,
+            "hash": _hash(state, kind)}  # fmt: skip
+
+
+def _state(path: Path) -> State:
+    """Name, bytes and time of change of all files that a path stands for."""
+    files = series_of(path) or [path]
+    if path.is_dir():
+        files = sorted(each for each in path.rglob("*") if each.is_file())
+    status = [(str(each), each.stat()) for each in files]
+    return tuple((name, each.st_size, each.st_mtime_ns) for name, each in status)
+
+
+def _size(state: State) -> int:
+    return sum(size for _, size, _ in state)
+
+
+@functools.lru_cache(maxsize=64)
+def _hash(state: State, kind: str) -> str:
+    """Of files in their present state: several maps of one file hash it once."""
+    if kind == WHOLE and len(state) == 1:
+        with open(state[0][0], "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    found = hashlib.sha256()
+    for name, size, _ in state:
+        found.update(f"{os.path.basename(name) if len(state) > 1 else ''} {size}\n".encode())
+    total = _size(state)
+    last = max(0, total - BLOCK)
+    # All of it where the whole is asked for.
+    starts = range(0, total, BLOCK) if kind == WHOLE else sorted(
+        {last * i // (BLOCKS - 1) for i in range(BLOCKS)})  # fmt: skip
+    for start in starts:
+        for piece in _read(state, start, min(start + BLOCK, total)):
+            found.update(piece)
+    return found.hexdigest()
+
+
+def _read(state: State, start: int, stop: int) -> Iterator[bytes]:
+    """Bytes of files one after another as if they were one."""
+    begins = [0, *accumulate(size for _, size, _ in state)]
+    for i in range(bisect_right(begins, start) - 1, len(state)):
+        if begins[i] >= stop:
+            return
+        low, high = max(start, begins[i]), min(stop, begins[i + 1])
+        with open(state[i][0], "rb") as file:
+            file.seek(low - begins[i])
+            yield file.read(high - low)
+
+
+def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str, Any]:
+    """For the ``choices`` of a result: ``inputs``, ``versions`` and what else is given.
+
+    Args:
+        named: what an input is and its name; names that are no files are of data in memory.
+        more: values that are kept where they are not None.
+    """
+    files = [(what, path) for what, name in named if (path := named_file(str(name))) is not None]
+    return {
+        "inputs": [input_file(what, path) for what, path in dict.fromkeys(files)],
+        "versions": {"torchliner": __version__, "torch": torch.__version__,
+                     "numpy": np.__version__, "python": platform.python_version()},
+        **{key: value for key, value in more.items() if value is not None},
+    }  # fmt: skip
+
+
+def with_choices(result: Result, **more: Any) -> Result:
+    """The same with further facts of where it comes from."""
+    return replace(result, choices={**result.choices, **more})
+
+
+def with_whole_hashes(result: Result) -> Result:
+    """The same with the SHA-256 of the whole of each input, which reads them once more."""
+    inputs = [input_file(each["what"], each["name"], WHOLE) for each in result.choices["inputs"]]
+    return with_choices(result, inputs=inputs)
+
+
+class Standing(NamedTuple):
+    """Whether an input is what it was.
+
+    Args:
+        words: how it stands.
+        changed: whether it is another now.
+    """
+
+    words: str
+    changed: bool = False
+
+
+def standing(stored: Mapping[str, Any]) -> Standing:
+    """Of an input that a result holds, by the kind of hash that is stored.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
+    name, kind = str(stored["name"]), stored["kind"]
+    if not (os.path.isfile(name) or os.path.isdir(name)):
+        return Standing("not there now")
+    size = _size(_state(Path(name)))
+    if size != stored["bytes"]:
+        return Standing(f"another file now, of {size:,} bytes", True)
+    if kind not in KINDS or (kind == WHOLE and size > MOST_READ):
+        return Standing(f"of the same size now; not compared, {size / 1e9:.3g} GB")
+    now = input_file(stored["what"], name, kind)["hash"]
+    if now == stored["hash"]:
+        return Standing("unchanged")
+    return Standing(f"another file of the same size now: {now}", True)

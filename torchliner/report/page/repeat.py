@@ -1,0 +1,150 @@
+"""What gives a map again: the command that made it, and a program in Python."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.records import ImpedanceMap
+from torchliner.report.page.blocks import Block, Code, Text
+from torchliner.report.page.subject import MapSubject, base_choices, inputs_of, plain
+
+READ = ("start", "stop", "every", "region")  # parts of a plane, arguments of ``read_plane``
+ONE_PHASE = "The command line takes one reference phase; the map has one a probe."
+
+
+def source_of(result: ImpedanceMap) -> Path | None:
+    """The file that a map says it was educed from."""
+    name = str(result.choices.get("source", "")).split(":/")[0]
+    return Path(name) if name else None
+
+
+def preset_of(result: ImpedanceMap) -> str:
+    """The preset with the numbers of the map's liner; "" where there is none."""
+    stated = plain(dict(result.choices.get("liner") or {}))
+    name = str(stated.get("name", ""))
+    same = name in preset_names() and plain(load_liner(name).describe()) == stated
+    return name if same else ""
+
+
+def command(subject: MapSubject) -> list[Block]:
+    """The command as it was typed, else one that follows from the choices; and Python."""
+    result, typed = subject.result, subject.result.choices.get("command")
+    if source_of(result) is None:
+        return [Text("The map does not say which file it was educed from.")]
+    known = Repeated(subject)
+    if isinstance(typed, list):
+        words = ["torchliner", *map(str, typed)]
+        text = "The command as it was typed, and Python that gives the same impedances."
+    else:
+        words, lost = known.words(), known.lost()
+        text = f"The map again, from its own record of its choices. {lost}"
+    return [
+        Text(text.strip()), Code("command", " ".join(map(shlex.quote, words))),
+        Code("Python", known.program()),
+    ]  # fmt: skip
+
+
+class Repeated:
+    """What a map holds of its own making.
+
+    Args:
+        subject: the map, and its file.
+    """
+
+    def __init__(self, subject: MapSubject) -> None:
+        result = subject.result
+        self.result, self.path = result, str(subject.path or "map.h5")
+        inputs = inputs_of(result)
+        self.held = bool(inputs)
+        self.files = {what: [str(each["name"]) for each in inputs if each["what"] == what]
+                      for what in dict.fromkeys(each["what"] for each in inputs)}  # fmt: skip
+        self.chosen = base_choices(result)
+        self.frequencies = [float(f) for f in result.frequency.tolist()]
+        self.phase = result.choices.get("reference_phase")
+        self.rebuilt, self.preset = subject.model is not None, preset_of(result)
+        beside = [str(o.choices["source"]) for o in result.alongside if "source" in o.choices]
+        self.beside = beside[0] if beside else ""
+        walls = self.files.get("wall pressure", [])
+        self.wall = walls[0] if walls else self.beside
+
+    @property
+    def data(self) -> list[str]:
+        """Files of the plane, or of its moments."""
+        named = self.files.get("moments") or self.files.get("velocity")
+        return named or [str(source_of(self.result))]
+
+    def words(self) -> list[str]:
+        """On the command line."""
+        liner = self.preset or next(iter(self.files.get("liner", [])), "LINER.toml")
+        found = ["torchliner", "educe", *self.data, "--liner", liner]
+        found += ["--frequency", *(f"{f:.12g}" for f in self.frequencies)]
+        for key, value in self.chosen.items():
+            found += _option(key, value)
+        found += ["--reference-phase", repr(self.phase)] if isinstance(self.phase, float) else []
+        found += ["--in-situ", self.beside] if self.beside else []
+        found += ["--wall-pressure", self.wall] if self.wall != self.beside else []
+        return [*found, "-o", self.path]
+
+    def program(self) -> str:
+        """In Python."""
+        own = f"tl.read_map({self.path!r}).choices"
+        name = self.data[0] if len(self.data) == 1 else self.data
+        plane = f"tl.read_moments({name!r})"
+        if "moments" not in self.files:
+            selected = dict(self.result.choices.get("data") or {}).get("selected")
+            part = dict(selected) if isinstance(selected, Mapping) else {}
+            stated = "".join(f", {key}={part[key]!r}" for key in READ if key in part)
+            plane = f"tl.read_plane({name!r}, lazy=True{stated})"
+        liner = repr(self.preset) if self.preset else f'{own}["liner"]'
+        if not self.rebuilt:
+            liner = repr(next(iter(self.files.get("liner", [])), "LINER.toml"))
+        arguments = [plane, f"tl.load_liner({liner})", repr(self.frequencies)]
+        arguments += [f"{key}={self._value(key)}" for key in self.chosen]
+        if self.phase is not None:
+            one = isinstance(self.phase, float)
+            phase = repr(self.phase) if one else f'{own}["reference_phase"]'
+            arguments.append(f"reference_phase={phase}")
+        if self.wall:
+            closure = self.result.closure
+            line = closure is not None and closure.known.startswith("microphones along")
+            reader = "read_microphones" if line else "read_pressure"
+            arguments.append(f"pressure=tl.{reader}({self.wall!r})")
+        body = ",\n    ".join(arguments)
+        return f"import torchliner as tl\n\nfound = tl.educe(\n    {body},\n)"
+
+    def _value(self, key: str) -> str:
+        signal = self.files.get("incident signal")
+        if key == "incident" and signal:
+            # What is sent has the rate of the plane.
+            return f"tl.read_signal({signal[0]!r}, {self.result.choices['sampling_rate']!r})"
+        return repr(self.chosen[key])
+
+    def lost(self) -> str:
+        """What the map does not hold of its making, or the command line cannot say."""
+        found, choices = [], self.result.choices
+        if not self.preset and "liner" not in self.files:
+            found.append("the file of the liner, LINER.toml, whose numbers are listed above")
+        if choices.get("phase") == "given" and self.phase is None:
+            found.append("the reference phase")
+        closure = self.result.closure
+        if closure is not None and closure.kind == "wall" and not (self.held or self.wall):
+            found.append("the file of the wall pressures (--wall-pressure)")
+        if choices.get("incident") is not None and not self.held:
+            found.append("the samples of an incident signal from a file")
+        words = f"The map does not hold {', '.join(found)}." if found else ""
+        return f"{words} {ONE_PHASE}".strip() if isinstance(self.phase, list) else words
+
+
+def _option(key: str, value: Any) -> list[str]:
+    """Of the command line."""
+    if key == "interval" and value is None:
+        return ["--no-intervals"]
+    flag = f"--{key.replace('_', '-')}"
+    if value is True:
+        return [flag]
+    values = value if isinstance(value, (list, tuple)) else [value]
+    return [flag, *(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)]
