@@ -70,7 +70,8 @@ def with_and_without(liner: LinerModel, share: float) -> tuple[complex, complex]
 @styled
 def draw_shares(path: Path) -> list[tuple[str, ...]]:
     """The table, and its picture."""
-    rows, shares = [], torch.linspace(0.01, 0.99, 99).tolist()
+    rows: list[tuple[str, ...]] = []
+    shares = torch.linspace(0.01, 0.99, 99).tolist()
     figure, (axis,) = panels_of(1, 2.6)
     for name, colour, line in zip(LINERS, COLOURS, LINES, strict=False):
         liner = tl.load_liner(name)
@@ -83,8 +84,8 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
     finish(figure, path, f"v of {TOTAL:g} m/s rms in all", legend=3)
     for share in SHARES:
         beside, alone = with_and_without(tl.load_liner(LINERS[0]), share)
-        change = f"{100 * abs(alone / beside - 1):.0f} %"
-        rows.append((f"{100 * share:g} %", text(beside), text(alone), change))
+        moved = f"{100 * abs(alone / beside - 1):.0f} %"
+        rows.append((f"{100 * share:g} %", text(beside), text(alone), moved))
     return rows
 
 
