@@ -20,7 +20,7 @@ from torchliner.reduction.basis import (
     response_of,
 )
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
-from torchliner.reduction.native import available
+from torchliner.compiled.library import available
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.reduction.speed_sums import SpeedSums
