@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import show_results, write_copy
+from torchliner.cli.files import origin_of, show_results, write_copy
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ SOLVE = {
     "--end-reflection R+XJ": "of the far end, complex; default: the duct's",
     "--mesh MM ...": "largest cell, and cell at the walls, mm: solve on that mesh alone; default: "
     "a finer mesh checks the answer, to 0.05 dB",
-    "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt",
+    "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt; .h5 and .nc "
+    "for torchliner report too",
     "--figure PICTURE": "draw SPL and phase along the wall there, a picture a frequency",
     "--field PICTURE": "draw |p| and |v| in the duct there, a picture a frequency",
 }
@@ -140,6 +141,9 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     )  # fmt: skip
     field = settled.field
     found = plain_duct(setup, settled)
+    tables = (setup.facts["flow"]["file"], setup.facts["sound"]["impedance_file"])
+    beside = [Path(options.duct).parent / name for name in tables if name is not None]
+    origin = origin_of(options, [options.duct, options.liner, *beside])
     if options.field is not None:
         for f, path in enumerate(_a_frequency(options.field, setup)):
             draw_field(setup, field, path, f)
@@ -150,7 +154,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     show_results(
         options, lambda: format_duct(setup, found), lambda: found,
-        output=lambda path: solved_line(setup, field, plane_mode=found["plane_mode"]).write(path),
+        output=lambda path: solved_line(setup, settled, **origin).write(path),
         figure=draw,
     )  # fmt: skip
     return 0

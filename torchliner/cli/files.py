@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +40,15 @@ def show_results(
         print_json(plain())
     else:
         print(text())
+
+
+def origin_of(options: argparse.Namespace, paths: Sequence[str | Path | None]) -> dict[str, Any]:
+    """The command line, and SHA-256 of those of its inputs that are files, by name."""
+    from torchliner.report.page.origin import hash_of
+
+    there = [Path(path) for path in paths if path is not None and Path(path).is_file()]
+    command = shlex.join(["torchliner", *map(str, options.typed)])
+    return {"command": command, "inputs": {str(path): hash_of(path) for path in there}}
 
 
 def write_text(text: str, path: Path) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
-from torchliner.cli.files import show_results
+from torchliner.cli.files import origin_of, show_results
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
 
 if TYPE_CHECKING:
@@ -29,7 +30,9 @@ OPTIONS = {
         "--mach M": "bulk Mach number, 0 for no flow; default: the file's, which must state one",
         "--figure PICTURE": "draw impedance and levels there",
     }
-    | shared("--output", "--json", "--quiet"),
+    | {"--output FILE": "write the rows as .csv, or all of the result as .h5 or .nc, for "
+       "torchliner report"}
+    | shared("--json", "--quiet"),
     "kt and fits of two waves": {
         "--rank N": "of kt: waves that are kept; default 2",
         "--order N": "of kt: of the prediction; default half the microphones",
@@ -61,13 +64,23 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
     chosen = _chosen(options)
-    lines, found = [], []
+    lines: list[MicrophoneLine] = []
+    found: list[Educed] = []
     for path in options.lines:
         line = read_microphones(path, options.frequency, segment=options.segment)
         generator = torch.Generator().manual_seed(options.seed)
-        found.append(educe_line(line, options.method, generator=generator, **chosen))
+        one = educe_line(line, options.method, generator=generator, **chosen)
+        origin = origin_of(options, [path, options.duct])
+        found.append(replace(one, choices={**one.choices, **origin}))
         lines.append(line)
     tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
+
+    def write(path: Path) -> None:
+        if path.suffix.lower() == ".csv":
+            wall_table([*chain(*tables)]).write_csv(path)
+        else:
+            found[0].write(path, *found[1:])
+
     show_results(
         options,
         lambda: "\n\n".join(map(format_wall, lines, found)),
@@ -76,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
              "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
             for line, one, rows in zip(lines, found, tables, strict=True)
         ]},
-        output=wall_table([*chain(*tables)]).write_csv,
+        output=write,
         figure=lambda path: draw_wall(lines, found, path),
     )  # fmt: skip
     return 0

@@ -134,6 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 top.refuse(extras)
             top.print_help()
             return DONE
+        options.typed = words
         parser = parsers[options.command].chosen(options)
         if extras:
             parser.refuse(extras)

@@ -49,17 +49,39 @@ def hash_of(path: Path | None) -> str:
     return found.hexdigest()
 
 
-def files_of(files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
-    """Files by what they are, with size and hash."""
+def files_of(
+    files: Sequence[tuple[str, Path | None, str]],
+    words: str = "Files with their hashes as they are now; a result does not keep those of its "
+    "data.",
+) -> list[Block]:
+    """Files by what they are, with size and hash, below some words."""
     facts = []
     for what, path, name in files:
         there = path is not None and path.is_file()
         size = f", {path.stat().st_size:,} bytes" if there and path is not None else ""
         facts.append((what, f"{shown(name or path or '')}{size}; SHA-256: {hash_of(path)}"))
-    return [
-        Text("Files with their hashes as they are now; a result does not keep those of its data."),
-        Facts(facts),
-    ]
+    return [*([Text(words)] if words else []), Facts(facts)]
+
+
+def hashed_then(inputs: Mapping[str, str], commands: Sequence[str]) -> list[Block]:
+    """Inputs with their hashes, and the commands that read them.
+
+    Args:
+        inputs: SHA-256 by file, as it was when it was read; "" where that was not kept.
+        commands: "" for what was done in Python.
+    """
+    facts = []
+    for name, then in inputs.items():
+        now = hash_of(Path(name))
+        words = f"SHA-256 now: {now}; that of then was not kept"
+        if then:
+            state = "the same now" if now == then else f"now: {now}"
+            words = f"SHA-256 when it was read: {then}; {state}"
+        facts.append((shown(name), words))
+    typed = [command for command in dict.fromkeys(commands) if command]
+    if not typed:
+        return [Facts(facts), Text("Done in Python: no command is kept, the choices are above.")]
+    return [Facts(facts), *(Code("command", shown(command)) for command in typed)]
 
 
 def source_of(result: Any) -> Path | None:
