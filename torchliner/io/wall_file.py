@@ -186,7 +186,7 @@ def _read(group: h5py.Group, path: Path) -> Educed:
     name = str(head["choices"].get("source", "microphones"))
     line = microphones_of(get_group(group, "microphones", path), path, name=name)
     about = {**head, "line": line, "x": line.x}
-    draws = None
+    draws: Any = None
     if is_there(group, "draws", path):
         inner = get_group(group, "draws", path)
         draws = record(**about, **_fields(inner, line, kept.table, path, {}))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.records import MicrophoneLine
 from torchliner.report.figure import (
     COLOURS,
     LINES,
@@ -96,8 +96,8 @@ def draw_levels(
         low, high = np.nanmin(drawn, 0), np.nanmax(drawn, 0)
         draw_band(axis, 1e3 * x.numpy(), low, high, colour, 0.25)
     axis.plot(1e3 * x.numpy(), level[:, f].numpy(), color=colour, linestyle=style)
-    axis.plot(1e3 * line.x.numpy(), line.level[:, f].numpy(), marker, color=colour,
-              markerfacecolor="none")  # fmt: skip
+    axis.plot(1e3 * line.x.numpy(), line.level[:, f].numpy(), marker=marker, color=colour,
+              markerfacecolor="none", linestyle="none")  # fmt: skip
 
 
 def draw_phases(axis: Any, x: Any, pressure: Any, style: str, **looks: Any) -> None:
@@ -109,18 +109,29 @@ def draw_phases(axis: Any, x: Any, pressure: Any, style: str, **looks: Any) -> N
 
 
 @styled
-def draw_along(found: Sequence[Educed], at: Sequence[int], labels: Sequence[str]) -> Figure:
-    """SPL and phase along the wall, measured and fitted, of eductions at a frequency each."""
+def draw_along(
+    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str]
+) -> Figure:
+    """SPL and phase along the wall, measured and fitted.
+
+    Args:
+        found: eductions.  there: numbers of those that are drawn, and of a frequency of each.
+        labels: of all eductions.
+    """
     figure, axes = subplots(1, 2, 3.2)
-    for i, (one, f) in enumerate(zip(found, at, strict=True)):
-        line, colour, marker, style = one.source_line, COLOURS[i], MARKERS[i], LINES[i]
+    seen: list[Any] = []
+    for i, f in there:
+        one, line, colour, style = found[i], found[i].source_line, COLOURS[i], LINES[i]
+        measured = line.pressure[:, f]
+        marker = "" if any(map(measured.equal, seen)) else MARKERS[i]  # of another method
+        seen.append(measured)
         draw_levels(axes[0, 0], line, one, colour, marker, f, style)
         places, fitted = one.fitted_along()
         draw_phases(axes[0, 1], places.numpy(), fitted[:, f].numpy(), style, color=colour)
-        draw_phases(axes[0, 1], line.x.numpy(), line.pressure[:, f].numpy(), "none", color=colour,
+        draw_phases(axes[0, 1], line.x.numpy(), measured.numpy(), "none", color=colour,
                     marker=marker, markerfacecolor="none")  # fmt: skip
-        entry(axes[0, 0], labels[i], marker, color=colour, markerfacecolor="none")
-    entry(axes[0, 0], "fitted")
+        entry(axes[0, 0], labels[i], color=colour, linestyle=style)
+    entry(axes[0, 0], "measured", "o", markerfacecolor="none")
     label_axes(axes[0, 0], "$x$ (mm)", "SPL (dB re 20 µPa)")
     label_axes(axes[0, 1], "$x$ (mm)", "phase (degrees)")
     return finish(figure, None, legend=3)
@@ -159,12 +170,14 @@ def draw_spectra(
 
 @styled
 def draw_impedances(
-    found: Sequence[Educed], at: Sequence[int], labels: Sequence[str],
+    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str],
     known: Mapping[str, complex],
 ) -> Figure:  # fmt: skip
-    """Z of eductions in its plane, each with its draws or its interval, and what is known of it."""
+    """Z of eductions in its plane, each with its draws or its interval, and what is known of it;
+    arguments as of ``draw_along``."""
     figure, axes = subplots(1, 1, 3.4)
-    for i, (one, f) in enumerate(zip(found, at, strict=True)):
+    for i, f in there:
+        one = found[i]
         draw_cloud(axes[0, 0], one, COLOURS[i], MARKERS[i], labels[i], f)
         if one.draws is None and one.covariance is not None:
             z, low, high = (complex(end[f]) for end in (one.impedance, *one.interval(LEVEL)))
@@ -180,17 +193,21 @@ def draw_impedances(
 
 @styled
 def draw_waves(
-    found: Sequence[WallEduction], at: Sequence[int], labels: Sequence[str],
+    found: Sequence[Any], there: Sequence[tuple[int, int]], labels: Sequence[str],
     rigid: Sequence[float],
 ) -> Figure:  # fmt: skip
-    """Wavenumbers in their plane: filled, the wave whose impedance is given, and its draws; open,
-    the others; ticks on the axis, the plane waves of the rigid duct."""
+    """Wavenumbers of eductions by waves in their plane: filled, the wave whose impedance is given,
+    and its draws; open, the others; ticks on the axis, the plane waves of the rigid duct.
+
+    Arguments as of ``draw_along``; ``rigid`` in 1/m.
+    """
     figure, axes = subplots(1, 1, 3.4)
     axis, seen = axes[0, 0], [complex(value) for value in rigid]
     axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
     axis.plot(rigid, np.zeros(len(rigid)), "|", color="k", markersize=9, markeredgewidth=1.4,
               linestyle="none", label="rigid duct")  # fmt: skip
-    for i, (one, f) in enumerate(zip(found, at, strict=True)):
+    for i, f in there:
+        one = found[i]
         modes, kept = one.modes[:, f].numpy(), complex(one.wavenumber[f])
         if one.draws is not None:
             drawn = one.draws.wavenumber[:, f].numpy()

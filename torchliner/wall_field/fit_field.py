@@ -34,9 +34,9 @@ from torchliner.signals.microphone_errors import (
     draw_pressures,
     require_draws,
 )
+from torchliner.version import __version__
 from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
-from torchliner.version import __version__
 from torchliner.wall_field.model import FieldModel, coordinates, impedance_at, impedance_covariance
 
 SAME = 1e-6  # relative, of what line and case both state

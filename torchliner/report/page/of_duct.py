@@ -39,8 +39,8 @@ from torchliner.report.wall_pressure import draw_phases
 MOST_DRAWN = 6  # frequencies along the wall
 FREQUENCY, MESH = "frequency (Hz)", "mesh difference (dB)"
 PLANE_MODE = {  # key of a row: heading and format on the page
-    FREQUENCY: ("f (Hz)", ".1f"), "reflection": ("|reflection|", ".4f"),
-    "transmission": ("|transmission|", ".4f"), "transmission loss (dB)": ("loss (dB)", ".2f"),
+    FREQUENCY: ("f (Hz)", ".1f"), "reflection": ("|R|", ".4f"), "transmission": ("|T|", ".4f"),
+    "transmission loss (dB)": ("loss (dB)", ".2f"),
     "energy out": ("energy out", ".4f"), "energy absorbed": ("absorbed", ".4f"),
     "energy missing": ("missing", ".2g"), "growth over the liner (dB)": ("growth (dB)", ".3g"),
     MESH: ("finer mesh (dB)", ".2g"),
@@ -90,21 +90,19 @@ def _walls(line: MicrophoneLine, index: int) -> list[str]:
 
 
 def _sentence(line: MicrophoneLine, rows: Any) -> str:
-    """Loss of the plane wave, and what a finer mesh makes of it, at the worst of the latter."""
+    """Loss of the plane wave where a finer mesh moves it most; the first where none was solved."""
     first = max(range(len(rows)), key=lambda i: rows[i].get(MESH) or 0.0)
     row, walls = rows[first], _walls(line, first)
     wall = f" lined with Z = {' and '.join(walls)} in units of ρc" if walls else ""
     lead = f"At {row[FREQUENCY]:g} Hz"
     if len(rows) > 1:
         lead += f", one of {len(rows)} frequencies from {rows[0][FREQUENCY]:g} to "
-        lead += f"{rows[-1][FREQUENCY]:g} Hz, the one with the largest error of the mesh,"
+        lead += f"{rows[-1][FREQUENCY]:g} Hz,"
     moved = row.get(MESH)
     check = "no second mesh was solved"
     if moved is not None:
         within = "within" if moved <= SETTLED else "above"
-        check = (
-            f"a finer mesh moves the answer by {moved:.2g} dB, {within} the {SETTLED:g} dB asked"
-        )
+        check = f"a finer mesh moves it by {moved:.2g} dB, {within} the {SETTLED:g} dB asked for"
     return typeset(
         f"{lead} the duct{wall} takes {row['transmission loss (dB)']:.2f} dB from the plane wave "
         f"of a source {line.source_side}; {check}."
@@ -114,12 +112,12 @@ def _sentence(line: MicrophoneLine, rows: Any) -> str:
 def _answers(rows: Any) -> list[Block]:
     """A row a frequency."""
     caption = (
-        "Plane-like mode sent back and let through, as wall pressures at its ends; energy in "
-        "shares of that coming in; growth of a hydrodynamic wave over the liner; by how much a "
+        "Plane-like mode sent back, R, and let through, T, as wall pressures at its ends; energy "
+        "in shares of that coming in; growth of a hydrodynamic wave over the liner; by how much a "
         "finer mesh moves transmission and levels."
     )
-    shown_keys = [key for key in PLANE_MODE if any(key in row for row in rows)]
-    others = [key for key in rows[0] if key not in PLANE_MODE]
+    shown_keys = [key for key in PLANE_MODE if any(row.get(key) for row in rows)]
+    others = [key for key in rows[0] if key not in shown_keys]
     columns = [Column(key, heading=PLANE_MODE[key][0], text=PLANE_MODE[key][1])
                for key in shown_keys]  # fmt: skip
     return [Grid("answer-table", caption, Table(rows, [*columns, *map(Column, others)]))]
@@ -130,10 +128,10 @@ def _asked(line: MicrophoneLine, solved: Mapping[str, Any]) -> list[Block]:
     walls = [
         {FREQUENCY: frequency, "patch": patch, "impedance": text}
         for i, frequency in enumerate(line.frequency.tolist())
-        for patch, text in enumerate(_walls(line, i))
+        for patch, text in enumerate(_walls(line, i), 1)
     ]
     columns = [Column(FREQUENCY, heading="f (Hz)", text=".1f"), Column("patch", heading="patch"),
-               Column("impedance", heading="Z")]  # fmt: skip
+               Column("impedance", heading="Z", text=str)]  # fmt: skip
     keys = [
         {"table": table, "key": key, "value": _words(value)}
         for table, inner in solved.items() if isinstance(inner, Mapping)
@@ -141,8 +139,8 @@ def _asked(line: MicrophoneLine, solved: Mapping[str, Any]) -> list[Block]:
     ]  # fmt: skip
     blocks: list[Block] = [
         Facts([(key, shown(text)) for key, text in solved.items() if isinstance(text, str) and text]
-              + [("microphones", f"{line.microphones} on the {line.provenance.get('wall')} wall")]),
-        Grid("duct", "The duct's file, with what was changed.",
+              + [("pressures", f"at {line.microphones} places on the {line.provenance.get('wall')} wall")]),
+        Grid("duct", "The duct, by the keys of its file.",
              Table(keys, [Column(name, heading=name) for name in ("table", "key", "value")])),
     ]  # fmt: skip
     if walls:

@@ -10,9 +10,9 @@ from typing import Any
 from torchliner.io.whole_file import writable
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.page.asked import _words
-from torchliner.report.page.blocks import Block, Folded, Grid, Section, Text, shown, typeset
+from torchliner.report.page.blocks import Block, Facts, Folded, Grid, Section, Text, shown, typeset
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
-from torchliner.report.page.compared import VERDICTS, _off, _outside
+from torchliner.report.page.compared import _off, _outside
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import _stated, citation, files_of, hashed_then, versions
 from torchliner.report.page.render import ENDING, Page, require_report
@@ -23,12 +23,18 @@ from torchliner.report.table import Column, Table, format_bounds, format_complex
 from torchliner.report.wall_table import COLUMNS, FIELD, LEVEL, WAVES, Educed
 
 SHOWN = {WallEduction: WAVES, FieldFit: FIELD}
+IN_CSV = {
+    "deviation",
+    "energy",
+    "rise along x",
+    "singular values",
+}  # headings that a page is too narrow for
+DIFFER = {True: "yes", False: "not shown", None: ""}
 ELSEWHERE = ("command", "inputs", "version")  # choices that stand under provenance
 LINE_COLUMNS = (
     Column("label", heading="eduction"), Column("name", heading="line"),
     Column("microphones", heading="microphones", text="d"),
-    Column("from (m)", heading="from (mm)", text=".4g", scale=1e3),
-    Column("to (m)", heading="to (mm)", text=".4g", scale=1e3),
+    Column("from (m)"), Column("to (m)"), Column("", "places", "x (mm)", str),
     Column("height (m)", heading="H (mm)", text=".4g", scale=1e3),
     Column("mach", heading="M", text=".3g"), Column("source", heading="source"),
     Column("sound speed (m/s)", heading="c (m/s)", text=".5g"),
@@ -54,7 +60,7 @@ def page_of_wall(found: tuple[Educed, ...], path: Path | None = None) -> Page:
         Section("frequencies", "Spectrum", spectrum(subject)),
         Section("along", "Along the wall", along_wall(subject)),
         Section("planes", "Complex planes", in_planes(subject)),
-        Section("bars", "Error bars", [Text(_error_bars(subject))]),
+        Section("bars", "Error bars", _error_bars(subject)),
         Section("comparison", "Comparison", _compared(subject)),
         Section("origin", "Inputs and provenance", _origin(subject)),
         Section("cite", "Citation", citation()),
@@ -84,10 +90,11 @@ def _sentence(subject: WallSubject) -> str:
         if bounds:
             interval = f"{100 * LEVEL:g} % statistical interval: {format_bounds(bounds)}"
         parts.append(f"Z = {format_complex(row['impedance'])} ({label}; {interval})")
-    method = ", ".join(dict.fromkeys(one.method for one in subject.found))
-    text = f"{lead} {method} gives {' and '.join(parts)} in units of ρc"
+    methods = {one.method for one in subject.found}
+    gives = "the methods give" if len(methods) > 1 else f"{methods.pop()} gives"
+    text = f"{lead} {gives}, in units of ρc, {'; '.join(parts)}"
     if len(parts) == len(values) == 2:
-        text += f"; the two are {100 * _apart(*values):.3g} % apart"
+        text += f": the two are {100 * _apart(*values):.3g} % apart"
     return typeset(f"{text}.")
 
 
@@ -101,13 +108,11 @@ def _answers(subject: WallSubject) -> list[Block]:
     kinds = dict.fromkeys(SHOWN[type(one)] for one in subject.found)
     common = set.intersection(*({c.heading for c in columns} for columns in kinds))
     rows = [row for rows in subject.rows for row in rows]
-    rising = any(one.choices.get("variation") == "linear" for one in subject.found)
-    columns = [c for c in next(iter(kinds)) if c.heading in common and (
-        rising or c.of not in ("rise", "rise_error"))]  # fmt: skip
+    columns = [c for c in next(iter(kinds)) if c.heading in common - IN_CSV]
     caption = (
-        "Z = p/(ρc v) with exp(jωt − jαx), x along the flow. Energy: of the wave over the "
-        "strongest's. Residual: rms of what is left over that of the pressures. Over errors: "
-        "residuals over the stated errors of the microphones, 1 if the duct is right."
+        "Z = p/(ρc v) with exp(jωt − jαx), x along the flow. Residual: rms of what is left over "
+        "that of the pressures. Over errors: residuals over the stated errors of the microphones, "
+        "1 if the duct is right. Deviations, energies and singular values are in the CSV."
     )
     own = [Column("", "label", "eduction"), *columns]
     return [Grid("answer-table", caption, Table(rows, [*COLUMNS, *own], ".9g"))]
@@ -118,6 +123,7 @@ def _asked(subject: WallSubject) -> list[Block]:
     lines = [
         {"label": label, "name": shown(line.name), "microphones": line.microphones,
          "from (m)": float(line.x[0]), "to (m)": float(line.x[-1]),
+         "places": f"{1e3 * float(line.x[0]):.4g} to {1e3 * float(line.x[-1]):.4g}",
          "height (m)": float(line.duct_height), "mach": float(one.choices.get("mach", line.mach)),
          "source": one.source_side, "sound speed (m/s)": float(line.fluid.sound_speed)}
         for label, line, one in zip(subject.labels, subject.lines, subject.found, strict=True)
@@ -128,35 +134,36 @@ def _asked(subject: WallSubject) -> list[Block]:
                            for i, one in enumerate(subject.found)}
         for key in keys
     ]  # fmt: skip
-    columns = [Column("choice", heading="choice"),
-               *(Column(label, str(i), label) for i, label in enumerate(subject.labels))]  # fmt: skip
+    columns = [Column("choice", heading="choice")]
+    columns += [Column(label, str(i), label) for i, label in enumerate(subject.labels)]
     return [
         Grid("lines", "The microphones that were used.", Table(lines, LINE_COLUMNS, ".9g")),
         Grid("choices", "Every choice behind the result.", Table(rows, columns)),
     ]
 
 
-def _error_bars(subject: WallSubject) -> str:
+def _error_bars(subject: WallSubject) -> list[Block]:
     """Where the intervals come from."""
     texts = []
     for one, label in zip(subject.found, subject.labels, strict=True):
         if one.draws is not None:
-            level, phase = (one.choices.get(f"{key}_error") for key in ("level", "phase"))
-            text = (f"{len(one.draws.impedance)} draws of the microphones' errors, {level:g} dB "
-                    f"and {phase:g} degrees" if level is not None and phase is not None
-                    else f"{len(one.draws.impedance)} draws of the microphones' errors")  # fmt: skip
+            level, phase = (one.choices.get(f"{key}_error", "?") for key in ("level", "phase"))
+            text = (
+                f"{len(one.draws.impedance)} draws of the microphones' errors, {level} dB and "
+                f"{phase} degrees"
+            )
         elif one.covariance is None:
             text = "no interval, since the waves leave no degree of freedom"
         elif one.freedom is None:
             text = "the microphones' stated errors, to first order"
         else:
             text = f"what the waves leave, {one.freedom} degrees of freedom, to first order"
-        texts.append(f"{label}: {text}")
-    return (
-        f"{100 * LEVEL:g} % intervals of R and of X, by {'; '.join(texts)}. They say nothing of a "
-        "wrong model: of waves that a method leaves out, of the flow's profile, of the duct's "
-        "height."
+        texts.append((label, text))
+    words = (
+        f"What the {100 * LEVEL:g} % intervals of R and of X rest on. They say nothing of a wrong "
+        "model: of waves that a method leaves out, of the flow's profile, of the duct's height."
     )
+    return [Text(words), Facts(texts)]
 
 
 def _compared(subject: WallSubject) -> list[Block]:
@@ -174,10 +181,9 @@ def _compared(subject: WallSubject) -> list[Block]:
         return [Text("One eduction, and nothing is known of the case from elsewhere.")]
     columns = [
         FREQUENCY, Column("between", heading="difference"),
-        Column("", "other", "the second", format_complex),
         *impedance_columns("impedance", "{}", "+.3f"),
         Column("apart", heading="apart (%)", text=".3g", scale=100),
-        Column("verdict", heading="do they differ?"),
+        Column("verdict", heading="differ?"),
     ]  # fmt: skip
     caption = (
         "The first less the second; apart: modulus of the difference over the mean of the moduli. "
@@ -197,9 +203,11 @@ def _difference(
         bounds = _off((row["low"], row["high"]), value)
         if beside is not None:
             bounds = None if beside["low"] is None else _joint(row, beside)
-    verdict = VERDICTS[None if bounds is None else _outside(bounds)]
-    return {"frequency": frequency, "between": f"{row['label']} less {name}", "other": value,
-            **bounded(mine - value, bounds), "apart": _apart(mine, value), "verdict": verdict}  # fmt: skip
+    return {
+        "frequency": frequency, "between": f"{row['label']} less {name}",
+        **bounded(mine - value, bounds), "apart": _apart(mine, value),
+        "verdict": DIFFER[None if bounds is None else _outside(bounds)],
+    }  # fmt: skip
 
 
 def _joint(one: dict[str, Any], other: dict[str, Any]) -> tuple[complex, complex]:

@@ -63,11 +63,13 @@ def page_of(
         return page_of_map(subject_of(result, source, data, liner))
     make = PAGES.get(type(result))
     if make is None:
-        raise TypeError(f"{type(result).__name__} is no result that has a report; a map, a line or "
-                        "points are")  # fmt: skip
+        raise TypeError(
+            f"{type(result).__name__} is no result that has a report; a map, a line, points, "
+            "impedances from microphones and solved ducts are"
+        )
     if data is not None or liner is not None:
         raise ValueError(
-            f"data and liner are for the report of a map, not of {type(result).__name__}"
+            "data and liner are for the report of a map, and this result is none: leave them out"
         )
     return make(result, source)
 

@@ -90,8 +90,7 @@ def along_wall(subject: WallSubject) -> list[Block]:
         )
         if any(subject.found[i].draws is not None for i, _ in there):
             caption += " Shaded: range of the draws."
-        chosen = [subject.found[i] for i, _ in there]
-        drawn = draw_along(chosen, [f for _, f in there], [subject.drawable[i] for i, _ in there])
+        drawn = draw_along(subject.found, there, subject.drawable)
         blocks.append(Figure(f"along-wall-{number}", drawn, typeset(alt), caption,
                              Table(rows, ALONG, "")))  # fmt: skip
     if len(subject.drawn) < len(subject.common):
@@ -115,8 +114,7 @@ def _impedances(subject: WallSubject, number: int, frequency: float) -> list[Blo
     if not there:
         return []
     known = {k: v for i, f in there for k, v in subject.known(i, f).items()}
-    rows = [{"name": subject.labels[i], **{k: subject.rows[i][f][k] for k in
-                                           ("impedance", "low", "high")}} for i, f in there]  # fmt: skip
+    rows = [subject.rows[i][f] | {"name": subject.labels[i]} for i, f in there]
     rows += [{"name": name, "impedance": z, "low": None, "high": None} for name, z in known.items()]
     places = "; ".join(f"{row['name']} {format_complex(row['impedance'])}" for row in rows)
     alt = f"Impedances in the complex plane at {frequency:g} Hz: {places}."
@@ -125,11 +123,8 @@ def _impedances(subject: WallSubject, number: int, frequency: float) -> list[Blo
         "errors; crosses: 95 % statistical intervals where there are no draws; black: known from "
         "elsewhere."
     )
-    drawn = draw_impedances(
-        [subject.found[i] for i, _ in there], [f for _, f in there],
-        [subject.drawable[i] for i, _ in there],
-        {name.replace("$", r"\$"): z for name, z in known.items()},
-    )  # fmt: skip
+    escaped = {name.replace("$", r"\$"): z for name, z in known.items()}
+    drawn = draw_impedances(subject.found, there, subject.drawable, escaped)
     table = Table(rows, [Column("name"), *plain_columns("impedance* low* high*", None)])
     return [Figure(f"impedance-plane-{number}", drawn, typeset(alt), caption, table)]
 
@@ -156,8 +151,7 @@ def _waves(subject: WallSubject, number: int, frequency: float) -> list[Block]:
         "given, with its draws as dots; open, the other waves found; ticks, the plane waves of "
         "the rigid duct, k/(1 + M) and −k/(1 − M)."
     )
-    drawn = draw_waves([subject.found[i] for i, _ in there], [f for _, f in there],
-                       [subject.drawable[i] for i, _ in there], rigid)  # fmt: skip
+    drawn = draw_waves(subject.found, there, subject.drawable, rigid)
     table = Table(rows, list(map(Column, rows[0])))
     return [Figure(f"wavenumbers-{number}", drawn, typeset(alt), typeset(caption), table)]
 

@@ -79,9 +79,7 @@ class WallSubject:
         """The frequency at which the worst fitted is fitted best, Hz."""
 
         def residual(frequency: float) -> float:
-            left = [float(one.residual[f]) for one, f in zip(self.found, self.at(frequency),
-                                                             strict=True) if f is not None]  # fmt: skip
-            worst = max(left)
+            worst = max(float(self.found[i].residual[f]) for i, f in self.there(frequency))
             return worst if worst == worst else torch.inf
 
         return min(self.common, key=residual)
@@ -113,4 +111,4 @@ def _solved_wall(line: MicrophoneLine, f: int) -> dict[str, complex]:
     at = next((i for i, row in enumerate(rows) if row["frequency (Hz)"] == frequency), None)
     if at is None or at >= len(walls) or len(walls[at]) != 1 or walls[at][0] == "rigid":
         return {}
-    return {"wall of the solved duct": complex(*walls[at][0])}
+    return {"the solved wall": complex(*walls[at][0])}
