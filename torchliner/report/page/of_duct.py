@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from torchliner.file_checks import naming
 from torchliner.io.whole_file import writable
 from torchliner.lee.field import DuctField
 from torchliner.lee.settled import SETTLED, SettledField
@@ -57,7 +59,7 @@ def report_field(found: DuctField | SettledField, path: str | Path) -> None:
 
 
 def page_of_duct(line: MicrophoneLine, path: Path | None = None) -> Page:
-    """The whole page.
+    """The page of a solved duct.
 
     Raises:
         ValueError: microphones that were measured: no result, but what one is educed from.
@@ -69,6 +71,17 @@ def page_of_duct(line: MicrophoneLine, path: Path | None = None) -> Page:
             "what torchliner kt LINE -o FILE.h5 writes, or the duct that torchliner duct solve "
             "DUCT -o FILE.h5 writes"
         )
+    if len(rows) != len(line.frequency):
+        raise ValueError(
+            f"{line.name}: attribute 'provenance' has {len(rows)} rows of the plane mode for "
+            f"{len(line.frequency)} frequencies; solve the duct again"
+        )
+    with naming(line.name) if path else nullcontext():  # what a file says of itself may be damaged
+        return _page(line, solved, rows, path)
+
+
+def _page(line: MicrophoneLine, solved: Any, rows: Any, path: Path | None) -> Page:
+    """The whole page of what is a solved duct."""
     sections = [
         Section("answers", "Answer", _answers(rows)),
         Section("warnings", "Warnings", warnings_of(line.notes)),
@@ -90,7 +103,7 @@ def _walls(line: MicrophoneLine, index: int) -> list[str]:
 
 
 def _sentence(line: MicrophoneLine, rows: Any) -> str:
-    """Loss of the plane wave where a finer mesh moves it most; the first where none was solved."""
+    """Loss of the plane wave, where a finer mesh moves it most if one was solved."""
     first = max(range(len(rows)), key=lambda i: rows[i].get(MESH) or 0.0)
     row, walls = rows[first], _walls(line, first)
     wall = f" lined with Z = {' and '.join(walls)} in units of ρc" if walls else ""
@@ -137,11 +150,12 @@ def _asked(line: MicrophoneLine, solved: Mapping[str, Any]) -> list[Block]:
         for table, inner in solved.items() if isinstance(inner, Mapping)
         for key, value in inner.items() if value is not None
     ]  # fmt: skip
+    facts = [(key, shown(text)) for key, text in solved.items() if isinstance(text, str) and text]
+    wall = shown(line.provenance.get("wall", ""))
+    facts.append(("pressures", f"at {line.microphones} places on the {wall} wall"))
+    columns_ = [Column(name, heading=name) for name in ("table", "key", "value")]
     blocks: list[Block] = [
-        Facts([(key, shown(text)) for key, text in solved.items() if isinstance(text, str) and text]
-              + [("pressures", f"at {line.microphones} places on the {line.provenance.get('wall')} wall")]),
-        Grid("duct", "The duct, by the keys of its file.",
-             Table(keys, [Column(name, heading=name) for name in ("table", "key", "value")])),
+        Facts(facts), Grid("duct", "The duct, by the keys of its file.", Table(keys, columns_)),
     ]  # fmt: skip
     if walls:
         return [Grid("walls", "Impedance asked, normalised by ρc.", Table(walls, columns)), *blocks]

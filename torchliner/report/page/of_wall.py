@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from torchliner.file_checks import naming
 from torchliner.io.whole_file import writable
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.page.asked import _words
@@ -49,6 +51,12 @@ def report_wall(found: WallEduction | FieldFit, path: str | Path, *others: Educe
 
 
 def page_of_wall(found: tuple[Educed, ...], path: Path | None = None) -> Page:
+    """The page of eductions, of a file or in memory."""
+    with naming(path) if path else nullcontext():  # what a file says of itself may be damaged
+        return _page(found, path)
+
+
+def _page(found: tuple[Educed, ...], path: Path | None) -> Page:
     """The whole page."""
     subject = WallSubject(found, path)
     notes = [note for one, line in zip(found, subject.lines, strict=True)
