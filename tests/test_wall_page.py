@@ -104,7 +104,8 @@ def test_a_file_keeps_an_eduction_whole(tmp_path):
     wave = lost.wavenumber.clone()
     wave[1] = complex(math.nan, math.nan)
     found = [dataclasses.replace(lost, wavenumber=wave), tl.two_wave_fit(line, weights="relative"),
-             tl.two_wave_fit(line, tied=False), field_fit(line)]  # fmt: skip
+             tl.two_wave_fit(line, tied=False),
+             field_fit(dataclasses.replace(line, title=""))]  # fmt: skip
     found[0].write(tmp_path / "found.nc", *found[1:])
     again = tl.read_wall(tmp_path / "found.nc")
     assert len(again) == 4
@@ -331,6 +332,8 @@ def test_truncated_files_and_microphones_are_refused(capsys, files, tmp_path):
     path.write_bytes(whole[: len(whole) // 2])
     out = ("-o", tmp_path / "page.html")
     assert "half.h5 is truncated" in refused(capsys, path, *out)
+    with pytest.raises(ValueError, match="is no set of impedances educed from microphones"):
+        tl.read_wall(files / "upstream.h5")
     err = refused(capsys, files / "upstream.h5", *out)
     assert "holds microphones, from which an impedance is yet to be educed" in err
     assert "--liner is" not in refused(capsys, files / "found.h5", *out, "--liner", "onera")
@@ -426,8 +429,14 @@ def test_damaged_ducts_are_refused(capsys, duct, tmp_path, change, words):
     assert words in refused(capsys, path, "-o", tmp_path / "page.html")
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
-@pytest.mark.parametrize("kind", ["wall", "duct"])
+@pytest.mark.parametrize(
+    ("kind", "width", "scheme"),
+    [
+        ("wall", 390, "light"), ("duct", 1280, "dark"),
+        pytest.param("wall", 1280, "dark", marks=pytest.mark.slow),
+        pytest.param("duct", 390, "light", marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
 def test_in_a_browser(browser, files, duct, kind, width, scheme):  # noqa: F811
     """No error, no request, no overflow, no violation by axe."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
