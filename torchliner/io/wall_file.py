@@ -13,8 +13,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import h5py
+import torch
 
-from torchliner.io.hdf5 import get_group, is_there, open_file, read_attribute, write_index
+from torchliner.io.hdf5 import (
+    get_group,
+    is_there,
+    open_file,
+    place,
+    read_attribute,
+    write_index,
+)
 from torchliner.io.microphone_file import FREQUENCY, fill_microphones, microphones_of
 from torchliner.io.result_file import Sizes
 from torchliner.io.tables import (
@@ -63,6 +71,7 @@ TEXTS = {
     "deviation": "standard deviation of the {part}, of the draws or to first order",
 }  # fmt: skip
 COVARIANCE = real("covariance", "1", (*EACH, *PARTS), optional=True)
+COUNTS = numbers({"rank": "1", "order": "1", "freedom": "1"})
 WAVES = described((
     cartesian("wavenumber", "wavenumber", EACH, unit="1/m"),
     impedance("impedance", "", EACH),
@@ -73,7 +82,7 @@ WAVES = described((
     real("energy_share", "1", EACH, derived=True),
     real("singular_values", "Pa", ("draws", "singular_value", "frequency"), optional=True),
     COVARIANCE,
-    *numbers({"rank": "1", "order": "1", "freedom": "1"}),
+    *COUNTS,
 ), TEXTS)  # fmt: skip
 FIELD = described((
     impedance("impedance", "", EACH),
@@ -94,7 +103,6 @@ INTERVAL = described(
     [impedance(name, f"{{}}_{name}", ("frequency",)) for name in ("low", "high", "deviation")],
     TEXTS,
 )
-WHOLE = ("rank", "order", "freedom")
 
 
 @dataclass(frozen=True)
@@ -103,15 +111,21 @@ class Kept:
 
     Args:
         kind: attributes.  table: variables, those of the draws too.
+        unbounded: fields that may be infinite; nan may stand anywhere, where nothing was found.
     """
 
     kind: FileKind
     table: Table
+    unbounded: tuple[str, ...] = ()
 
 
 KEPT: dict[type[Educed], Kept] = {
     WallEduction: Kept(FileKind("torchliner waves 1", "eduction by waves", HEAD), WAVES),
-    FieldFit: Kept(FileKind("torchliner field fit 1", "fit of the field", HEAD), FIELD),
+    FieldFit: Kept(
+        FileKind("torchliner field fit 1", "fit of the field", HEAD),
+        FIELD,
+        ("covariance", "rise_error"),
+    ),
 }
 
 
@@ -189,15 +203,27 @@ def _read(group: h5py.Group, path: Path) -> Educed:
     draws: Any = None
     if is_there(group, "draws", path):
         inner = get_group(group, "draws", path)
-        draws = record(**about, **_fields(inner, line, kept.table, path, {}))
-    fields = _fields(group, line, kept.table, path, {"draws": ()})
-    return record(**about, **fields, draws=draws)
+        draws = record(**about, **_fields(inner, line, kept, path, {}))
+    return record(**about, **_fields(group, line, kept, path, {"draws": ()}), draws=draws)
 
 
 def _fields(
-    group: h5py.Group, line: MicrophoneLine, table: Table, path: Path, sizes: Sizes
+    group: h5py.Group, line: MicrophoneLine, kept: Kept, path: Path, sizes: Sizes
 ) -> dict[str, Any]:
-    """Variables of a table, at the frequencies and microphones of the line."""
+    """Variables of a table, at the frequencies and microphones of the line.
+
+    Raises:
+        ValueError: as ``read_variables``; an infinite value where none can be.
+    """
     sizes |= {"frequency": tuple(line.frequency.shape), "microphone": tuple(line.x.shape)}
-    found = read_variables(group, (*FREQUENCY, *table), path, sizes=sizes)
-    return {"covariance": None} | {k: int(v) if k in WHOLE else v for k, v in found.items()}
+    sizes |= dict.fromkeys(PARTS, (2,))
+    whole = read_variables(group, COUNTS, path)
+    if "order" in whole:
+        sizes["singular_value"] = (int(whole["order"]),)
+    found = read_variables(group, (*FREQUENCY, *kept.table), path, sizes=sizes)
+    for row in kept.table:
+        value = torch.as_tensor(found.get(row.field, 0.0))
+        if row.field not in kept.unbounded and bool(torch.isinf(value).any()):
+            raise ValueError(f"{place(group, row.names[0], path)} or its other part is infinite; "
+                             "restore the file")  # fmt: skip
+    return {"covariance": None} | found | {key: int(value) for key, value in whole.items()}

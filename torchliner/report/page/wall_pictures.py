@@ -118,11 +118,13 @@ def _impedances(subject: WallSubject, number: int, frequency: float) -> list[Blo
     rows += [{"name": name, "impedance": z, "low": None, "high": None} for name, z in known.items()]
     places = "; ".join(f"{row['name']} {format_complex(row['impedance'])}" for row in rows)
     alt = f"Impedances in the complex plane at {frequency:g} Hz: {places}."
-    caption = (
-        f"Z over ρc in the complex plane at {frequency:g} Hz. Dots: draws of the microphones' "
-        "errors; crosses: 95 % statistical intervals where there are no draws; black: known from "
-        "elsewhere."
-    )
+    drawn_too = any(subject.found[i].draws is not None for i, _ in there)
+    caption = f"Z over ρc in the complex plane at {frequency:g} Hz."
+    caption += " Dots: draws of the microphones' errors." if drawn_too else ""
+    if any(subject.found[i].draws is None and row["low"] is not None
+           for (i, _), row in zip(there, rows, strict=False)):  # fmt: skip
+        caption += " Crosses: 95 % statistical intervals."
+    caption += " Without colour: known from elsewhere." if known else ""
     escaped = {name.replace("$", r"\$"): z for name, z in known.items()}
     drawn = draw_impedances(subject.found, there, subject.drawable, escaped)
     table = Table(rows, [Column("name"), *plain_columns("impedance* low* high*", None)])
