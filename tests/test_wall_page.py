@@ -244,6 +244,7 @@ def test_inputs_that_changed_are_told(tmp_path):
     assert facts.pairs[0][1].endswith(f"now: {hashlib.sha256(b'other').hexdigest()}")
     assert code.text == "torchliner kt"
     assert "of then was not kept" in hashed_then({str(path): ""}, [])[0].pairs[0][1]
+    assert len(hashed_then({}, [])) == 1
 
 
 def test_a_result_without_optional_parts(tmp_path):
@@ -271,6 +272,14 @@ def test_methods_beside_each_other(tmp_path):
     rows = page.csv("answer-table")
     assert [row["method"] for row in rows] == ["Kumaresan-Tufts", "LEE fit"]
     assert rows[0]["wavenumber_real"] != "nan" == rows[1]["wavenumber_real"]
+    line, nowhere = noisy("downstream"), complex(math.nan, math.nan)
+    beside = tl.kumaresan_tufts(line)
+    best = int(beside.residual.argmin())
+    assert WallSubject([beside]).main == float(FREQUENCY[best])
+    lost = dataclasses.replace(beside, impedance=beside.impedance.index_fill(
+        0, torch.tensor(best), nowhere))  # fmt: skip
+    assert WallSubject([lost]).main != float(FREQUENCY[best])
+    assert WallSubject([beside, found[1]]).labels == ["Kumaresan-Tufts", "LEE fit"]
     alike = WallSubject([found[0], found[0]])
     assert alike.labels == [f"upstream case, source upstream, Kumaresan-Tufts, {i}"
                             for i in (1, 2)]  # fmt: skip

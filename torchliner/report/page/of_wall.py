@@ -98,7 +98,7 @@ def _sentence(subject: WallSubject) -> str:
         if bounds:
             interval = f"{100 * LEVEL:g} % statistical interval: {format_bounds(bounds)}"
         parts.append(f"Z = {format_complex(row['impedance'])} ({label}; {interval})")
-    methods = {one.method for one in subject.found}
+    methods = {shown(one.method) for one in subject.found}
     gives = "the methods give" if len(methods) > 1 else f"{methods.pop()} gives"
     text = f"{lead} {gives}, in units of ρc, {'; '.join(parts)}"
     if len(parts) == len(values) == 2:

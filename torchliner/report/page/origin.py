@@ -78,10 +78,11 @@ def hashed_then(inputs: Mapping[str, str], commands: Sequence[str]) -> list[Bloc
             state = "the same now" if now == then else f"now: {now}"
             words = f"SHA-256 when it was read: {then}; {state}"
         facts.append((shown(name), words))
+    blocks: list[Block] = [Facts(facts)] if facts else []
     typed = [command for command in dict.fromkeys(commands) if command]
     if not typed:
-        return [Facts(facts), Text("Done in Python: no command is kept, the choices are above.")]
-    return [Facts(facts), *(Code("command", shown(command)) for command in typed)]
+        return [*blocks, Text("Done in Python: no command is kept, the choices are above.")]
+    return [*blocks, *(Code("command", shown(command)) for command in typed)]
 
 
 def source_of(result: Any) -> Path | None:

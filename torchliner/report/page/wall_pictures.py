@@ -145,7 +145,8 @@ def _waves(subject: WallSubject, number: int, frequency: float) -> list[Block]:
             rows.append({"eduction": subject.labels[i], "real (1/m)": alpha.real,
                          "imaginary (1/m)": alpha.imag, "energy": energy,
                          "kept": int(alpha == kept)})  # fmt: skip
-        words.append(f"{subject.labels[i]} {format_complex(kept)} per metre")
+        here = f"{format_complex(kept)} per metre" if cmath.isfinite(kept) else "no wave"
+        words.append(f"{subject.labels[i]} {here}")
     rigid = _rigid(subject, [i for i, _ in there], frequency)
     alt = f"Wavenumbers in the complex plane at {frequency:g} Hz: {'; '.join(words)}."
     caption = (

@@ -38,12 +38,19 @@ class WallSubject:
 
     @functools.cached_property
     def labels(self) -> list[str]:
-        """As few words as tell the eductions apart: side of the source, title, method."""
+        """As few words as tell the eductions apart, the method among them if there are several."""
         parts = [
-            (f"source {one.source_side}", shown(line.title or Path(line.name).stem), one.method)
+            (
+                f"source {one.source_side}",
+                shown(line.title or Path(line.name).stem),
+                shown(one.method),
+            )
             for one, line in zip(self.found, self.lines, strict=True)
         ]
+        several = len({one.method for one in self.found}) > 1
         for chosen in LABELS:
+            if several and 2 not in chosen:
+                continue
             texts = [", ".join(each[i] for i in chosen) for each in parts]
             if len(set(texts)) == len(texts):
                 return texts
@@ -76,10 +83,14 @@ class WallSubject:
 
     @functools.cached_property
     def main(self) -> float:
-        """The frequency at which the worst fitted is fitted best, Hz."""
+        """The frequency, of those where all have an impedance, at which the worst fitted is fitted
+        best, Hz."""
 
         def residual(frequency: float) -> float:
-            worst = max(float(self.found[i].residual[f]) for i, f in self.there(frequency))
+            there = [(self.found[i], f) for i, f in self.there(frequency)]
+            if not all(bool(torch.isfinite(one.impedance[f])) for one, f in there):
+                return torch.inf
+            worst = max(float(one.residual[f]) for one, f in there)
             return worst if worst == worst else torch.inf
 
         return min(self.common, key=residual)
