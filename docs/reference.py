@@ -34,7 +34,7 @@ GROUPS: dict[str, tuple[str, str]] = {
         "In situ pressures, and microphones along the wall.",
         "PressureRecord read_pressure in_situ decompose_waves PointImpedances read_points "
         "MicrophoneLine read_microphones WallEduction kumaresan_tufts two_wave_fit sort_waves "
-        "fit_field",
+        "fit_field FieldFit read_wall",
     ),
     "Duct": (
         "Sound in a lined duct with flow: dispersion relation, modes, linearised Euler equations.",

@@ -70,15 +70,18 @@ def imported(path, names):
     return found
 
 
-@pytest.mark.parametrize("way", ["write", "plot"])
+@pytest.mark.parametrize("way", ["write", "plot", "report"])
 def test_every_outlet_leads_somewhere(way):
     """Each row of the one table of ways up names a public record, and a function that takes it."""
     from torchliner import records
-    from torchliner.records.outlets import OUTLETS, Drawn, Written, outlet
+    from torchliner.lee import field, settled
+    from torchliner.records.outlets import OUTLETS, Drawn, Reported, Written, outlet
 
+    known = {name: each for room in (field, settled, records) for name, each in vars(room).items()}
     for kind, ways in OUTLETS.items():
-        record = getattr(records, kind)
-        assert issubclass(record, Drawn if "plot" in ways else Written)
+        record = known[kind]
+        wanted = Drawn if "plot" in ways else Written if "write" in ways else Reported
+        assert issubclass(record, wanted)
         assert hasattr(record, way) == (way in ways)
         if way in ways:
             first = next(iter(inspect.signature(outlet(record, way)).parameters.values()))

@@ -146,6 +146,10 @@ def python_record(kind: str, path: Path):
         bursts = [station(seed, seconds=0.2) for seed in range(2)]
         tl.educe_bursts(bursts, tl.load_liner("onera"), segment=0.04, monte_carlo=100).write(path)
         return tl.read_line, path
+    if kind == "read_wall":
+        line = line_of(both_ways("upstream")[0], "upstream", title="fuzz")
+        tl.kumaresan_tufts(line, draws=2).write(path, tl.two_wave_fit(line))
+        return tl.read_wall, path
     tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), [1400.0]).write(path)
     return tl.read_points, path
 
@@ -155,7 +159,7 @@ NAMES = [
     ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
     ".toml liner layers",
     ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident",
-    ".h5 read_map", ".h5 read_line", ".h5 read_points",
+    ".h5 read_map", ".h5 read_line", ".h5 read_points", ".h5 read_wall",
 ]  # fmt: skip
 HEAVY = {".h5 truth": 0.2}  # of the usual share
 SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))

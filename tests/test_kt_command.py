@@ -206,7 +206,7 @@ def test_fit_of_the_field_refuses(solved_files, capsys, arguments, match):
         (["nothing.h5"], "no such file"),
         (["{}", "--far-end", "stated"], "--far-end is no option of --method kt"),
         (["{}", "-o", "{}"], "is an input"),
-        (["{}", "-o", "rows.h5"], "must be one of .csv"),
+        (["{}", "-o", "rows.txt"], "must be one of .csv, .h5, .hdf5, .nc"),
         (["{}", "--figure", "no/a.png"], "the folder no does not exist"),
         (["{}", "--frequency", "700"], "has no 700 Hz; it holds 3 from 600 to 1500 Hz"),
         (["{}", "--order", "7"], "12 microphones are fewer than twice the order, 7"),

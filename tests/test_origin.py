@@ -29,7 +29,7 @@ from torchliner.records.origin import (
     standing,
     with_whole_hashes,
 )
-from torchliner.report.page.origin import _stated, files_of
+from torchliner.report.page.origin import files_of, stated_origin
 from torchliner.report.page.origin import origin as section
 from torchliner.report.page.subject import inputs_of, subject_of
 from torchliner.report.page.warned import of_map
@@ -179,7 +179,7 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     assert held(again) == [("moments", "m.h5")]
     known = [(each["what"], each["name"]) for each in inputs_of(again)]
     assert known == [("moments", "m.h5"), ("velocity", "p0.h5"), ("velocity", "p1.h5")]
-    assert not any(key == "inputs" for key, _ in _stated(again.choices["data"]).pairs)
+    assert not any(key == "inputs" for key, _ in stated_origin(again.choices["data"]).pairs)
     (kept,) = again.choices["inputs"]
     again = with_whole_hashes(again)
     assert again.choices["inputs"] == [kept]  # small: it was whole before
@@ -252,7 +252,7 @@ def test_a_line_holds_its_bursts(capsys, files):
     assert held(line) == [("bursts", "b/s0.h5"), ("bursts", "b/s1.h5")]
     assert line.choices["command"] == list(words)
     assert line.choices["reference_phase"] == [0.5, 0.5]
-    facts = files_of(line, [("line", files / "line.h5", "")])[1].pairs
+    facts = files_of(inputs_of(line), [("line", files / "line.h5", "")])[1].pairs
     assert [what for what, _ in facts] == ["bursts", "bursts", "line"]
     assert facts[0][1].endswith("; unchanged")
 
@@ -268,7 +268,7 @@ def test_a_file_that_is_another_now_is_warned_of(files):
     assert re.search(
         "velocity: p0.h5 is another file now.*not what the result was made", words[0], re.I
     )
-    facts = dict(files_of(found, [])[1].pairs)
+    facts = dict(files_of(inputs_of(found), [])[1].pairs)
     assert "another file now" in facts["velocity"]
     assert facts["liner"].endswith("not there now")
     size = (files / "p0.h5").stat().st_size

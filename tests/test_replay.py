@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
+from torchliner.compiled.library import available
 from torchliner.liners.model import as_liner
 from torchliner.records.slabs import bounds_of
 from torchliner.reduction.basis import (
@@ -20,7 +21,6 @@ from torchliner.reduction.basis import (
     response_of,
 )
 from torchliner.reduction.line_means import LineReader, lines_needed, window_lines
-from torchliner.compiled.library import available
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.sources import Columns, HeldSpeed
 from torchliner.reduction.speed_sums import SpeedSums

@@ -42,6 +42,7 @@ from torchliner.io.planes import read_plane as read_plane
 from torchliner.io.point_file import read_points as read_points
 from torchliner.io.pressure_file import read_pressure as read_pressure
 from torchliner.io.signal_file import read_signal as read_signal
+from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
 from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
@@ -58,6 +59,7 @@ from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.records import BurstRecord as BurstRecord
+from torchliner.records import FieldFit as FieldFit
 from torchliner.records import Holes as Holes
 from torchliner.records import ImpedanceLine as ImpedanceLine
 from torchliner.records import ImpedanceMap as ImpedanceMap

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import fields
 from typing import Any
 
@@ -23,6 +25,20 @@ class DataWarning(UserWarning):
     """The answer stands, but the data make it doubtful; the text says by how much."""
 
 
+_heard: ContextVar[tuple[list[str], ...]] = ContextVar("heard", default=())
+
+
+@contextmanager
+def noted() -> Iterator[list[str]]:
+    """A list that takes what is told within the block, for the notes of a record."""
+    notes: list[str] = []
+    token = _heard.set((*_heard.get(), notes))
+    try:
+        yield notes
+    finally:
+        _heard.reset(token)
+
+
 def tell(notes: str | Iterable[str], depth: int = 1) -> None:
     """Warn of each note once, as a ``DataWarning``.
 
@@ -32,6 +48,8 @@ def tell(notes: str | Iterable[str], depth: int = 1) -> None:
             one above it.
     """
     for note in [notes] if isinstance(notes, str) else notes:
+        for heard in _heard.get():
+            heard.append(note)
         warnings.warn(note, DataWarning, stacklevel=depth + 2)
 
 

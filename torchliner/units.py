@@ -17,6 +17,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "velocity squared": {"m2/s2": 1.0, "m2 s-2": 1.0},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
     "area": {"m2": 1.0, "mm2": 1e-6, "cm2": 1e-4},
+    "wavenumber": {"1/m": 1.0, "rad/m": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},

@@ -20,5 +20,9 @@ line = tl.MicrophoneLine(
 line.write("line.csv")
 line = tl.read_microphones("line.csv")
 one: tl.WallEduction = tl.kumaresan_tufts(line, rank=2)
-print(one.impedance, tl.two_wave_fit(line).impedance, tl.fit_field(line, solver).impedance)
+fit: tl.FieldFit = tl.fit_field(line, solver)
+print(one.impedance, tl.two_wave_fit(line).impedance, fit.impedance)
+one.write("found.h5", fit)  # both, with the line; torchliner report found.h5 -o page.html
+print([each.method for each in tl.read_wall("found.h5")])
+one.report("page.html", fit)
 print(tl.sort_waves(line).incident_level)

@@ -98,7 +98,7 @@ def _page(
         Section("warnings", "Warnings", warnings_of(warned)),
         Section("rows", "All rows", every),
         Section("origin", "Inputs and provenance", [
-            *files_of(None, [("index", folder / "index.nc", "")]),
+            *files_of([], [("index", folder / "index.nc", "")]),
             Facts([(unit, f"{shown(several[0]['file'])}; hash of data, choices and version: "
                           f"{several[0]['hash']}") for unit, several in units.items()]),
             versions(SimpleNamespace(choices={"version": version})),

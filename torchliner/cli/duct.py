@@ -34,7 +34,8 @@ SOLVE = {
     "--end-reflection R+XJ": "of the far end, complex; default: the duct's",
     "--mesh MM ...": "largest cell, and cell at the walls, mm: solve on that mesh alone; default: "
     "a finer mesh checks the answer, to 0.05 dB",
-    "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt",
+    "--output FILE": "write the microphones as .csv, .h5 or .nc, for torchliner kt; .h5 and .nc "
+    "for torchliner report too",
     "--figure PICTURE": "draw SPL and phase along the wall there, a picture a frequency",
     "--field PICTURE": "draw |p| and |v| in the duct there, a picture a frequency",
 }
@@ -131,6 +132,7 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.lee.settled import solve_settled
     from torchliner.lee.solved_line import microphones_of, solved_line
+    from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
     settled = solve_settled(
@@ -140,6 +142,14 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     )  # fmt: skip
     field = settled.field
     found = plain_duct(setup, settled)
+    tables = (setup.facts["flow"]["file"], setup.facts["sound"]["impedance_file"])
+    beside = [Path(options.duct).parent / name for name in tables if name is not None]
+    named = [
+        ("duct", options.duct),
+        ("liner", options.liner or ""),
+        *(("table", p) for p in beside),
+    ]
+    origin = origin_of(named, command=options.typed)
     if options.field is not None:
         for f, path in enumerate(_a_frequency(options.field, setup)):
             draw_field(setup, field, path, f)
@@ -150,7 +160,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     show_results(
         options, lambda: format_duct(setup, found), lambda: found,
-        output=lambda path: solved_line(setup, field, plane_mode=found["plane_mode"]).write(path),
+        output=lambda path: solved_line(setup, settled, **origin).write(path),
         figure=draw,
     )  # fmt: skip
     return 0

@@ -16,9 +16,13 @@ EXAMPLES = {
     "truth": ("data/slit_n130_y*.h5 -o rules.csv",),
     "compare-models": ("plane.h5 --liner onera --liner mine.toml --figure models.png",),
     "insitu": ("pressure.h5 -o z.csv --figure z.png",),
-    "kt": ("wall.csv --mach 0.3 --draws 500 --figure z.png", "wall.csv --method field --duct b2a"),
+    "kt": (
+        "wall.csv --mach 0.3 --draws 500 --figure z.png",
+        "wall.csv --method field --duct b2a",
+        "up.csv down.csv --draws 500 -o kt.h5",
+    ),
     "liner": ("onera --frequency 500:3000:500", "onera --copy mine.toml"),
-    "duct solve": ("b2a --frequency 1000:2000:500 --figure field.png",),
+    "duct solve": ("b2a --frequency 1000:2000:500 --figure field.png -o b2a.h5",),
     "duct modes": ("b2a --frequency 1400",),
     "ir-tdibc": (
         "lbm_slit --frequency 1400 --level 115 130 145 --figure z.png -o z.csv",
@@ -40,6 +44,7 @@ EXAMPLES = {
     "reduce": ("plane.h5 -o plane.moments.h5",),
     "report": (
         "map.h5 -o report.html --data plane.h5",
+        "kt.h5 -o report.html",
         "results -o campaign.html --cases",
     ),
     "run": ("campaign.toml", "campaign.toml --dry-run"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchliner import names
@@ -29,7 +30,9 @@ OPTIONS = {
         "--mach M": "bulk Mach number, 0 for no flow; default: the file's, which must state one",
         "--figure PICTURE": "draw impedance and levels there",
     }
-    | shared("--output", "--json", "--quiet"),
+    | {"--output FILE": "write the rows as .csv, or all of the result as .h5 or .nc, for "
+       "torchliner report"}
+    | shared("--json", "--quiet"),
     "kt and fits of two waves": {
         "--rank N": "of kt: waves that are kept; default 2",
         "--order N": "of kt: of the prediction; default half the microphones",
@@ -57,17 +60,28 @@ def run(options: argparse.Namespace) -> int:
     import torch
 
     from torchliner.io.microphone_file import read_microphones
+    from torchliner.records.origin import origin_of, with_choices
     from torchliner.report.wall_pressure import draw_wall
     from torchliner.report.wall_table import format_wall, wall_rows, wall_table
 
     chosen = _chosen(options)
-    lines, found = [], []
+    lines: list[MicrophoneLine] = []
+    found: list[Educed] = []
     for path in options.lines:
         line = read_microphones(path, options.frequency, segment=options.segment)
         generator = torch.Generator().manual_seed(options.seed)
-        found.append(educe_line(line, options.method, generator=generator, **chosen))
+        one = educe_line(line, options.method, generator=generator, **chosen)
+        files = [("microphones", path), ("duct", options.duct or "")]
+        found.append(with_choices(one, **origin_of(files, command=options.typed)))
         lines.append(line)
     tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
+
+    def write(path: Path) -> None:
+        if path.suffix.lower() == ".csv":
+            wall_table([*chain(*tables)]).write_csv(path)
+        else:
+            found[0].write(path, *found[1:])
+
     show_results(
         options,
         lambda: "\n\n".join(map(format_wall, lines, found)),
@@ -76,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
              "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
             for line, one, rows in zip(lines, found, tables, strict=True)
         ]},
-        output=wall_table([*chain(*tables)]).write_csv,
+        output=write,
         figure=lambda path: draw_wall(lines, found, path),
     )  # fmt: skip
     return 0

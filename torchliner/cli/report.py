@@ -10,7 +10,8 @@ from torchliner.cli.options import shared
 
 OPTIONS = {
     "": {
-        "result PATH": "map, line or points as .h5/.nc, or the folder of a campaign",
+        "result PATH": "map, line, points, impedances from microphones (kt -o) or a solved duct "
+                       "(duct solve -o) as .h5/.nc, or the folder of a campaign",
         "--output FILE": {"required": True, "help": "write the page as .html"},
         "--data SOURCE": "plane of a map, or its moments: distribution of |v|, and which choices "
                          "move the result; default: neither is shown",

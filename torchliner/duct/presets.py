@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +14,7 @@ from pydantic import Field, field_validator
 from torch import Tensor
 
 from torchliner import flow_profiles, toml_files
+from torchliner.checks import noted
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase, doubt_sound
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
@@ -34,7 +35,7 @@ class DuctSetup:
         level: of the incident wave, dB re 20 uPa rms.
         impedance: Z of each patch, complex128, (S,) or (F, S), or a function of x and frequency.
         microphones: x, m, (N,); may be empty.  wall: of the microphones, ``opposite`` or ``lined``.
-        facts: what the file says, for results.  fluid: gas.
+        facts: what the file says, for results.  fluid: gas.  notes: warnings, with numbers.
     """
 
     name: str
@@ -46,6 +47,7 @@ class DuctSetup:
     wall: str
     facts: dict[str, Any]
     fluid: Fluid
+    notes: tuple[str, ...] = ()
 
 
 class DuctTable(Strict):
@@ -182,7 +184,9 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
     _change(content, changes, path)
     file = validated(DuctFile, content, path, TABLES)
     try:
-        return _build(file, path)
+        with noted() as notes:
+            setup = _build(file, path)
+        return replace(setup, notes=tuple(notes))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -15,7 +15,15 @@ import numpy as np
 import torch
 
 from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
-from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, write_index
+from torchliner.io.hdf5 import (
+    get_dataset,
+    is_there,
+    open_file,
+    place,
+    read_si,
+    text_attribute,
+    write_index,
+)
 from torchliner.io.microphone_csv import (
     TEXT_ENDINGS,
     UNITS,
@@ -54,14 +62,30 @@ def write_microphones(line: MicrophoneLine, path: str | Path) -> None:
         write_microphone_csv(line, path)
         return
     with KIND.created(path, line) as file:
-        write_index(file, "microphone", line.microphones)
-        write_case(file, line, DUCT)
-        write_variables(file, line, FREQUENCY)
-        draws = []
-        for axis, count in enumerate(line.pressure.shape[:-2]):
-            draws.append("draw" if axis == 0 else f"draw_{axis}")
-            write_index(file, draws[-1], count)
-        write_variables(file, line, AMPLITUDES, {"draws": draws})
+        fill_microphones(file, line)
+
+
+def fill_microphones(group: h5py.Group, line: MicrophoneLine) -> None:
+    """A line into an open file or a group of one."""
+    KIND.write_head(group, line)
+    write_index(group, "microphone", line.microphones)
+    write_case(group, line, DUCT)
+    write_variables(group, line, FREQUENCY)
+    draws = []
+    for axis, count in enumerate(line.pressure.shape[:-2]):
+        draws.append("draw" if axis == 0 else f"draw_{axis}")
+        write_index(group, draws[-1], count)
+    write_variables(group, line, AMPLITUDES, {"draws": draws})
+
+
+def microphones_of(group: h5py.Group, path: Path, name: str) -> MicrophoneLine:
+    """The amplitudes that ``fill_microphones`` wrote into a group of a file."""
+    KIND.require(group, path)
+    case = read_case(group, KIND, DUCT, path)
+    case["title"] = text_attribute(group, "title") or ""  # the file's name is another's
+    if "duct_height" not in case:
+        get_dataset(group, "duct_height", path)
+    return MicrophoneLine(**case, **read_variables(group, FREQUENCY + AMPLITUDES, path), name=name)
 
 
 def read_microphones(

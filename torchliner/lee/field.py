@@ -19,12 +19,13 @@ from torchliner.lee.energy import EnergyBalance, energy_balance
 from torchliner.lee.sweep import Kept, SweptDuct
 from torchliner.lee.walls import Wall
 from torchliner.names import SOURCES, WALLS
+from torchliner.records.outlets import Reported
 
 POINTS_AT_ONCE = 512
 
 
 @dataclass(frozen=True, eq=False)
-class DuctField:
+class DuctField(Reported):
     """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
 
     Args:
@@ -32,6 +33,7 @@ class DuctField:
         waves: X of ``ports.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
         dtype: of what is read from the field; the sums are done in complex128.
         lining: the wall that it was solved with, or None where there is no liner.
+        impedance: Z of it as it was asked for; None where that is not known.
     """
 
     case: DuctCase
@@ -41,6 +43,7 @@ class DuctField:
     swept: SweptDuct
     dtype: torch.dtype = torch.complex128
     lining: Wall | None = None
+    impedance: Any = None
 
     def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
         """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P).
@@ -117,6 +120,18 @@ class DuctField:
     def energy(self) -> EnergyBalance:
         """Energy out and absorbed over that which comes in, (..., F)."""
         return energy_balance(self.swept, self.waves, self.lining)
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """One a frequency, of a field without leading axes: reflection, transmission, energy."""
+        reflection, transmission = (
+            part.detach().abs() for part in (self.reflection, self.transmission)
+        )
+        return [
+            {"frequency (Hz)": frequency, "reflection": float(back), "transmission": float(through),
+             "transmission loss (dB)": -20 * float(through.log10()), **energy}
+            for frequency, back, through, energy in zip(
+                self.frequency.tolist(), reflection, transmission, self.energy.rows(), strict=True)
+        ]  # fmt: skip
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
         """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).

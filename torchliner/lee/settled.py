@@ -9,19 +9,20 @@ and columns that resolve the growing wave, if there is one, as far as ``NARROWES
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, tell
+from torchliner.checks import frequency_tensor, noted, tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase
 from torchliner.duct.growing_wave import growth_over_liner
 from torchliner.lee.field import DuctField
 from torchliner.lee.mesh import FEWEST, DuctMesh, build_mesh
 from torchliner.lee.solver import DuctSolver
+from torchliner.records.outlets import Reported
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
 MOST_GROWTH = 100.0  # dB over the liner: beyond, a field of linear sound has no meaning
@@ -33,7 +34,7 @@ DEGREE = 4
 
 
 @dataclass(frozen=True, eq=False)
-class SettledField:
+class SettledField(Reported):
     """A field, and what is known against it.
 
     Args:
@@ -43,6 +44,7 @@ class SettledField:
         finer_unknowns: of that next mesh, or None.
         growth: of the growing wave over the liner, dB, (F,); 0 where none was found.
         growing: its wavenumber, 1/m, (F,), nan where there is none.
+        notes: warnings, with numbers.
     """
 
     field: DuctField
@@ -50,15 +52,16 @@ class SettledField:
     finer_unknowns: int | None
     growth: Tensor
     growing: Tensor
+    notes: tuple[str, ...] = ()
 
     def rows(self) -> list[dict[str, float | None]]:
-        """One a frequency: energy, the growing wave, the difference of the meshes."""
+        """Those of the field with the growing wave and the difference of the meshes."""
         return [
-            {**energy, "growing wave real (1/m)": _plain(alpha.real),
+            {**known, "growing wave real (1/m)": _plain(alpha.real),
              "growing wave imaginary (1/m)": _plain(alpha.imag),
              "growth over the liner (dB)": float(growth), "mesh difference (dB)": _plain(moved)}
-            for energy, alpha, growth, moved in zip(
-                self.field.energy.rows(), self.growing, self.growth, self.difference, strict=True)
+            for known, alpha, growth, moved in zip(
+                self.field.rows(), self.growing, self.growth, self.difference, strict=True)
         ]  # fmt: skip
 
 
@@ -81,7 +84,16 @@ def solve_settled(
         DataWarning: meshes that still differ by more than 0.05 dB; a growing wave; as
             ``DuctSolver`` and its ``solve``.
     """
-    wanted = frequency_tensor(frequency)
+    with noted() as notes:
+        found = _solve(case, frequency_tensor(frequency), impedance, places, wall, mesh, keep)
+    return replace(found, notes=tuple(notes))
+
+
+def _solve(
+    case: DuctCase, wanted: Tensor, impedance: Any, places: Any, wall: str, mesh: DuctMesh | None,
+    keep: str,
+) -> SettledField:  # fmt: skip
+    """``solve_settled`` without its notes."""
     growth, growing = growth_over_liner(case, wanted, impedance)
     _judge_growth(case, wanted, growth, growing, mesh is None)
     field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
@@ -145,7 +157,7 @@ def _judge(found: SettledField) -> None:
             "or a wave that grows along the liner; take a thicker profile, or state a mesh "
             "(--mesh, mesh=) to have its answer without this check"
         )
-    tell(f"{text} (limit {SETTLED:g} dB)", depth=3)
+    tell(f"{text} (limit {SETTLED:g} dB)", depth=4)
 
 
 def _judge_growth(
@@ -166,7 +178,7 @@ def _judge_growth(
             f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; take a thicker "
             "profile, or state a mesh (--mesh, mesh=) to have its answer without this check"
         )
-    tell(text, depth=3)
+    tell(text, depth=4)
 
 
 def _plain(value: Tensor) -> float | None:

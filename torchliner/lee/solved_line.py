@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import torch
 
 from torchliner.checks import tell
+from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
+from torchliner.fluid import Fluid
 from torchliner.lee.field import DuctField
+from torchliner.lee.settled import SettledField
 from torchliner.records import MicrophoneLine
+from torchliner.version import __version__
 
 
 def microphones_of(setup: DuctSetup) -> np.ndarray:
@@ -19,28 +24,78 @@ def microphones_of(setup: DuctSetup) -> np.ndarray:
     return np.linspace(setup.case.start, setup.case.end, 50)
 
 
-def solved_line(setup: DuctSetup, field: DuctField, **known: Any) -> MicrophoneLine:
+def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any) -> MicrophoneLine:
     """The field at the microphones as measured lines are kept, in the order of x.
 
     Args:
-        setup, field: solved.
-        known: what else its provenance states, by name; its energy is always there.
+        setup: the duct.  found: solved, with its checks or without.
+        known: what else its provenance states, by name; impedance, plane mode, energy, mesh and its
+            check are always there.
 
     Warns:
         DataWarning: several lined patches, of which a line can name one: it names none.
     """
+    field = found.field if isinstance(found, SettledField) else found
+    settled = found if isinstance(found, SettledField) else None
     places = np.sort(microphones_of(setup))
     pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
     liner = setup.case.liner if len(setup.case.liner) == 1 else ()
+    notes = (*setup.notes, *(settled.notes if settled else ()))
     if len(setup.case.liner) > 1:
-        tell(
+        several = (
             f"{setup.name} has {len(setup.case.liner)} lined patches, a line of microphones names "
             "one; it names none, and methods of one liner take all microphones"
         )
+        tell(several)
+        notes = (*notes, several)
+    provenance = {
+        "solved": setup.facts, "energy": field.energy.rows(), "plane_mode": found.rows(),
+        "impedance": _asked(field), "wall": setup.wall, "unknowns": field.swept.mesh.unknowns,
+        "finer_unknowns": settled.finer_unknowns if settled else None, "version": __version__,
+        **known,
+    }  # fmt: skip
     return MicrophoneLine(
         places, pressure, setup.frequency, duct_height=setup.case.height,
         mach=setup.case.profile.bulk_mach, source_side=field.source,
         liner_start=liner[0][0] if liner else None, liner_end=liner[0][1] if liner else None,
         fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
-        provenance={"solved": setup.facts, "energy": field.energy.rows(), **known}, name=setup.name,
+        provenance=provenance, notes=notes, name=setup.name,
+    )  # fmt: skip
+
+
+def _asked(field: DuctField) -> list[list[Any]] | None:
+    """Z of each frequency and patch as pairs or "rigid"; None where it varies along x."""
+    if field.impedance is None or callable(field.impedance):
+        return None
+    shape = (len(field.frequency), len(field.case.liner))
+    walls = torch.as_tensor(field.impedance).detach().broadcast_to(shape).tolist()
+    return [
+        [[z.real, z.imag] if np.isfinite(z) else "rigid" for z in map(complex, row)]
+        for row in walls
+    ]
+
+
+def setup_of(field: DuctField) -> DuctSetup:
+    """What a field in memory says of its duct; places along all of it stand for microphones.
+
+    Raises:
+        ValueError: it has leading axes.
+    """
+    if field.waves.ndim != 2:
+        raise ValueError(
+            f"the field has the leading axes {tuple(field.waves.shape[:-2])}; a page has one field"
+        )
+    case, profile = field.case, field.case.profile
+    level = float(spl_from_pressure_amplitude(torch.as_tensor(complex(case.incident))))
+    facts = {
+        "duct": {"height": case.height, "start": case.start, "end": case.end, "liner": case.liner},
+        "flow": {"profile": type(profile).__name__, "bulk_mach": profile.bulk_mach,
+                 "slip_condition": case.slip_condition},
+        "sound": {"level": level, "source_side": field.source,
+                  **{name: str(getattr(case, name))
+                     for name in ("end_reflection", "source_reflection")}},
+    }  # fmt: skip
+    return DuctSetup(
+        "duct in memory", case, field.frequency, level, field.impedance, torch.empty(0), "opposite",
+        facts, Fluid(sound_speed=profile.sound_speed, density=case.density),
     )  # fmt: skip

@@ -91,7 +91,7 @@ class DuctSolver:
         waves = self._solve_in_parts(wall, starts, returns)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
         warn_of_gain(self._swept, waves, wall, self.frequency)
-        return DuctField(self.case, self.frequency, side, waves, self._swept, kind, wall)
+        return DuctField(self.case, self.frequency, side, waves, self._swept, kind, wall, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""

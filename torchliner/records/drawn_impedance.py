@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import torch
 from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.microphone_line import MicrophoneLine
+from torchliner.records.outlets import Written, outlet
+
 FINE = 201  # places of a level along the microphones
 
 
-class DrawnImpedance:
+class DrawnImpedance(Written):
     """Statistics over ``draws``, which all eductions from microphones share.
 
     Attributes:
         method: for tables and legends.
+        line: microphones that were used; None where the method does not keep them, which files and
+            pages need.
+        frequency: Hz, (F,).
         impedance: Z, normalised, (..., F).
         draws: the same eduction over draws of the error, (D, ..., F); None without.
         covariance: of (resistance, reactance), (..., F, 2, 2); None if unknown.
@@ -21,10 +30,61 @@ class DrawnImpedance:
     """
 
     method: str
+    line: MicrophoneLine | None
+    frequency: Tensor
     impedance: Tensor
     draws: DrawnImpedance | None
     covariance: Tensor | None
     freedom: int | None = None
+
+    @property
+    def source_line(self) -> MicrophoneLine:
+        """``line``, of one case, for files and pages.
+
+        Raises:
+            ValueError: none was kept; it has leading axes, as lines of draws do.
+        """
+        if self.line is None:
+            raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a "
+                             "page of an eduction needs it")  # fmt: skip
+        if self.impedance.ndim != 1:
+            raise ValueError(
+                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a "
+                "page of an eduction has one"
+            )
+        return self.line
+
+    def write(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take.
+
+        Args:
+            path: of the file; one that is there is replaced when the new one is whole.
+            others: eductions that go along, as of the source on the other side, in this order.
+        Raises:
+            ValueError: another ending; an eduction without its line, or of several lines.
+        """
+        outlet(type(self), "write")(self, path, *others)
+
+    def report(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one self-contained HTML page: answer, warnings, figures, provenance.
+
+        Args:
+            path: of the page, .html; one that is there is replaced.
+            others: eductions beside it, which are compared with it.
+        Raises:
+            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
+            ValueError: another ending; an eduction without its line, or of several lines.
+        """
+        outlet(type(self), "report")(self, path, *others)
+
+    def fitted_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted pressure, Pa, (..., X, F)."""
+        raise NotImplementedError
+
+    def level_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted SPL, dB, (..., X, F)."""
+        places, pressure = self.fitted_along()
+        return places, spl_from_pressure_amplitude(pressure)
 
     @property
     def mean(self) -> Tensor:

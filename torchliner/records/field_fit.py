@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.drawn_impedance import DrawnImpedance
+from torchliner.records.microphone_line import MicrophoneLine
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ class FieldFit(DrawnImpedance):
         source_side: ``upstream`` or ``downstream``.
         draws: the same fit over draws of the errors, (D, ..., F); None without.
         choices: every option.  notes: warnings, with numbers.
+        line: microphones that were used; files and pages need them.
     """
 
     method: str
@@ -63,6 +65,7 @@ class FieldFit(DrawnImpedance):
     draws: FieldFit | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    line: MicrophoneLine | None = None
 
     @property
     def liner_impedance(self) -> Tensor:
@@ -81,6 +84,6 @@ class FieldFit(DrawnImpedance):
         """SPL of the model at the microphones, dB re 20 uPa rms, (..., N, F)."""
         return spl_from_pressure_amplitude(self.pressure)
 
-    def level_along(self) -> tuple[Tensor, Tensor]:
-        """``along`` and the SPL of the model there, dB, (..., X, F)."""
-        return self.along, spl_from_pressure_amplitude(self.pressure_along)
+    def fitted_along(self) -> tuple[Tensor, Tensor]:
+        """``along`` and the pressure of the model there, peak, Pa, (..., X, F)."""
+        return self.along, self.pressure_along

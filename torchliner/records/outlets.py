@@ -28,6 +28,11 @@ OUTLETS = {
         "plot": "torchliner.report.figures:draw_map",
         "report": "torchliner.report.page.opening:write_report",
     },
+    "DuctField": {"report": "torchliner.report.page.of_duct:report_field"},
+    "FieldFit": {
+        "write": "torchliner.io.wall_file:write_wall",
+        "report": "torchliner.report.page.of_wall:report_wall",
+    },
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
     "PointImpedances": {
         "write": "torchliner.io.point_file:write_points",
@@ -35,10 +40,15 @@ OUTLETS = {
         "report": "torchliner.report.page.opening:write_report",
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
+    "SettledField": {"report": "torchliner.report.page.of_duct:report_field"},
     "VelocityPlane": {
         "write": "torchliner.io.plane_writer:write_plane",
         "from_xarray": "torchliner.io.xarray_plane:from_xarray",
         "plot": "torchliner.report.figures:draw_velocity",
+    },
+    "WallEduction": {
+        "write": "torchliner.io.wall_file:write_wall",
+        "report": "torchliner.report.page.of_wall:report_wall",
     },
 }
 
@@ -62,6 +72,21 @@ class Written:
             ValueError: another ending; what the format cannot hold.
         """
         outlet(type(self), "write")(self, path)
+
+
+class Reported:
+    """What is solved and has a page, but no file of its own."""
+
+    def report(self, path: str | Path) -> None:
+        """Write one self-contained HTML page: answer, warnings, figures, provenance.
+
+        Args:
+            path: of the page, .html; one that is there is replaced.
+        Raises:
+            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
+            ValueError: another ending; leading axes, which a page has no place for.
+        """
+        outlet(type(self), "report")(self, path)
 
 
 class Result(Written):

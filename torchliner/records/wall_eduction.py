@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
+from torchliner.records.microphone_line import MicrophoneLine
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class WallEduction(DrawnImpedance):
         rank, order: K and L; None for fits.
         draws: the same eduction over draws of the measurement error, (D, ..., F) and so on.
         choices: every option.  notes: warnings, with numbers.
+        line: microphones that were used; files and pages need them.
         covariance: of (resistance, reactance), (F, 2, 2), for errors of the microphones as large
             as what the waves leave, to first order; None without a degree of freedom, or for lines
             with leading axes.
@@ -59,6 +61,7 @@ class WallEduction(DrawnImpedance):
     draws: WallEduction | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    line: MicrophoneLine | None = None
     covariance: Tensor | None = None
     freedom: int | None = None
 
@@ -89,11 +92,11 @@ class WallEduction(DrawnImpedance):
         """SPL of all waves, dB, (..., X, F)."""
         return spl_from_pressure_amplitude(self.pressure_at(x))
 
-    def level_along(self) -> tuple[Tensor, Tensor]:
-        """Places from the first microphone to the last, m, (X,), and the SPL of all waves there,
-        dB, (..., X, F)."""
+    def fitted_along(self) -> tuple[Tensor, Tensor]:
+        """Places from the first microphone to the last, m, (X,), and the sum of all waves there,
+        peak, Pa, (..., X, F)."""
         places = fine_places(self.x)
-        return places, self.level_at(places)
+        return places, self.pressure_at(places)
 
     @property
     def energies(self) -> Tensor:

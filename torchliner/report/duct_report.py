@@ -51,19 +51,11 @@ def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
         for f, frequency in enumerate(setup.frequency.tolist())
         for i, x in enumerate(places)
     ]  # fmt: skip
-    ratios = [
-        {"frequency (Hz)": frequency, "reflection": abs(complex(field.reflection[f])),
-         "transmission": abs(complex(field.transmission[f])),
-         "transmission loss (dB)": -20 * float(np.log10(abs(complex(field.transmission[f])))),
-         **known}
-        for f, (frequency, known) in enumerate(
-            zip(setup.frequency.tolist(), settled.rows(), strict=True))
-    ]  # fmt: skip
     return {
         "duct": setup.facts,
         "unknowns": field.swept.mesh.unknowns,
         "unknowns of the finer mesh": settled.finer_unknowns,
-        "plane_mode": ratios,
+        "plane_mode": settled.rows(),
         "microphones": rows,
     }
 

@@ -1,8 +1,8 @@
-"""Impedances educed from wall pressures: the methods and the figure behind ``torchliner kt``."""
+"""Figures of impedances educed from wall pressures, behind ``torchliner kt`` and its page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +11,28 @@ import numpy as np
 from torchliner.records import MicrophoneLine
 from torchliner.report.figure import (
     COLOURS,
+    LINES,
     MARKERS,
     PARTS,
     SPL,
     Figure,
     draw_band,
+    draw_curve,
     entry,
     finish,
+    frame,
     impedance_panels,
     label_axes,
     styled,
+    subplots,
 )
-from torchliner.report.numbers import part_of
+from torchliner.report.numbers import Curves, part_of
 from torchliner.report.wall_table import LEVEL, Educed
 
 FAR = 8.0  # interquartile ranges: 11 standard deviations of normal draws
 TINY = 1e-9
+JUMP = 180.0  # degrees, between neighbours: the phase has turned round
+SEEN = 1.6  # of what must be seen of a plane: draws beyond are left out of its limits
 
 
 @styled
@@ -34,36 +40,34 @@ def draw_wall(
     lines: Sequence[MicrophoneLine], found: Sequence[Educed], path: str | Path | None = None
 ) -> Figure:
     """One frequency: Z with its draws, and the levels with the range of the draws (figure 14).
-    Several: R and X over frequency with 95 % of the draws."""
+    Several: R and X over frequency with their 95 % intervals."""
+    labels = [
+        f"{line.title or Path(line.name).stem}, source {one.source_side}"
+        for line, one in zip(lines, found, strict=True)
+    ]
+    if any(len(one.frequency) > 1 for one in found):
+        return draw_spectra(found, labels, path)[0]
     figure, panels = impedance_panels(3.2, "$f$ (kHz)")
-    single = all(len(one.frequency) == 1 for one in found)
     (left, _), (right, _) = panels
     for i, (line, one) in enumerate(zip(lines, found, strict=True)):
-        label = f"{line.title or Path(line.name).stem}, source {one.source_side}"
-        colour, marker = COLOURS[i], MARKERS[i]
-        if single:
-            draw_cloud(left, one, colour, marker, label)
-            draw_levels(right, line, one, colour, marker)
-        else:
-            for axis, part in panels:
-                _draw_spectrum(axis, one, part, colour, marker, label)
-    if single:
-        entry(left, "measured level", "o", markerfacecolor="none")
-        entry(left, "fitted level, range of the draws")
-        label_axes(left, PARTS[0][1], PARTS[1][1])
-        label_axes(right, "$x$ (mm)", SPL)
-    hertz = f", {float(found[0].frequency[0]):g} Hz" if single else ""
-    return finish(figure, path, f"{found[0].method}{hertz}", legend=2)
+        draw_cloud(left, one, COLOURS[i], MARKERS[i], labels[i])
+        draw_levels(right, line, one, COLOURS[i], MARKERS[i])
+    entry(left, "measured level", "o", markerfacecolor="none")
+    entry(left, "fitted level, range of the draws")
+    label_axes(left, PARTS[0][1], PARTS[1][1])
+    label_axes(right, "$x$ (mm)", SPL)
+    caption = f"{found[0].method}, {float(found[0].frequency[0]):g} Hz"
+    return finish(figure, path, caption, legend=2)
 
 
-def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> None:
+def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str, f: int = 0) -> None:
     """Impedances of the draws in their plane, and the one without errors (figure 14a).
 
     Draws far outside the cloud are not drawn, since one would set the axes; the label counts them.
     """
-    value = complex(one.impedance[0])
+    value = complex(one.impedance[f])
     if one.draws is not None:
-        drawn = one.draws.impedance[:, 0].numpy()
+        drawn = one.draws.impedance[:, f].numpy()
         drawn = drawn[np.isfinite(drawn)]
         shown = near_cloud(drawn)
         axis.plot(drawn[shown].real, drawn[shown].imag, ".", color=colour, markersize=1.5,
@@ -71,7 +75,7 @@ def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str) -> 
         if not shown.all():
             label += f" ({int((~shown).sum())} of {len(drawn)} draws outside)"
     axis.plot(value.real, value.imag, marker, color=colour, markeredgecolor="k", label=label,
-              markersize=6)  # fmt: skip
+              markersize=6, linestyle="none")  # fmt: skip
 
 
 def near_cloud(values: np.ndarray) -> np.ndarray:
@@ -82,22 +86,142 @@ def near_cloud(values: np.ndarray) -> np.ndarray:
     return near
 
 
-def draw_levels(axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str) -> None:
+def draw_levels(
+    axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str, f: int = 0,
+    style: Any = "-",
+) -> None:  # fmt: skip
     """Measured and fitted SPL; the shade is the range over the draws (figure 14b)."""
     x, level = one.level_along()
     if one.draws is not None:
-        drawn = one.draws.level_along()[1][..., 0].numpy()
+        drawn = one.draws.level_along()[1][..., f].numpy()
         low, high = np.nanmin(drawn, 0), np.nanmax(drawn, 0)
         draw_band(axis, 1e3 * x.numpy(), low, high, colour, 0.25)
-    axis.plot(1e3 * x.numpy(), level[:, 0].numpy(), color=colour)
-    axis.plot(1e3 * line.x.numpy(), line.level[:, 0].numpy(), marker, color=colour,
-              markerfacecolor="none")  # fmt: skip
+    axis.plot(1e3 * x.numpy(), level[:, f].numpy(), color=colour, linestyle=style)
+    axis.plot(1e3 * line.x.numpy(), line.level[:, f].numpy(), marker=marker, color=colour,
+              markerfacecolor="none", linestyle="none")  # fmt: skip
 
 
-def _draw_spectrum(axis: Any, one: Educed, part: str, colour: str, marker: str, label: str) -> None:
-    at = one.frequency.numpy() / 1e3
-    if one.draws is not None:
-        low, high = (part_of(end, part) for end in one.interval(LEVEL))
-        draw_band(axis, at, low, high, colour, 0.25)
-    axis.plot(at, part_of(one.impedance, part), marker + "-", color=colour, label=label,
-              markersize=3)  # fmt: skip
+def draw_phases(axis: Any, x: Any, pressure: Any, style: str, **looks: Any) -> None:
+    """Phase of complex pressures along x, m; a line is broken where the phase turns round."""
+    phase = np.degrees(np.angle(pressure))
+    if style != "none":
+        phase = np.where(np.append(np.abs(np.diff(phase)) > JUMP, False), np.nan, phase)
+    axis.plot(1e3 * np.asarray(x), phase, linestyle=style, **looks)
+
+
+@styled
+def draw_along(
+    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str]
+) -> Figure:
+    """SPL and phase along the wall, measured and fitted.
+
+    Args:
+        found: eductions.  there: numbers of those that are drawn, and of a frequency of each.
+        labels: of all eductions.
+    """
+    figure, axes = subplots(1, 2, 3.2)
+    seen: list[Any] = []
+    for i, f in there:
+        one, line, colour, style = found[i], found[i].source_line, COLOURS[i], LINES[i]
+        measured = line.pressure[:, f]
+        marker = "" if any(map(measured.equal, seen)) else MARKERS[i]  # of another method
+        seen.append(measured)
+        draw_levels(axes[0, 0], line, one, colour, marker, f, style)
+        places, fitted = one.fitted_along()
+        draw_phases(axes[0, 1], places.numpy(), fitted[:, f].numpy(), style, color=colour)
+        draw_phases(axes[0, 1], line.x.numpy(), measured.numpy(), "none", color=colour,
+                    marker=marker, markerfacecolor="none")  # fmt: skip
+        entry(axes[0, 0], labels[i], color=colour, linestyle=style)
+    entry(axes[0, 0], "measured", "o", markerfacecolor="none")
+    label_axes(axes[0, 0], "$x$ (mm)", "SPL (dB re 20 µPa)")
+    label_axes(axes[0, 1], "$x$ (mm)", "phase (degrees)")
+    return finish(figure, None, legend=3)
+
+
+def spectrum_of(one: Educed, label: str) -> Curves:
+    """R and X over frequency, with the bounds of their 95 % intervals where these are known."""
+    parts = {"": one.impedance}
+    if one.draws is not None or one.covariance is not None:
+        parts |= dict(zip((" low", " high"), one.interval(LEVEL), strict=True))
+    values = {
+        f"{part}{end}": np.where(np.isfinite(shown := part_of(value, part)), shown, np.nan)
+        for part, _ in PARTS for end, value in parts.items()
+    }  # fmt: skip
+    return Curves(one.frequency.numpy(), values, label, "frequency (Hz)")
+
+
+@styled
+def draw_spectra(
+    found: Sequence[Educed], labels: Sequence[str], path: str | Path | None = None
+) -> tuple[Figure, bool]:
+    """R and X over frequency with their 95 % intervals; whether these go on beyond the axes."""
+    figure, panels = impedance_panels(3.2, "$f$ (kHz)")
+    curves = [spectrum_of(one, label) for one, label in zip(found, labels, strict=True)]
+    beyond = False
+    for axis, part in panels:
+        for i, each in enumerate(curves):
+            draw_curve(axis, each, part, COLOURS[i], 1e-3, marker=MARKERS[i], markersize=3)
+        values, bands = (
+            np.concatenate([v for each in curves for n, v in each.values.items() if chosen(n)])
+            for chosen in (lambda n, p=part: n == p, lambda n, p=part: n.startswith(p))
+        )
+        beyond |= frame(axis, values, bands)
+    return finish(figure, path, found[0].method, legend=2), beyond
+
+
+@styled
+def draw_impedances(
+    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str],
+    known: Mapping[str, complex],
+) -> Figure:  # fmt: skip
+    """Z of eductions in its plane, each with its draws or its interval, and what is known of it;
+    arguments as of ``draw_along``."""
+    figure, axes = subplots(1, 1, 3.4)
+    for i, f in there:
+        one = found[i]
+        draw_cloud(axes[0, 0], one, COLOURS[i], MARKERS[i], labels[i], f)
+        if one.draws is None and one.covariance is not None:
+            z, low, high = (complex(end[f]) for end in (one.impedance, *one.interval(LEVEL)))
+            if np.isfinite(low) and np.isfinite(high):
+                axes[0, 0].plot([low.real, high.real], [z.imag] * 2, color=COLOURS[i])
+                axes[0, 0].plot([z.real] * 2, [low.imag, high.imag], color=COLOURS[i])
+    for i, (name, z) in enumerate(known.items()):
+        axes[0, 0].plot(z.real, z.imag, "*x+1234"[i % 7], color="k", markersize=7,
+                        linestyle="none", label=name)  # fmt: skip
+    label_axes(axes[0, 0], PARTS[0][1], PARTS[1][1])
+    return finish(figure, None, legend=2)
+
+
+@styled
+def draw_waves(
+    found: Sequence[Any], there: Sequence[tuple[int, int]], labels: Sequence[str],
+    rigid: Sequence[float],
+) -> Figure:  # fmt: skip
+    """Wavenumbers of eductions by waves in their plane: filled, the wave whose impedance is given,
+    and its draws; open, the others; ticks on the axis, the plane waves of the rigid duct.
+
+    Arguments as of ``draw_along``; ``rigid`` in 1/m.
+    """
+    figure, axes = subplots(1, 1, 3.4)
+    axis, seen = axes[0, 0], [complex(value) for value in rigid]
+    axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
+    axis.plot(rigid, np.zeros(len(rigid)), "|", color="k", markersize=9, markeredgewidth=1.4,
+              linestyle="none", label="rigid duct")  # fmt: skip
+    for i, f in there:
+        one = found[i]
+        modes, kept = one.modes[:, f].numpy(), complex(one.wavenumber[f])
+        if one.draws is not None:
+            drawn = one.draws.wavenumber[:, f].numpy()
+            axis.plot(drawn.real, drawn.imag, ".", color=COLOURS[i], markersize=1.5, alpha=0.4)
+        axis.plot(modes.real, modes.imag, MARKERS[i], color=COLOURS[i], markerfacecolor="none",
+                  markersize=5)  # fmt: skip
+        axis.plot(kept.real, kept.imag, MARKERS[i], color=COLOURS[i], markeredgecolor="k",
+                  markersize=6, linestyle="none", label=labels[i])  # fmt: skip
+        seen += [*modes, kept]
+    entry(axis, "other waves", "o", markerfacecolor="none")
+    for part, limit in (("real", axis.set_xlim), ("imag", axis.set_ylim)):
+        ends = [getattr(value, part) for value in seen if np.isfinite(value)]
+        margin = (SEEN - 1) / 2 * (max(ends) - min(ends)) or 1.0
+        limit(min(ends) - margin, max(ends) + margin)
+    label_axes(axis, r"$\mathrm{Re}\,\alpha$ (m$^{-1}$)", r"$\mathrm{Im}\,\alpha$ (m$^{-1}$)")
+    return finish(figure, None, legend=3)

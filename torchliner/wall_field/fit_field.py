@@ -34,6 +34,7 @@ from torchliner.signals.microphone_errors import (
     draw_pressures,
     require_draws,
 )
+from torchliner.version import __version__
 from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
 from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
 from torchliner.wall_field.model import FieldModel, coordinates, impedance_at, impedance_covariance
@@ -109,7 +110,7 @@ def fit_field(
                **errors, "draws": draws, "source_side": line.source_side, "source": line.name,
                "microphones": line.microphones,
                "mach": float(solver.case.profile.bulk_mach),
-               "unknowns": solver.mesh.unknowns}  # fmt: skip
+               "unknowns": solver.mesh.unknowns, "version": __version__}  # fmt: skip
     notes = warnings_of(result, found, line, wall, freedom, model.gains(found.place))
     result = replace(result, choices=choices, notes=notes)
     tell(notes)
@@ -118,7 +119,8 @@ def fit_field(
         noisy = draw_pressures(pressure, draws, random, **errors)
         again = search(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
         drawn = _settled(_result(again, model, noisy, line, freedom))
-        result = replace(result, draws=drawn)
+        choices = {**choices, "seed": random.initial_seed()}
+        result = replace(result, draws=drawn, choices=choices)
         lost = int((~drawn.converged).sum())
         if lost:
             note = (
@@ -277,5 +279,5 @@ def _result(
         end_reflection=far.reshape(shape), pressure=at, along=along, pressure_along=between,
         residual=(left / pressure.abs().square().sum(-2)).sqrt(),
         misfit=(found.cost / freedom).reshape(shape), converged=found.converged.reshape(shape),
-        source_side=line.source_side,
+        source_side=line.source_side, line=line,
     )  # fmt: skip

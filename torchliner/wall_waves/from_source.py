@@ -21,6 +21,7 @@ from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumb
 from torchliner.names import CONDITIONS, SOURCES
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import draw_pressures, require_draws
+from torchliner.version import __version__
 
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
@@ -37,6 +38,7 @@ class FromSource:
         line: as recorded.  sign: 1 for a source upstream, -1 downstream.
         distance: s of the microphones from the first, m, (N,).
         pressure: Pa, (..., N, F), in the order of s.  mach: of the flow along s.
+        margin: m that the microphones keep from the liner's ends.
     """
 
     line: MicrophoneLine
@@ -44,6 +46,7 @@ class FromSource:
     distance: Tensor
     pressure: Tensor
     mach: float
+    margin: float = 0.0
 
     @property
     def origin(self) -> float:
@@ -84,7 +87,7 @@ def over_liner(
     """The microphones over the liner along s; arguments as of ``kumaresan_tufts``, checked."""
     require_choice("condition", condition, CONDITIONS)
     require_draws(draws)
-    return seen_from_source(line.over_liner(margin), source_side)
+    return replace(seen_from_source(line.over_liner(margin), source_side), margin=margin)
 
 
 def wall_eduction(
@@ -117,8 +120,10 @@ def wall_eduction(
         residual=residual,
         source_side=seen.source_side,
         choices={**choices, "condition": condition, "source_side": seen.source_side,
-                 "source": line.name, "microphones": line.microphones, "mach": line.stated_mach,
-                 "sound_speed": float(line.fluid.sound_speed), **(found or {})},
+                 "margin": seen.margin, "source": line.name, "microphones": line.microphones,
+                 "mach": line.stated_mach, "sound_speed": float(line.fluid.sound_speed),
+                 "version": __version__, **(found or {})},
+        line=line,
         **about,
     )  # fmt: skip
 
@@ -180,7 +185,7 @@ def with_notes_and_draws(
         return result
     source = generator or torch.Generator().manual_seed(0)
     drawn = educe(draw_pressures(pressure, draws, source, **errors))
-    choices = {**result.choices, "draws": draws, **errors}
+    choices = {**result.choices, "draws": draws, "seed": source.initial_seed(), **errors}
     result = replace(result, draws=drawn, choices=choices)
     lost = int((~torch.isfinite(drawn.impedance)).sum())
     if not lost:

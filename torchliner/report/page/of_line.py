@@ -16,6 +16,7 @@ from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.sizes import whole_line
+from torchliner.report.page.subject import inputs_of
 from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
 from torchliner.report.typesetting import typeset
@@ -34,7 +35,7 @@ def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
         Section("stations-section", "Stations", [_stations(line)]),
         Section("comparison", "Comparison", _compared(line)),
         Section("origin", "Inputs and provenance", [
-            *files_of(line, [("line", path, "" if path else "this line, in memory")]),
+            *files_of(inputs_of(line), [("line", path, "" if path else "this line, in memory")]),
             versions(line),
         ]),
         Section("cite", "Citation", citation()),

@@ -17,6 +17,7 @@ from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
 from torchliner.report.page.sizes import whole_points
+from torchliner.report.page.subject import inputs_of
 from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 from torchliner.report.typesetting import typeset
@@ -44,7 +45,8 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
         Section("asked", "What was asked",
                 [Grid("choices", "Every choice.", Table(choices, columns))] if choices else []),
         Section("along", "Along x", _along(found)),
-        Section("origin", "Inputs and provenance", [*files_of(found, files), versions(found)]),
+        Section("origin", "Inputs and provenance",
+                [*files_of(inputs_of(found), files), versions(found)]),
         Section("cite", "Citation", citation()),
     ]  # fmt: skip
     return Page(f"Impedances: {found.name}", typeset(answer), "", sections, FOOTER)

@@ -6,17 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from torchliner.io import line_file, map_file, point_file
+from torchliner.io import line_file, map_file, microphone_file, point_file, wall_file
 from torchliner.io.hdf5 import open_file, text_attribute
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.io.tables import FileKind
 from torchliner.io.whole_file import HDF5, printable, writable
 from torchliner.liners.catalogue import load_liner
-from torchliner.records import ImpedanceLine, ImpedanceMap, PointImpedances
+from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances
+from torchliner.report.page.of_duct import page_of_duct
 from torchliner.report.page.of_line import page_of_line
 from torchliner.report.page.of_map import page_of_map
 from torchliner.report.page.of_points import page_of_points
+from torchliner.report.page.of_wall import page_of_wall
 from torchliner.report.page.render import ENDING, Page, require_report
 from torchliner.report.page.subject import subject_of
 
@@ -24,9 +26,12 @@ RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
     (map_file.KIND, map_file.read_map),
     (line_file.KIND, line_file.read_line),
     (point_file.KIND, point_file.read_points),
+    (wall_file.KIND, wall_file.read_wall),
+    (microphone_file.KIND, microphone_file.read_microphones),
 )
 PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
-    ImpedanceLine: page_of_line, PointImpedances: page_of_points,
+    ImpedanceLine: page_of_line, PointImpedances: page_of_points, tuple: page_of_wall,
+    MicrophoneLine: page_of_duct,
 }  # fmt: skip
 
 
@@ -58,11 +63,13 @@ def page_of(
         return page_of_map(subject_of(result, source, data, liner))
     make = PAGES.get(type(result))
     if make is None:
-        raise TypeError(f"{type(result).__name__} is no result that has a report; a map, a line or "
-                        "points are")  # fmt: skip
+        raise TypeError(
+            f"{type(result).__name__} is no result that has a report; a map, a line, points, "
+            "impedances from microphones and solved ducts are"
+        )
     if data is not None or liner is not None:
         raise ValueError(
-            f"data and liner are for the report of a map, not of {type(result).__name__}"
+            "data and liner are for the report of a map, and this result is none: leave them out"
         )
     return make(result, source)
 
@@ -91,7 +98,8 @@ def read_result(path: Path) -> Any:
             )
     what = f"its schema is {printable(schema)!r}" if schema else "it states no schema"
     raise ValueError(f"{path} is no result: {what}; a report is made of an impedance map, an "
-                     "impedance line, point impedances or the folder of a campaign")  # fmt: skip
+                     "impedance line, point impedances, impedances from microphones (torchliner kt "
+                     "-o), a solved duct or the folder of a campaign")  # fmt: skip
 
 
 def data_of(path: Path, **request: Any) -> Any:

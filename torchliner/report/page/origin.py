@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import platform
+import shlex
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,14 +36,15 @@ BIBTEX = f"""@article{{roncen2026,
 BESIDE = "Files beside it as they are now; the result does not hold the hashes of its inputs."
 
 
-def files_of(result: Any, files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
+def files_of(
+    held: Sequence[Mapping[str, Any]], files: Sequence[tuple[str, Path | None, str]]
+) -> list[Block]:
     """The inputs that a result holds, then other files as they are now, with sizes and hashes.
 
     Args:
-        result: None for what has no inputs of its own.
+        held: of ``inputs_of``.
         files: what each is, its path, and words where it has none.
     """
-    held = [] if result is None else inputs_of(result)
     names = {str(each["name"]) for each in held}
     uses: dict[str, list[str]] = {}  # of one file there may be several
     for each in held:
@@ -53,6 +55,16 @@ def files_of(result: Any, files: Sequence[tuple[str, Path | None, str]]) -> list
     ]
     lead = "Inputs as they were when the result was made, and whether they are the same now."
     return [Text(lead if held else BESIDE), Facts(facts)]
+
+
+def typed(commands: Sequence[Any]) -> list[Block]:
+    """Commands as they were typed, each a list of words; what has none was done in Python."""
+    lines = [
+        shlex.join(["torchliner", *map(str, each)]) for each in commands if isinstance(each, list)
+    ]
+    if not lines:
+        return [Text("Done in Python: no command is kept, the choices are above.")]
+    return [Code("command", shown(line)) for line in dict.fromkeys(lines)]
 
 
 def _described(each: Mapping[str, Any]) -> str:
@@ -79,11 +91,12 @@ def origin(subject: MapSubject) -> list[Block]:
                   if (found := str(other.choices.get("source", "")))]  # fmt: skip
     if subject.data is not None and subject.data not in [path for _, path, _ in files]:
         files.append(("data of this report", subject.data, ""))
-    return [*files_of(result, files), _stated(result.choices.get("data")), *command(subject),
-            versions(result)]  # fmt: skip
+    return [*files_of(inputs_of(result), files), stated_origin(result.choices.get("data")),
+            *command(subject), versions(result)]  # fmt: skip
 
 
-def _stated(data: Any) -> Block:
+def stated_origin(data: Any) -> Block:
+    """What the data say of their own origin."""
     if not isinstance(data, Mapping) or not data:
         return Text("The data state nothing of their own origin.")
     words = [(str(key).replace("_", " "), shown(v if isinstance(v, str) else json.dumps(v)))
