@@ -24,7 +24,7 @@ def slits() -> dict[str, object]:
 def microphones() -> dict[str, object]:
     from torchliner.cli.main import main
 
-    assert main(["duct", "solve", "b2a", "-o", "up.csv", "--quiet"]) == 0
+    assert main(["duct", "solve", "b2a", "-o", "up.h5", "--quiet"]) == 0
     return {}
 
 
