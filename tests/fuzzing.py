@@ -126,7 +126,10 @@ def in_child(work: Callable[[], Outcome]) -> Outcome:
 def same(one: Any, two: Any) -> bool:
     """Whether two answers are the same: numbers nearly, all else exactly."""
     if isinstance(one, dict) and isinstance(two, dict):
-        return one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
+        # Hashes of inputs differ with every byte, as they should.
+        return one.keys() == two.keys() and all(
+            key == "inputs" or same(one[key], two[key]) for key in one
+        )
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
         return len(one) == len(two) and all(map(same, one, two))
     if isinstance(one, str) and isinstance(two, str):  # numbers in a text

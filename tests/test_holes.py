@@ -122,8 +122,14 @@ def test_info_says_them(tmp_path, capsys):
 
 
 def test_bands_that_overlap_are_one():
-    holes = tl.Holes((5.0, 1.0, 1.5), (1.0, 1.0, 1.0), (0.0, 0.0, 3.0))
-    assert merged_bands(holes) == [(0.5, 2.0), (4.5, 5.5)]
+    sixty_fourths = [each / 64 for each in (5.0, 1.0, 1.5)]
+    holes = tl.Holes(sixty_fourths, (1 / 64,) * 3, (0.0, 0.0, 3.0))
+    assert merged_bands(holes) == [(0.5 / 64, 2 / 64), (4.5 / 64, 5.5 / 64)]
+
+
+def test_a_slip_of_units_is_refused():
+    with pytest.raises(ValueError, match=r"is 0\.684 m; it must be positive, and at most 0\.1 m"):
+        tl.Holes((6.2e-3,), (0.684,))
 
 
 def test_maps_and_curves_name_them_in_the_legend():

@@ -422,3 +422,34 @@ def test_no_toml_runs_a_python_file(tmp_path):
     assert not ran.exists()
     tl.load_liner(tmp_path / "mine.py")
     assert ran.exists()
+
+
+def test_a_description_that_leaves_numbers_to_defaults_is_refused():
+    """Of a map that somebody edited: the default would be another liner, and nothing would say."""
+    whole = tl.load_liner("lbm_orifice_coarse").describe()
+    assert tl.load_liner(whole).describe() == whole
+    for change in ({"cavity_porosity": None}, {"vena_contracta": None}):
+        with pytest.raises(ValueError, match=f"lacks {next(iter(change))}; describe"):
+            tl.load_liner({**whole, **change})
+    gas = {key: value for key, value in whole["fluid"].items() if key != "density"}
+    with pytest.raises(ValueError, match=r"lacks fluid\.density|density"):
+        tl.load_liner({**whole, "fluid": gas})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"resistance": [0.5]}, "resistance has 1 values where 3 are needed"),
+        ({"reactance": [[0.0], [0.1], [0.2]]}, r"reactance holds \[0\.0\]; it is 3 numbers"),
+        ({"resistance": [0.5, True, 0.5]}, "resistance holds True"),
+        ({"resistance": [0.5, "0.5", 0.5]}, "resistance holds '0.5'"),
+        ({"speed": [0.0, 1.0]}, "resistance has 0.5 where 2 are needed"),
+    ],
+)
+def test_numbers_of_a_table_are_a_full_grid(change, words):
+    """Lists of other lengths would be stretched over the table."""
+    table = {"model": "table", "name": "t", "frequency": [1000.0, 1400.0, 2000.0],
+             "resistance": [0.5, 0.6, 0.7], "reactance": [-0.5, 0.0, 0.5]}  # fmt: skip
+    assert tl.load_liner(table).impedance(1400.0).tolist() == 0.6 + 0j
+    with pytest.raises(ValueError, match=words):
+        tl.load_liner({**table, **change})

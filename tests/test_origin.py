@@ -292,3 +292,35 @@ def test_kinds_are_told_apart():
     """A page never shows one for the other."""
     assert KINDS[WHOLE] == "SHA-256"
     assert KINDS[BLOCKWISE].startswith("SHA-256 of size and 32 blocks of 1 MiB")
+
+
+def test_a_collection_stands_for_the_files_that_it_names(tmp_path):
+    """Wherever they lie, and for no others beside it; numbered files for those of their name."""
+    from torchliner.records.origin import series_of
+
+    (tmp_path / "a").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    frames = [tmp_path / "elsewhere" / f"f{n}.vtp" for n in (1, 2)]
+    other = tmp_path / "a" / "other.vtp"
+    for path in (*frames, other):
+        path.write_text("one")
+    pvd = tmp_path / "a" / "s.pvd"
+    pvd.write_text(
+        "".join(f'<DataSet timestep="{n}" file="../elsewhere/f{n}.vtp"/>' for n in (1, 2))
+    )
+    known = input_file("velocity", pvd)
+    assert len(series_of(pvd)) == 3
+    other.write_text("another")
+    assert standing(known).words == "unchanged"
+    frames[1].write_text("two")
+    assert standing(known).changed
+    assert series_of(frames[0]) == frames
+
+
+def test_a_page_tells_no_hash_of_what_a_result_names(tmp_path):
+    """A result may name any file of its reader; a folder without end is not walked through."""
+    path = tmp_path / "secret"
+    path.write_text("secret")
+    found = standing({**input_file("velocity", path), "hash": "0" * 64})
+    assert found == ("another file of the same size now", True)
+    assert "more than" in standing({**input_file("velocity", path), "name": "/"}).words

@@ -89,7 +89,7 @@ CLUSTER = {
 CASE: dict[str, Any] = {
     "--frequency HZ": "tone in Hz",
     "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), "
-                           "dB re 20 uPa rms",
+    "dB re 20 uPa rms",
     "--mach M": "bulk Mach number",
     "--displacement-thickness M": "of the boundary layer, m",
     "--source-side": (

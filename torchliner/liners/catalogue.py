@@ -101,8 +101,32 @@ class TableFile(LinerFile):
         if self.file is not None or not all(numbers):
             raise ValueError("a table is file, a .csv beside this one, or frequency, resistance "
                              "and reactance, with speed where they depend on it")  # fmt: skip
-        real, imaginary = (np.array(part, dtype=float) for part in numbers[1:])
+        shape = (len(self.frequency or ()), *(() if self.speed is None else (len(self.speed),)))
+        real, imaginary = (
+            _grid(part, key, shape)
+            for part, key in ((self.resistance, "resistance"), (self.reactance, "reactance"))
+        )
         return TabulatedLiner(self.frequency, real + 1j * imaginary, self.speed, **about)
+
+
+def _grid(values: Any, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of a table in its file, (frequency,) or (frequency, speed).
+
+    Raises:
+        ValueError: lists of other lengths, or what is no number.
+    """
+    rows = values if len(shape) == 2 else [values]
+    wanted = " lists of ".join(str(count) for count in shape)
+    for row in [values, *rows]:
+        count = shape[0] if row is values else shape[-1]
+        if not isinstance(row, list) or len(row) != count:
+            have = f"{len(row)} values" if isinstance(row, list) else repr(row)
+            raise ValueError(f"{key} has {have} where {count} are needed; it is {wanted} numbers, "
+                             "of the lengths of frequency and speed")  # fmt: skip
+    for each in (each for row in rows for each in row):
+        if isinstance(each, bool) or not isinstance(each, (int, float)):
+            raise ValueError(f"{key} holds {each!r}; it is {wanted} numbers")
+    return np.array(values, dtype=float)
 
 
 ENDINGS = (".toml", ".csv", ".py")
@@ -145,17 +169,25 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
     ['0.07-0.01j', '4.61-0.27j']
     """
+    found: LinerModel
     if isinstance(name, Mapping):
         if "file" in name:  # whoever wrote a map does not choose what is read here
             raise ValueError(
                 f"the liner is described by the file {name['file']!r} and not by its numbers; load "
                 "that file"
             )
-        return _build(_stated(name), Path(str(name.get("name", "liner"))))
+        found = _build(_stated(name), Path(str(name.get("name", "liner"))))
+        missing = _missing(name, found.describe())
+        if missing:
+            raise ValueError(
+                f"the description of liner {name.get('name')!r} lacks {', '.join(missing)}; "
+                "describe() of a model, and so a map, states them"
+            )
+        return found
     suffix = Path(name).suffix.lower()
     beside: list[str] = []
     if suffix == ".csv":
-        found: LinerModel = TabulatedLiner.read_csv(name)
+        found = TabulatedLiner.read_csv(name)
     elif suffix == ".py":
         found = read_liner(Path(name))
     else:
@@ -164,6 +196,18 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
         beside = [str(path.parent / content["file"])] if "file" in content else []
     if suffix in ENDINGS:
         object.__setattr__(found, "files", (str(name), *beside))
+    return found
+
+
+def _missing(stated: Mapping[str, Any], whole: Mapping[str, Any], within: str = "") -> list[str]:
+    """Keys that a whole description has and this one leaves to a default."""
+    found = []
+    for key, value in whole.items():
+        mine = stated.get(key)
+        if mine is None and value is not None:
+            found.append(within + key)
+        elif isinstance(value, Mapping) and isinstance(mine, Mapping):
+            found += _missing(mine, value, f"{within}{key}.")
     return found
 
 

@@ -9,6 +9,8 @@ from torch import Tensor
 
 from torchliner.records.probes import finite_places
 
+WIDEST = 0.1  # m, no hole of a liner: a slip of units
+
 
 @dataclass(frozen=True, repr=False)
 class Holes:
@@ -19,7 +21,8 @@ class Holes:
         diameter: of round holes, or width along x of slits, m, (H,).
         z: of the centres, m, (H,); None for slits, which go all along z.
     Raises:
-        ValueError: other numbers of values, none, not finite; a diameter that is not positive.
+        ValueError: other numbers of values, none, not finite; a diameter that is not positive, or
+            above 0.1 m.
     """
 
     x: tuple[float, ...]
@@ -36,9 +39,10 @@ class Holes:
                     raise ValueError(f"holes: {label} has {len(places)} values for "
                                      f"{len(self.x)} holes; each hole has one")  # fmt: skip
         for number, diameter in enumerate(self.diameter, 1):
-            if diameter <= 0:
+            if not 0 < diameter <= WIDEST:
                 raise ValueError(f"holes: diameter of hole {number}, at x = {self.x[number - 1]:g} "
-                                 f"m, is {diameter:g} m; it must be positive")  # fmt: skip
+                                 f"m, is {diameter:g} m; it must be positive, and at most "
+                                 f"{WIDEST:g} m: check its unit")  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.x)

@@ -12,6 +12,7 @@ import functools
 import hashlib
 import os
 import platform
+import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -30,17 +31,28 @@ KINDS = {  # in words
     WHOLE: "SHA-256",
     BLOCKWISE: f"SHA-256 of size and {BLOCKS} blocks of 1 MiB spread over the content",
 }
+NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
+DIGITS = "0123456789"
 SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
+MOST_FILES = 20_000  # of a folder that is looked through to see whether it is still the same
 MOST_READ = 1 << 32  # bytes that are read to see whether they are still the same
 State = tuple[tuple[str, int, int], ...]  # of files: name, bytes, time of change
 Result = TypeVar("Result", bound=Any)
 
 
 def series_of(path: Path) -> list[Path]:
-    """Files that one file of a series stands for, sorted; none where it stands for itself."""
-    if path.suffix.lower() not in SERIES:
+    """Files that one file of a series stands for, sorted, itself among them: those that a
+    collection names, or those of its name with other numbers; none where it stands for itself."""
+    if path.suffix.lower() not in SERIES or not path.is_file():
         return []
-    return sorted(p for p in path.parent.rglob("*") if p.suffix.lower() in SERIES)
+    if path.suffix.lower() in (".pvd", ".series"):
+        named = [(a or b).decode() for a, b in NAMED.findall(path.read_bytes())]
+        found = {each for name in named if (each := path.parent / name).is_file()}
+    else:
+        stem = path.stem.rstrip(DIGITS)
+        found = {each for each in path.parent.iterdir()
+                 if each.suffix == path.suffix and each.stem.rstrip(DIGITS) == stem}  # fmt: skip
+    return sorted({path} | found)
 
 
 def named_file(name: str) -> Path | None:
@@ -155,18 +167,28 @@ class Standing(NamedTuple):
 def standing(stored: Mapping[str, Any]) -> Standing:
     """Of an input that a result holds, by the kind of hash that is stored.
 
-    Raises:
-        OSError: it is there and cannot be read.
+    A result may name any file, and a page is handed on: no present hash is told, and no folder of
+    more than ``MOST_FILES`` files is searched.
     """
-    name, kind = str(stored["name"]), stored["kind"]
-    if not (os.path.isfile(name) or os.path.isdir(name)):
-        return Standing("not there now")
-    size = _size(_state(Path(name)))
+    name = str(stored["name"])
+    try:
+        if not (os.path.isfile(name) or os.path.isdir(name)):
+            return Standing("not there now")
+        if os.path.isdir(name):
+            for count, _ in enumerate(Path(name).rglob("*")):
+                if count == MOST_FILES:
+                    return Standing(f"not compared, more than {MOST_FILES} files")
+        return _compared(stored, name)
+    except OSError as error:
+        return Standing(f"not compared: {error.strerror or error}")
+
+
+def _compared(stored: Mapping[str, Any], name: str) -> Standing:
+    kind, size = stored["kind"], _size(_state(Path(name)))
     if size != stored["bytes"]:
         return Standing(f"another file now, of {size:,} bytes", True)
     if kind not in KINDS or (kind == WHOLE and size > MOST_READ):
         return Standing(f"of the same size now; not compared, {size / 1e9:.3g} GB")
-    now = input_file(stored["what"], name, kind)["hash"]
-    if now == stored["hash"]:
+    if input_file(stored["what"], name, kind)["hash"] == stored["hash"]:
         return Standing("unchanged")
-    return Standing(f"another file of the same size now: {now}", True)
+    return Standing("another file of the same size now", True)

@@ -65,6 +65,11 @@ class Repeated:
         self.chosen = base_choices(result)
         self.frequencies = [float(f) for f in result.frequency.tolist()]
         self.phase = result.choices.get("reference_phase")
+        words = result.choices.get("command")
+        words = [str(each) for each in words] if isinstance(words, list) else []
+        # A generated signal is kept in words; the command has it as it is asked for.
+        stated = [words[i + 1] for i, each in enumerate(words[:-1]) if each == "--incident"]
+        self.sent = stated[-1] if stated else "INCIDENT"
         self.rebuilt, self.preset = subject.model is not None, preset_of(result)
         beside = [str(o.choices["source"]) for o in result.alongside if "source" in o.choices]
         self.beside = beside[0] if beside else ""
@@ -121,7 +126,7 @@ class Repeated:
         if key == "incident" and signal:
             # What is sent has the rate of the plane.
             return f"tl.read_signal({signal[0]!r}, {self.result.choices['sampling_rate']!r})"
-        return repr(self.chosen[key])
+        return repr(self.sent) if key == "incident" else repr(self.chosen[key])
 
     def lost(self) -> str:
         """What the map does not hold of its making, or the command line cannot say."""
@@ -133,8 +138,8 @@ class Repeated:
         closure = self.result.closure
         if closure is not None and closure.kind == "wall" and not (self.held or self.wall):
             found.append("the file of the wall pressures (--wall-pressure)")
-        if choices.get("incident") is not None and not self.held:
-            found.append("the samples of an incident signal from a file")
+        if choices.get("incident") is not None and "incident signal" not in self.files:
+            found.append("the incident signal as it was asked for, INCIDENT")
         words = f"The map does not hold {', '.join(found)}." if found else ""
         return f"{words} {ONE_PHASE}".strip() if isinstance(self.phase, list) else words
 

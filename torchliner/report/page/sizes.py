@@ -220,6 +220,8 @@ def left_out(known: Whole, said: re.Match[str]) -> Size | None:
         return None
     share = float(said["n"]) / float(said["of"])
     change = share * complex(known.of_map.liner_spread[known.main])
+    if not change:  # of one probe there is no spread
+        return None
     return Size(change, "if those left out lie one spread over the probes off")
 
 
