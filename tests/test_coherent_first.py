@@ -204,8 +204,7 @@ def test_probes_left_out_and_probes_of_no_cell(onera):
     kept = torch.arange(len(velocity)) != 2
     plane = on_cells(velocity)
     fewer = dataclasses.replace(plane, velocity=velocity[kept], x=plane.x[kept])
-    with pytest.warns(tl.DataWarning, match="3 of 18 probes lie in cells of 12.44 mm that"):
-        wanted = educed(fewer, onera, velocity_max=20.0)
+    wanted = educed(fewer, onera, velocity_max=20.0)
     assert bool(torch.isnan(found.reflection_coherent_first[2].real).all())
     assert relative_error(found.reflection_coherent_first[kept], wanted.reflection_coherent_first
                           ) < 1e-12  # fmt: skip

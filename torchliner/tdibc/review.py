@@ -215,14 +215,6 @@ def review_coherent(
             "is that of its probe, and 'coherent first' is 'probes first'; more probes a cell are "
             "needed"
         )
-    outside = int((cells.labels < 0).sum())
-    if outside and liner.cell_pitch is not None:
-        notes.append(
-            f"{plane.name}: {outside} of {plane.probes} probes lie in cells of "
-            f"{1e3 * liner.cell_pitch:.4g} mm that the probes do not span; averages over cells are "
-            "without them. A cell's border is at x = 0 (z = 0): shift the coordinates if that is "
-            "not so of the liner"
-        )
     if liner.cell_pitch is None and plane.x is not None:
         length = float(plane.x.max() - plane.x.min())
         wave = float(plane.fluid.sound_speed) / float(asked.max())
