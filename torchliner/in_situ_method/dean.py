@@ -147,14 +147,12 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
         cells = sort_into_cells(record, record.cell_pitch)
     else:
         labels = record.probe_cell
-        member = Cells(labels, torch.zeros(int(labels.max()) + 1), torch.zeros(0)).membership(
-            labels >= 0
-        )
+        unplaced = torch.full((int(labels.max()) + 1,), torch.nan, dtype=torch.float64)
+        sorted_only = Cells(labels, unplaced, unplaced)
         centres = [
-            torch.full((member.shape[1],), torch.nan, dtype=torch.float64)
-            if values is None else member.T @ values
+            unplaced if values is None else sorted_only.average(values, labels >= 0, 0)
             for values in record.probe_coordinates()
-        ]  # fmt: skip
+        ]
         cells = Cells(labels, *centres)
     rows = _backplate_rows(record)
     # A probe that the record puts in no cell has no backplate either.
@@ -205,19 +203,18 @@ def _impedances(face: Tensor, velocity: Tensor, cells: Cells, rows: Tensor) -> d
     points = transfer_from_amplitudes(through, face).response
     points = torch.where(used[:, None], points, torch.nan)
     inside = (cells.labels >= 0) & used
-    member = cells.membership(used).T.to(torch.complex128)
-    admittance = torch.where(inside[:, None], 1 / points, 0)
-    mean_face, mean_through = member @ face, member @ through
+    admittance = cells.average(torch.where(inside[:, None], 1 / points, 0), used)
+    mean_face, mean_through = cells.average(face, used), cells.average(through, used)
 
     def first(driver: Tensor, response: Tensor) -> Tensor:
         return transfer_from_amplitudes(driver, response).response
 
     return {
         "point_impedance": points,
-        "cell_impedance": impedance_from_admittance(member @ admittance),
+        "cell_impedance": impedance_from_admittance(admittance),
         "cell_impedance_pressure_first": first(mean_through, mean_face),
         # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
-        "liner_impedance": mean_impedance(member @ admittance),
+        "liner_impedance": mean_impedance(admittance),
         "liner_impedance_pressure_first": first(mean_through.mean(1), mean_face.mean(1)),
     }
 
@@ -231,11 +228,10 @@ def _coherence(
     The amplitudes (S, P, F), (S, C, F) of a single segment say nothing of it; shorter segments do.
     """
     used = rows >= 0
-    member = cells.membership(used).T
 
     def over_cells(face: Tensor, back: Tensor) -> Tensor:
         found = transfer_from_amplitudes(back[:, rows.clamp(min=0)], face).coherence
-        return member @ torch.where(used[:, None], found, 0.0)
+        return cells.average(torch.where(used[:, None], found, 0.0), used)
 
     if len(lines[0]) > 1:
         return over_cells(*lines), len(lines[0])

@@ -141,7 +141,6 @@ def dean_uncertainty(
     back = record.backplate.reshape(-1, record.samples)
     face = record.facesheet.reshape(-1, record.samples)
     used = rows >= 0
-    member = cells.membership(used).T.to(torch.complex128)
     inside = ((cells.labels >= 0) & used)[:, None]
     parts: dict[str, list[Interval]] = {}
     count = 0
@@ -155,8 +154,8 @@ def dean_uncertainty(
         at = {name: value[..., f : f + 1] for name, value in found.items()}
         points = at["point_impedance"]
         change = -blocks.h1(through, pressure, points) / points**2
-        admittance = member @ torch.where(inside, change, 0)
-        through, pressure = member @ through, member @ pressure
+        admittance = cells.average(torch.where(inside, change, 0), used)
+        through, pressure = cells.average(through, used), cells.average(pressure, used)
         first = "_pressure_first"
         series = {
             "cells": (admittance, 1 / at["cell_impedance"], FROM_ADMITTANCE),

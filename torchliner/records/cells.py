@@ -56,17 +56,22 @@ class Cells:
         matrix[inside, self.labels[inside]] = 1.0
         return matrix / matrix.sum(0).clamp(min=1)
 
+    def average(self, values: Tensor, used: Tensor, axis: int = -2) -> Tensor:
+        """Means over the probes ``used`` of each cell: P becomes C on that axis of ``values``."""
+        inside = ((self.labels >= 0) & used.cpu()).to(values.device)
+        labels = self.labels.to(values.device)[inside]
+        members = values.movedim(axis, 0)[inside]
+        total = members.new_zeros(self.count, *members.shape[1:]).index_add_(0, labels, members)
+        sizes = torch.bincount(labels, minlength=self.count).clamp(min=1)
+        return (total / sizes.reshape(-1, *[1] * (total.ndim - 1))).movedim(0, axis)
+
     def average_reflection(
         self, reflection: Tensor, used: Tensor, wall: Tensor | None = None
     ) -> Tensor:
         """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
-        inside = (self.labels >= 0).to(used.device) & used
-        open_there = inside[:, None] if wall is None else inside[:, None] & ~wall
-        clean = torch.where(open_there, admittance_from_reflection(reflection), 0)[inside]
-        labels = self.labels.to(used.device)[inside]
-        total = clean.new_zeros(self.count, clean.shape[1]).index_add(0, labels, clean)
-        sizes = torch.bincount(labels, minlength=self.count).clamp(min=1)[:, None]
-        return reflection_from_admittance(total / sizes)
+        admittance = admittance_from_reflection(reflection)
+        admittance = admittance if wall is None else torch.where(wall, 0, admittance)
+        return reflection_from_admittance(self.average(admittance, used))
 
 
 def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:

@@ -125,8 +125,8 @@ class PeriodicPart:
         coherent = (self.fit * self.sums).sum(0) / self.samples
         incoherent = (mean_square - coherent).clamp(min=0)
         labels = cells.labels.to(incoherent.device)
-        member = cells.membership(cells.labels >= 0).to(incoherent)
-        own = torch.where(labels >= 0, (incoherent @ member)[labels.clamp(min=0)], incoherent)
+        of_cells = cells.average(incoherent, cells.labels >= 0, 0)
+        own = torch.where(labels >= 0, of_cells[labels.clamp(min=0)], incoherent)
         scale = (rms / own.sqrt().clamp(min=1e-300)).clamp(max=1)
         return dataclasses.replace(
             self, scale=scale, deviation=self.deviation - (1 - scale) * self.fit

@@ -164,7 +164,7 @@ def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
     )
     if not alike:
         return torch.cat([mean, mean])
-    return torch.cat([mean, own.membership(own.labels >= 0).T.to(face) @ face])
+    return torch.cat([mean, own.average(face, own.labels >= 0)])
 
 
 def _of_waves(prepared: Prepared, record: PressureRecord, same_times: bool) -> KnownPressure:

@@ -131,8 +131,7 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
 
 def _mean_direction(prepared: Prepared, psi: Tensor) -> Tensor:
     """Mean of e^{j psi} over each cell's probes, (C, F or 1)."""
-    weights = prepared.cells.membership(prepared.used).to(torch.complex128)
-    return weights.T @ torch.exp(1j * psi)
+    return prepared.cells.average(torch.exp(1j * psi), prepared.used)
 
 
 def _review_phase(prepared: Prepared, psi: Tensor) -> list[str]:

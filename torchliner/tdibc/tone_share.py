@@ -23,9 +23,8 @@ def tone_velocities(prepared: Prepared) -> tuple[float, float, float] | None:
     if part is None or prepared.plane.frequency is None or not len(part.harmonics.lines):
         return None
     kept = prepared.in_cells
-    member = cells.membership(kept).to(part.fit)
-    of_cells, sums = part.fit @ member, part.gram @ (part.fit @ member)
-    periodic = (of_cells * sums).sum(0) / part.samples - of_cells[0] ** 2
+    of_cells = cells.average(part.fit, kept, -1)
+    periodic = (of_cells * (part.gram @ of_cells)).sum(0) / part.samples - of_cells[0] ** 2
     probes = slice(0, prepared.plane.probes)
     own = (part.fit * part.sums).sum(0) / part.samples
     rest = (prepared.survey.mean_square[probes] - own).clamp(min=0) * part.scale**2
