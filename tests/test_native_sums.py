@@ -36,8 +36,13 @@ def weight_rows(length, dtype=torch.float32):
     return torch.stack([angle.cos(), angle.sin()]).to(dtype)
 
 
+def table(*pieces):
+    """Low, high and block of each."""
+    return np.array(pieces, dtype=np.int64).reshape(-1, 3)
+
+
 def cut(length, rows=142):
-    return [(low, min(low + rows, length), low // rows) for low in range(0, length, rows)]
+    return table(*((low, min(low + rows, length), low // rows) for low in range(0, length, rows)))
 
 
 def moments(way, v, pieces=None, count=24, rows=None, taken=None, columns=slice(None)):
@@ -45,7 +50,7 @@ def moments(way, v, pieces=None, count=24, rows=None, taken=None, columns=slice(
     pieces = cut(len(v)) if pieces is None else pieces
     shape = (1 if rows is None else 1 + len(rows), count, v.shape[1])
     totals = torch.zeros(shape, dtype=torch.float64)
-    of_blocks = torch.zeros((max(b for *_, b in pieces) + 1, *shape), dtype=v.dtype)
+    of_blocks = torch.zeros((pieces[:, 2].max() + 1, *shape), dtype=v.dtype)
     way.add(v, (), Speeds(pieces, count, CENTRE, totals, of_blocks, rows), taken)
     return totals, of_blocks
 
@@ -61,7 +66,7 @@ def oracle(v, count, rows=None):
 
 
 def lines(way, v, pieces, rows):
-    blocks, columns = max(b for *_, b in pieces) + 1, v.shape[1]
+    blocks, columns = pieces[:, 2].max() + 1, v.shape[1]
     sums = torch.zeros(blocks, len(rows), columns, dtype=torch.float64)
     squares = torch.zeros(blocks, columns, dtype=torch.float64)
     smallest = torch.full((columns,), np.inf, dtype=torch.float64)
@@ -90,7 +95,7 @@ def test_moments_are_their_definition(way, dtype, limit, further):
 @pytest.mark.parametrize(("dtype", "limit"), [(torch.float32, 2e-7), (torch.float64, 1e-14)])
 def test_lines_are_their_definition(way, dtype, limit):
     v, rows = plane(600, 70, dtype), plane(19, 600, dtype, seed=1)
-    pieces = [(3, 259, 1), (259, 300, 1), (310, 600 - 40, 0)]
+    pieces = table((3, 259, 1), (259, 300, 1), (310, 600 - 40, 0))
     sums, squares, smallest, largest = lines(way, v, pieces, rows)
     inside = [slice(310, 560), slice(3, 300)]
     w = v.double()
@@ -136,7 +141,7 @@ def test_both_ways_agree(length, columns, count, further, taken, double, transpo
     rows = weight_rows(length, dtype).repeat(2, 1)[:further] if further else None
     ends = data.draw(st.lists(st.integers(0, length), min_size=2, max_size=6, unique=True))
     ends = sorted({0, *ends})
-    pieces = [(a, min(b, a + 256), i % 2) for i, (a, b) in enumerate(pairwise(ends))]
+    pieces = table(*((a, min(b, a + 256), i % 2) for i, (a, b) in enumerate(pairwise(ends))))
     off = Taken(
         rows=plane(length, taken, dtype, 2) / 4,
         coefficients=plane(taken, columns, dtype, 3) / 4,
@@ -147,7 +152,7 @@ def test_both_ways_agree(length, columns, count, further, taken, double, transpo
     # float32: a rounding of x moves T_k by up to k^2 roundings, in mean over many samples by few.
     # What is taken off adds a rounding of v* each.
     rounding = 1e-8 if double else 6e-8 * count**2 * (1 + taken)
-    limit = rounding * sum(high - low for low, high, _ in pieces)
+    limit = rounding * int((pieces[:, 1] - pieces[:, 0]).sum())
     assert (both[0][0] - both[1][0]).abs().max() <= limit
     assert (both[0][1] - both[1][1]).abs().max() <= limit
     if rows is not None:
@@ -170,7 +175,7 @@ def test_both_ways_agree_in_the_mean(further):
 @pytest.mark.parametrize("columns", [1, 5, 63, 64, 65, 1000])
 def test_a_column_knows_nothing_of_the_others(columns, further, taken):
     """Neither how many there are, nor where it stands, nor how it lies in memory."""
-    v, pieces = plane(300, 1000), [(0, 142, 0), (142, 145, 0), (150, 300, 1)]
+    v, pieces = plane(300, 1000), table((0, 142, 0), (142, 145, 0), (150, 300, 1))
     rows = weight_rows(300).repeat(2, 1)[:further] if further else None
     off = Taken(rows=plane(300, 3), coefficients=plane(3, 1000), scale=plane(1, 1000)[0])
     order = torch.randperm(1000, generator=torch.Generator().manual_seed(1))[:columns]
@@ -208,7 +213,7 @@ def test_slabs_cut_between_pieces_change_no_bit(way):
     parts, part_lines = [torch.zeros_like(each) for each in whole], []
     part_lines = [torch.zeros_like(each) for each in whole_lines[:2]]
     for low, high in ((426, 852), (852, 1000), (0, 426)):  # in any order
-        here = [(a - low, b - low, i) for a, b, i in pieces if low <= a < high]
+        here = pieces[(pieces[:, 0] >= low) & (pieces[:, 0] < high)] - (low, low, 0)
         part = Taken(rows=off.rows[low:high], coefficients=off.coefficients, scale=None)
         ends = [torch.zeros(70, dtype=torch.float64) for _ in range(2)]
         asked = [Lines(here, rows[:, low:high], *part_lines, *ends)]
@@ -228,7 +233,7 @@ def test_sums_of_pieces_are_exact(way):
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(("pieces", "columns"), [([], 5), ([(0, 9, 0)], 0)])
+@pytest.mark.parametrize(("pieces", "columns"), [(table(), 5), (table((0, 9, 0)), 0)])
 def test_nothing_adds_nothing(way, pieces, columns):
     totals = torch.ones(3, 24, columns, dtype=torch.float64)
     v, rows = plane(9, columns), weight_rows(9)
@@ -284,7 +289,7 @@ def test_loading_leaves_denormal_numbers_alone():
         "assert library.available()\n"
         "v = torch.ones(4, 4)\n"
         "from torchliner.reduction.eager import Lines\n"
-        "native.add(v, [Lines([(0, 4, 0)], v, torch.zeros(1, 4, 4).double())])\n"
+        "native.add(v, [Lines(numpy.array([[0, 4, 0]]), v, torch.zeros(1, 4, 4).double())])\n"
         "print((numpy.full(8, 1e-310) / 2 > 0).all(), (numpy.float32(1e-40) / 2) > 0,"
         " (torch.full((8,), 1e-40) / 2 > 0).all().item())"
     )
@@ -317,10 +322,10 @@ def test_a_forked_process_has_threads_of_its_own():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pieces": [(0, 257, 0)]}, "1 to 256 of the 300 rows, not 0 to 257"),
-        ({"pieces": [(200, 301, 0)]}, "not 200 to 301"),
-        ({"pieces": [(5, 5, 0)]}, "not 5 to 5"),
-        ({"pieces": [(0, 142, 2)]}, "blocks 2 to 2, but room for 2"),
+        ({"pieces": table((0, 257, 0))}, "1 to 256 of the 300 rows, not 0 to 257"),
+        ({"pieces": table((200, 301, 0))}, "not 200 to 301"),
+        ({"pieces": table((5, 5, 0))}, "not 5 to 5"),
+        ({"pieces": table((0, 142, 2))}, "blocks 2 to 2, but room for 2"),
         ({"rows": torch.ones(2, 299)}, r"\(2, 299\) torch.float32 .* \(2, 300\)"),
         ({"rows": torch.ones(2, 300).double()}, "float64 on cpu, but .*float32 on a CPU"),
         ({"totals": torch.zeros(3, 23, 70).double()}, r"\(3, 24, 70\)"),
@@ -339,7 +344,7 @@ def test_a_forked_process_has_threads_of_its_own():
 def test_what_does_not_fit_is_refused(change, message):
     """The C++ file would write where nothing is."""
     given = {
-        "pieces": [(0, 142, 1)], "count": 24, "centre": CENTRE,
+        "pieces": table((0, 142, 1)), "count": 24, "centre": CENTRE,
         "rows": torch.ones(2, 300),
         "totals": torch.zeros(3, 24, 70, dtype=torch.float64),
         "of_blocks": torch.zeros(2, 3, 24, 70),

@@ -22,6 +22,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.compiled.threads import threads
+
 SOURCES = sorted(Path(__file__).parent.glob("*.cpp"))
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC"]
@@ -87,13 +89,15 @@ def in_threads(name: str, share: int, count: int, given: Sequence[Any]) -> None:
         raise ValueError(f"no compiled function {name}: {reason}")
     function = library[name]
 
-    def over(left: int) -> None:
-        function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, count)))
+    lefts = iter(range(0, count, max(share, 1)))
 
-    lefts = range(0, count, max(share, 1))
-    others = [_pool().submit(over, left) for left in lefts[1:]]
-    for left in lefts[:1]:
-        over(left)
+    def work() -> None:
+        for left in lefts:
+            function(*given, ctypes.c_int64(left), ctypes.c_int64(min(left + share, count)))
+
+    workers = min(threads(), -(-count // max(share, 1)))
+    others = [_pool().submit(work) for _ in range(1, workers)]
+    work()
     for other in others:
         other.result()
 

@@ -324,10 +324,15 @@ void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_c
         const long n = std::min(left, RUN), whole = n - n % N;
         V<T> wide = {};
         for (long j = 0; j < whole; j += N) wide += load(v + j);
-        double sum = 0;
-        for (long j = 0; j < N; j++) sum += wide[j];
-        for (long j = whole; j < n; j++) sum += v[j];
-        out[t * cell_count + runs[3 * r + 2]] += sum;
+        // Halves of halves: a chain of N additions would take longer than the cell's columns.
+        typedef double D __attribute__((vector_size(8 * N)));
+        double part[N];
+        const D exact = __builtin_convertvector(wide, D);
+        memcpy(part, &exact, sizeof part);
+        UNROLL for (int half = N / 2; half; half /= 2)
+          UNROLL for (int j = 0; j < half; j++) part[j] += part[j + half];
+        for (long j = whole; j < n; j++) part[0] += v[j];
+        out[t * cell_count + runs[3 * r + 2]] += part[0];
       }
     }
 }

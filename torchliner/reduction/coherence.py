@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -109,23 +109,20 @@ class _Segments:
         self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
         if self.inside is None:
             self.inside = begin % self.length != 0
-        steps = torch.arange(begin, end)
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
-        rows = rows * self.hann[steps % self.length]
-        number = steps // self.length - begin // self.length
-        starts = (steps % self.length % SLAB_ROWS == 0).nonzero()[:, 0].tolist()
-        cuts = sorted({0, *starts, end - begin})
-        blocks = number[torch.tensor(cuts[:-1])].tolist()
-        pieces = [
-            (low, high, block) for (low, high), block in zip(pairwise(cuts), blocks, strict=True)
-        ]
-        count = blocks[-1] + 1
-        sums = torch.zeros(count, *self.open.shape, dtype=torch.float64, device=slab.device)
+        starts = np.arange(begin - begin % self.length, end, self.length)
+        hann = self.hann.repeat(len(starts))[begin % self.length :][: end - begin]
+        rows = rows * hann
+        cuts = (starts[:, None] + np.arange(0, self.length, SLAB_ROWS)).flatten()
+        cuts = np.array([begin, *cuts[(cuts > begin) & (cuts < end)], end])
+        block = (cuts[:-1] - starts[0]) // self.length
+        pieces = np.column_stack([cuts[:-1] - begin, cuts[1:] - begin, block])
+        sums = self.open.new_zeros(len(starts), *self.open.shape)
         sums[0] = self.open
-        windows = torch.zeros(count, dtype=torch.complex128).index_add_(0, number, rows)
+        windows = torch.from_numpy(np.add.reduceat(rows.numpy(), np.maximum(starts - begin, 0)))
         windows[0] += self.open_window
         both = torch.zeros(2, len(slab), dtype=torch.float64)
-        both[:, : end - begin] = torch.stack([rows.real, rows.imag])
+        torch.stack([rows.real, rows.imag], out=both[:, : end - begin])
         lines = Lines(pieces, both.to(slab.device, slab.dtype), sums)
         return SegmentLines(self, lines, windows, end % self.length != 0)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,16 +18,13 @@ BATCH = 1 << 16  # velocities of few columns that are worked on at once
 NARROW = 64  # columns
 
 
-Pieces = Sequence[tuple[int, int, int]]
-
-
 @dataclass
 class Lines:
     """Weighted sums of v over pieces of a slab's rows, added to those of their blocks.
 
     Args:
-        pieces: (low, high, block): rows low to high - 1, at most 256, belong to a block of time;
-            rows in no piece are left out.
+        pieces: low, high and block, int64, (pieces, 3): rows low to high - 1, at most 256, belong
+            to a block of time; rows in no piece are left out.
         rows: weights in the slab's precision, (R, t).
         sums: (B, R, P), float64, added to; m/s.
         squares: sums of v^2, (B, P), float64, added to, (m/s)^2, or None.
@@ -34,7 +32,7 @@ class Lines:
     A nan or inf spoils the sums and extremes of its own column alone.
     """
 
-    pieces: Pieces
+    pieces: np.ndarray
     rows: Tensor
     sums: Tensor
     squares: Tensor | None = None
@@ -60,7 +58,7 @@ class Speeds:
     A nan or inf makes the moments of its own column nan, but order 0, the sum of the weights.
     """
 
-    pieces: Pieces
+    pieces: np.ndarray
     count: int
     centre: float
     totals: Tensor
@@ -86,22 +84,19 @@ def add(
 
 
 def _batches(
-    slab: Tensor, pieces: Pieces, columns: slice, taken: Taken | None
+    slab: Tensor, pieces: np.ndarray, columns: slice, taken: Taken | None
 ) -> Iterator[tuple[list[int], Any, Tensor]]:
     """Pieces of equal length side by side, many of few columns: their numbers, their rows, (n t),
     and v, (n, t, columns)."""
-    by_length: dict[int, list[int]] = {}
-    for i, (low, high, _) in enumerate(pieces):
-        by_length.setdefault(high - low, []).append(i)
-    for length, all_of_them in by_length.items():
-        width = columns.stop - columns.start
+    lengths, width = pieces[:, 1] - pieces[:, 0], columns.stop - columns.start
+    for length in dict.fromkeys(lengths.tolist()):
+        all_of_them = np.flatnonzero(lengths == length).tolist()
         most = max(1, BATCH // (length * width)) if width < NARROW else 1
         for first in range(0, len(all_of_them), most):
             some = all_of_them[first : first + most]
-            low = pieces[some[0]][0]
-            rows: Any = slice(low, low + length)
+            lows = torch.from_numpy(pieces[some, 0])
+            rows: Any = slice(int(lows[0]), int(lows[0]) + length)
             if len(some) > 1:
-                lows = torch.tensor([pieces[i][0] for i in some])
                 rows = (lows[:, None] + torch.arange(length)).flatten().to(slab.device)
             v = slab[rows, columns]
             if taken is not None:
@@ -109,8 +104,8 @@ def _batches(
             yield some, rows, v.unflatten(0, (len(some), length))
 
 
-def _blocks(pieces: Pieces, some: Sequence[int], device: torch.device) -> Tensor:
-    return torch.tensor([pieces[i][2] for i in some], device=device)
+def _blocks(pieces: np.ndarray, some: Sequence[int], device: torch.device) -> Tensor:
+    return torch.from_numpy(pieces[some, 2]).to(device)
 
 
 def _add_lines(slab: Tensor, lines: Lines, taken: Taken | None) -> None:
@@ -160,22 +155,23 @@ def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
                 speeds.of_blocks[..., columns].index_add_(0, blocks, exact.to(slab.dtype))
 
 
-def weight_sums(slab: Tensor, pieces: Pieces, rows: Tensor | None) -> Tensor:
+def weight_sums(slab: Tensor, pieces: np.ndarray, rows: Tensor | None) -> Tensor:
     """Moments of order 0, the sums of the weights of each piece: (pieces, R), float64, on the CPU.
 
     Raises:
         ValueError: if a piece has no row, more than 256, or rows that the slab has not.
     """
     count = len(slab)
-    for low, high, _ in pieces:
-        if not (0 <= low < high <= count and high - low <= ROWS):
-            raise ValueError(f"a piece is 1 to {ROWS} of the {count} rows, not {low} to {high}")
-    if not pieces:
-        return torch.zeros(0, 1 if rows is None else 1 + len(rows), dtype=torch.float64)
-    known = torch.tensor([[high - low] for low, high, _ in pieces], dtype=torch.float64)
-    if rows is None:
-        return known
-    further = [rows[:, low:high].sum(1, dtype=torch.float64) for low, high, _ in pieces]
+    lows, highs = pieces[:, 0], pieces[:, 1]
+    wrong = (lows < 0) | (highs > count) | (lows >= highs) | (highs - lows > ROWS)
+    if wrong.any():
+        low, high = pieces[wrong][0, :2]
+        raise ValueError(f"a piece is 1 to {ROWS} of the {count} rows, not {low} to {high}")
+    known = torch.from_numpy(highs - lows).to(torch.float64)[:, None]
+    if rows is None or not len(pieces):
+        return known.expand(-1, 1 if rows is None else 1 + len(rows)).contiguous()
+    spans = pieces[:, :2].tolist()
+    further = [rows[:, low:high].sum(1, dtype=torch.float64) for low, high in spans]
     return torch.cat([known, rounded(torch.stack(further))], 1)
 
 

@@ -12,10 +12,11 @@ from torch import Tensor
 
 from torchliner.compiled.library import address, in_threads
 from torchliner.compiled.threads import threads
-from torchliner.reduction.eager import Lines, Pieces, Speeds, weight_sums
+from torchliner.reduction.eager import Lines, Speeds, weight_sums
 from torchliner.reduction.sources import Taken
 
 TILE = 64  # columns; the ranges of threads begin at multiples of it
+SHARES = 4  # of each thread: who is done takes the next
 
 
 def add(
@@ -32,7 +33,7 @@ def add(
     asked = (_Lines * len(lines))(*(_lines(slab, each, kept) for each in lines))
     moments = None if speeds is None else ctypes.byref(_moments(slab, speeds, kept))
     columns = slab.shape[1]
-    share = -(-columns // (TILE * threads())) * TILE
+    share = -(-columns // (TILE * SHARES * threads())) * TILE
     given = ctypes.byref(slab_of), asked, ctypes.c_int64(len(lines)), moments
     in_threads(_of("add", slab), share, columns, given)
     del kept
@@ -87,7 +88,7 @@ def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
         ctypes.c_void_p(address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
         ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
     )  # fmt: skip
-    share = max(1, -(-len(slab) // threads()))
+    share = -(-len(slab) // (SHARES * threads()))
     in_threads(_of("cells", slab), share, len(slab), (ctypes.byref(slab_of), *given))
     return found
 
@@ -150,10 +151,10 @@ def _slab(slab: Tensor, taken: Taken | None, kept: list[Any]) -> _Slab:
     )
 
 
-def _pieces(pieces: Pieces, of_blocks: Tensor | None, kept: list[Any]) -> _Pieces:
-    blocks = [block for *_, block in pieces]
-    if of_blocks is not None and blocks and not 0 <= min(blocks) <= max(blocks) < len(of_blocks):
-        raise IndexError(f"blocks {min(blocks)} to {max(blocks)}, but room for {len(of_blocks)}")
-    table = np.array(pieces, dtype=np.int64)
+def _pieces(pieces: np.ndarray, of_blocks: Tensor | None, kept: list[Any]) -> _Pieces:
+    blocks = pieces[:, 2]
+    if of_blocks is not None and ((blocks < 0) | (blocks >= len(of_blocks))).any():
+        raise IndexError(f"blocks {blocks.min()} to {blocks.max()}, but room for {len(of_blocks)}")
+    table = np.array(pieces, dtype=np.int64, order="C")
     kept.append(table)
-    return _Pieces(table.ctypes.data, len(pieces))
+    return _Pieces(table.ctypes.data, len(table))

@@ -17,8 +17,6 @@ from torchliner.signals.tones import waves
 
 SAME = 1e-9  # relative: closer frequencies are one
 
-Piece = tuple[int, int, int]  # first row of a slab, the one after the last, block
-
 
 @dataclass(frozen=True)
 class PassPlan:
@@ -61,22 +59,23 @@ class PassPlan:
         places = sorted(place for place in starts if place < self.samples)
         return places, [starts[place] for place in places]
 
-    def pieces(self, low: int, high: int, *, weighed: bool) -> list[Piece]:
-        """Of a slab of samples ``low`` .. ``high`` - 1; without ``weighed`` all of them."""
+    def pieces(self, low: int, high: int, *, weighed: bool) -> np.ndarray:
+        """Of a slab of samples ``low`` .. ``high`` - 1; without ``weighed`` all of them.
+
+        Returns:
+            First row of the slab, the one after the last, block: int64, (pieces, 3).
+        """
         places, numbers = self._borders
         inner = [place for place in places if low < place < high]
         multiples = range(-(-low // SLAB_ROWS) * SLAB_ROWS, high, SLAB_ROWS)
         edges = np.unique(np.array([low, high, *inner, *multiples]))
         number = np.array(numbers)[np.searchsorted(places, edges[:-1], side="right") - 1]
-        first, last = edges[:-1] - low, edges[1:] - low
-        if weighed:
-            kept = number <= self.rest
-            first, last, number = first[kept], last[kept], number[kept]
-        return list(zip(first.tolist(), last.tolist(), number.tolist(), strict=True))
+        found = np.column_stack([edges[:-1] - low, edges[1:] - low, number])
+        return found[number <= self.rest] if weighed else found
 
     def numbers(self, low: int, high: int) -> range:
         """Of the weighed blocks that samples ``low`` .. ``high`` - 1 reach."""
-        found = [block for _, _, block in self.pieces(low, high, weighed=True)]
+        found = self.pieces(low, high, weighed=True)[:, 2].tolist()
         return range(found[0], found[-1] + 1) if found else range(0)
 
     def rows(self, low: int, high: int) -> Tensor | None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.reduction.basis import STENCIL, Basis, Chebyshev, Levels
 from torchliner.reduction.eager import Speeds, rounded
-from torchliner.reduction.plan import PassPlan, Piece
+from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.sources import Columns
-from torchliner.reduction.sums import add
+from torchliner.reduction.sums import add, zeros
 
 LEVEL_ELEMENTS = 1 << 16  # velocities whose levels are looked up at once
 
@@ -54,11 +55,11 @@ class SpeedSums:
         self.numbers = range(plan.rest + 1) if numbers is None else numbers
         self.plan, self.basis, self.width, self.dtype = plan, basis, width, dtype
         shape = (1 + 2 * len(plan.lines), basis.count, width)
-        self.totals = torch.zeros(shape, dtype=torch.float64, device=device)
+        self.totals = zeros(shape, torch.float64, device)
         self.of_blocks = None
         if keeps_blocks:
             blocks = (len(self.numbers), *shape)
-            self.of_blocks = torch.zeros(blocks, dtype=dtype, device=device)
+            self.of_blocks = zeros(blocks, dtype, device)
 
     def add(self, begin: int, columns: Columns) -> None:
         """Samples from ``begin`` on."""
@@ -67,14 +68,11 @@ class SpeedSums:
     def asked(self, begin: int, columns: Columns) -> Speeds | None:
         """What is to be summed of samples from ``begin`` on; levels of tables are summed here."""
         end, first = begin + len(columns.velocity), self.numbers.start
-        pieces = [
-            (low, high, block - first)
-            for low, high, block in self.plan.pieces(begin, end, weighed=True)
-        ]
+        pieces = self.plan.pieces(begin, end, weighed=True) - (0, 0, first)
         rows = self.plan.rows(begin, end)
         rows = None if rows is None else rows.to(columns.velocity.device, self.dtype)
         if not isinstance(self.basis, Chebyshev):
-            if pieces:
+            if len(pieces):
                 add_levels(columns, pieces, self.basis, rows, self.totals, self.of_blocks)
             return None
         return Speeds(
@@ -95,7 +93,7 @@ class SpeedSums:
 
 def add_levels(
     columns: Columns,
-    pieces: list[Piece],
+    pieces: np.ndarray,
     basis: Levels,
     rows: Tensor | None,
     totals: Tensor,
@@ -103,8 +101,8 @@ def add_levels(
 ) -> None:
     """As ``eager.Speeds`` says, for the levels of a table."""
     width, count = columns.velocity.shape[1], basis.count
-    wide = max(1, min(width, LEVEL_ELEMENTS // max(high - low for low, high, _ in pieces)))
-    for low, high, block in pieces:
+    wide = max(1, min(width, LEVEL_ELEMENTS // (pieces[:, 1] - pieces[:, 0]).max()))
+    for low, high, block in pieces.tolist():
         weights = [None] if rows is None else [None, *rows[:, low:high]]
         for left in range(0, width, wide):
             part = slice(left, min(left + wide, width))

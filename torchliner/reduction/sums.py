@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -12,6 +13,14 @@ from torchliner.compiled.library import available
 from torchliner.compiled.threads import one_thread
 from torchliner.reduction import eager, native
 from torchliner.reduction.sources import Taken
+
+
+def zeros(shape: Sequence[int], dtype: torch.dtype, device: torch.device) -> Tensor:
+    """To add to; numpy asks for huge pages, whose first touch costs a fifth of that of small ones
+    (29 against 6 ms for 45 MB, which is as long as the sums of a plane in memory take)."""
+    if device.type != "cpu":
+        return torch.zeros(tuple(shape), dtype=dtype, device=device)
+    return torch.from_numpy(np.zeros(shape, str(dtype).removeprefix("torch.")))
 
 
 def compiled(slab: Tensor) -> bool:

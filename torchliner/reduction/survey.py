@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -103,13 +103,13 @@ class SurveyLines:
 
     Args:
         begin: its first sample.
-        numbers: of the blocks that it reaches.
+        runs: of samples of one block in a row: the first, the one after the last, block.
         lines: sums over these, once they are made.
         segments: the same for the coherence.
     """
 
     begin: int
-    numbers: list[int]
+    runs: list[tuple[int, int, int]]
     lines: Lines
     segments: list[SegmentLines]
 
@@ -166,21 +166,21 @@ class SurveySums:
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
         pieces = self.plan.pieces(begin, end, weighed=False)
         # In runs: what lies before the first block bears the number of what lies behind the last.
-        runs = [list(run) for _, run in itertools.groupby(pieces, key=lambda piece: piece[2])]
-        pieces = [(low, high, i) for i, run in enumerate(runs) for low, high, _ in run]
-        numbers = [run[0][2] for run in runs]
-        sums = self.current.new_zeros(len(numbers), *self.current.shape)
-        squares = self.square.new_zeros(len(numbers), *self.square.shape)
+        change = np.diff(pieces[:, 2], prepend=pieces[0, 2]) != 0
+        first = np.flatnonzero(change | (np.arange(len(pieces)) == 0))
+        lows = (begin + pieces[first, 0]).tolist()
+        runs = list(zip(lows, [*lows[1:], end], pieces[first, 2].tolist(), strict=True))
+        pieces[:, 2] = change.cumsum()
+        sums = self.current.new_zeros(len(runs), *self.current.shape)
+        squares = self.square.new_zeros(len(runs), *self.square.shape)
         lines = Lines(pieces, rows, sums, squares, self.smallest, self.largest)
-        return SurveyLines(begin, numbers, lines, self.coherence.asked(begin, slab))
+        return SurveyLines(begin, runs, lines, self.coherence.asked(begin, slab))
 
     def add(self, found: SurveyLines, slab: Tensor) -> None:
         """What ``asked`` stands for, summed."""
         begin, squares = found.begin, found.lines.squares
         assert squares is not None
-        for i, number in enumerate(found.numbers):
-            own = [(low, high) for low, high, block in found.lines.pieces if block == i]
-            low, high = begin + own[0][0], begin + own[-1][1]
+        for i, (low, high, number) in enumerate(found.runs):
             if self.open is not None and self.open[0] != number:
                 self._close()
             self.open = number, low if self.open is None else self.open[1], high
