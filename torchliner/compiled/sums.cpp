@@ -1,7 +1,7 @@
 // The sums of eager.py, which says what they mean, for columns first..last-1 of a slab of v.
-// A tile of columns and a chunk of rows are copied into the cache (transposed where need be, padded
-// with zeros to whole vectors, what is taken off them removed) and all sums are made there: so no
-// column knows its place, its neighbours or the number of threads.
+// A tile of columns and a chunk of rows, side by side in memory or copied there (transposed, padded
+// with zeros to whole vectors, what is taken off them removed), and all sums of it while it is in
+// the cache: so no column knows its place, its neighbours or the number of threads.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -66,6 +66,17 @@ inline void store(T* p, V<T> v) {
   memcpy(p, &v, BYTES);
 }
 
+// In whole vectors of doubles: compilers take wider ones apart number by number, through memory.
+constexpr int D = Vector<double>::lanes;
+template <class T, class F>
+inline void exactly(V<T> v, F use) {
+  constexpr int count = Vector<T>::lanes / D;
+  typedef T Part __attribute__((vector_size(D * sizeof(T))));
+  Part part[count];
+  memcpy(part, &v, BYTES);
+  UNROLL for (int i = 0; i < count; i++) use(i, __builtin_convertvector(part[i], V<double>));
+}
+
 // Where to work: freed with the call, aligned to cache lines.
 template <class T>
 struct Scratch {
@@ -84,21 +95,26 @@ void take_tile(const Slab& s, long left, int n, int W, T* out) {
   for (int i = 0; i < n; i++) out[J * W + i] = s.scale ? ((const T*)s.scale)[left + i] : T(1);
 }
 
-// Rows t..t+rows-1 of columns left..left+n-1, as (rows, W); columns n..W-1 stay as they are (zero).
 template <class T>
-void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const T* taken, T* out) {
+struct Chunk {
+  const T* at;
+  long stride;  // of its rows
+};
+
+// Rows t..t+rows-1 of columns left..left+n-1, W wide: where they lie, if that will do, else copied
+// to `out`, whose columns n..W-1 stay as they are (zero).
+template <class T>
+Chunk<T> form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const T* taken,
+                    T* out) {
   constexpr int N = Vector<T>::lanes;
   const T* v = (const T*)s.v + t * s.row_stride + left * s.column_stride;
+  if (s.column_stride == 1 && n == W && !s.taken_rows) return {v, s.row_stride};
   if (s.column_stride == 1)
-    for (int i = 0; i < rows; i++)
-      if (n == W)
-        for (int j = 0; j < W; j += N) store(out + i * W + j, load(v + i * s.row_stride + j));
-      else
-        memcpy(out + i * W, v + i * s.row_stride, n * sizeof(T));
+    for (int i = 0; i < rows; i++) memcpy(out + i * W, v + i * s.row_stride, n * sizeof(T));
   else
     for (int i = 0; i < rows; i++)
       for (int j = 0; j < n; j++) out[i * W + j] = v[i * s.row_stride + j * s.column_stride];
-  if (!s.taken_rows) return;
+  if (!s.taken_rows) return {out, W};
   const long J = s.taken_count;
   for (int i = 0; i < rows; i += 4) {
     const T* row[4];  // the last of fewer than four rows is done again
@@ -117,6 +133,7 @@ void form_chunk(const Slab& s, long t, int rows, long left, int n, int W, const 
       UNROLL for (int k = 0; k < 4; k++) store(to[k] + j, a[k]);
     }
   }
+  return {out, W};
 }
 
 // The chunk after this one, to be fetched while this one is summed.
@@ -132,7 +149,7 @@ inline int summed(int count) { return (count / 2 + 3) / 4 * 4; }
 
 // acc[k][r][j] += those sums over the rows, Q rows at once; R = 0: any number of weights.
 template <class T, int R, int Q>
-void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* acc,
+void add_orders(Chunk<T> v, int W, int rows, const T* w, const Moments& m, T* acc,
                 const T* next, long stride) {
   constexpr int N = Vector<T>::lanes;
   const T c = m.centre;
@@ -142,7 +159,7 @@ void add_orders(const T* v, int W, int rows, const T* w, const Moments& m, T* ac
     for (int j = 0; j < W; j += N) {
       V<T> x2[Q], p[Q], q[Q];
       UNROLL for (int i = 0; i < Q; i++) {
-        V<T> a = load(v + (t + i) * W + j);
+        V<T> a = load(v.at + (t + i) * v.stride + j);
         a = a > -a ? a : -a;
         __builtin_prefetch(next + (t + i) * stride + j);
         x2[i] = (T(2) * a - T(2) * c) / (a + c);
@@ -190,12 +207,12 @@ void moments(const Slab& s, const Moments& m, long left, int n, int W, const T* 
       const int rows = std::min<long>(CHUNK, p[1] - t), four = rows - rows % 4;
       const T* w = (const T*)m.weights + t;
       std::fill(acc.at, acc.at + size, T(0));
-      form_chunk(s, t, rows, left, n, W, taken, chunk);
+      const Chunk<T> v = form_chunk(s, t, rows, left, n, W, taken, chunk);
+      const Chunk<T> tail = {v.at + four * v.stride, v.stride};
       long stride;
       const T* next = ahead<T>(s, t, left, &stride);
-      add_orders<T, R, 4>(chunk, W, four, w, m, acc.at, next, stride);
-      add_orders<T, R, 1>(chunk + four * W, W, rows - four, w + four, m, acc.at,
-                          next + four * stride, stride);
+      add_orders<T, R, 4>(v, W, four, w, m, acc.at, next, stride);
+      add_orders<T, R, 1>(tail, W, rows - four, w + four, m, acc.at, next + four * stride, stride);
       for (size_t i = 0; i < size; i++) piece.at[i] += acc.at[i];
     }
     for (int r = 0; r < all; r++)
@@ -222,7 +239,7 @@ void moments(const Slab& s, const Moments& m, long left, int n, int W, const T* 
 
 // piece[r][j] += sums of v over a chunk under R rows of weights and, with S, of v^2; extremes.
 template <class T, int R, bool S>
-void add_rows(const T* v, int W, int rows, const T* w, long along, double* piece, T* low, T* high,
+void add_rows(Chunk<T> v, int W, int rows, const T* w, long along, double* piece, T* low, T* high,
               const T* next, long stride) {
   constexpr int N = Vector<T>::lanes, A = R + S;
   for (int j = 0; j < W; j += 2 * N) {
@@ -231,7 +248,7 @@ void add_rows(const T* v, int W, int rows, const T* w, long along, double* piece
       small[h] = load(low + j + h * N), large[h] = load(high + j + h * N);
     for (int i = 0; i < rows; i++)
       UNROLL for (int h = 0; h < 2; h++) {
-        const V<T> x = load(v + i * W + j + h * N);
+        const V<T> x = load(v.at + i * v.stride + j + h * N);
         UNROLL for (int r = 0; r < R; r++) a[2 * r + h] += w[r * along + i] * x;
         if (!S) continue;
         __builtin_prefetch(next + i * stride + j + h * N);
@@ -241,10 +258,9 @@ void add_rows(const T* v, int W, int rows, const T* w, long along, double* piece
       }
     UNROLL for (int h = 0; h < 2; h++)
       store(low + j + h * N, small[h]), store(high + j + h * N, large[h]);
-    typedef double D __attribute__((vector_size(8 * N)));
     UNROLL for (int k = 0; k < 2 * A; k++) {
-      D* sum = (D*)(piece + k / 2 * W + j + k % 2 * N);
-      *sum += __builtin_convertvector(a[k], D);
+      double* sum = piece + k / 2 * W + j + k % 2 * N;
+      exactly<T>(a[k], [&](int i, V<double> x) { store(sum + i * D, load(sum + i * D) + x); });
     }
   }
 }
@@ -266,16 +282,16 @@ void lines(const Slab& s, const Lines& l, long left, int n, int W, const T* take
     std::fill(piece.at, piece.at + (l.rows + 1) * W, 0.0);
     for (long t = p[0]; t < p[1]; t += CHUNK) {
       const int rows = std::min<long>(CHUNK, p[1] - t);
-      form_chunk<T>(s, t, rows, left, n, W, taken, chunk);
+      const Chunk<T> v = form_chunk(s, t, rows, left, n, W, taken, chunk);
       long stride;
       const T *next = ahead<T>(s, t, left, &stride), *w = (const T*)l.weights + t;
       const long along = l.weight_stride;
       // The squares lie behind the first rows, and the other rows behind them.
       if (l.squares)
-        ROWS<T, true>[first](chunk, W, rows, w, along, piece.at, low.at, high.at, next, stride);
+        ROWS<T, true>[first](v, W, rows, w, along, piece.at, low.at, high.at, next, stride);
       for (long r = first; r < l.rows; r += GROUP)
         ROWS<T, false>[std::min<long>(GROUP, l.rows - r)](
-            chunk, W, rows, w + r * along, along, piece.at + (r + (l.squares != nullptr)) * W,
+            v, W, rows, w + r * along, along, piece.at + (r + (l.squares != nullptr)) * W,
             low.at, high.at, next, stride);
     }
     for (long r = 0; r < l.rows; r++) {
@@ -317,22 +333,27 @@ template <class T>
 void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_count, double* out,
            int64_t from, int64_t to) {
   constexpr int N = Vector<T>::lanes;
+  V<T> lane;
+  for (int i = 0; i < N; i++) lane[i] = i;
   for (long t = from; t < to; t++)
     for (long r = 0; r < run_count; r++) {
-      const T* v = (const T*)s.v + t * s.row_stride + runs[3 * r];
+      const T* const row = (const T*)s.v + t * s.row_stride;
+      const T* v = row + runs[3 * r];
       for (long left = runs[3 * r + 1]; left > 0; left -= RUN, v += RUN) {
         const long n = std::min(left, RUN), whole = n - n % N;
         V<T> wide = {};
         for (long j = 0; j < whole; j += N) wide += load(v + j);
-        // Halves of halves: a chain of N additions would take longer than the cell's columns.
-        typedef double D __attribute__((vector_size(8 * N)));
-        double part[N];
-        const D exact = __builtin_convertvector(wide, D);
-        memcpy(part, &exact, sizeof part);
-        UNROLL for (int half = N / 2; half; half /= 2)
-          UNROLL for (int j = 0; j < half; j++) part[j] += part[j + half];
-        for (long j = whole; j < n; j++) part[0] += v[j];
-        out[t * cell_count + runs[3 * r + 2]] += part[0];
+        if (whole < n) {  // the run's last columns, beside others that are taken for zero
+          T last[N] = {};
+          const bool others = v + whole + N <= row + s.columns;
+          if (!others) memcpy(last, v + whole, (n - whole) * sizeof(T));
+          wide += lane < T(n - whole) ? load(others ? v + whole : last) : V<T>{};
+        }
+        V<double> sum = {};
+        exactly<T>(wide, [&](int, V<double> x) { sum += x; });
+        double found = 0;
+        for (int i = 0; i < D; i++) found += sum[i];
+        out[t * cell_count + runs[3 * r + 2]] += found;
       }
     }
 }
