@@ -254,10 +254,26 @@ def test_memory_is_what_is_kept(keep, monkeypatch):
 
 
 def test_resonance_is_singular():
-    """Two ends that reflect everything, a whole number of half waves apart; an active wall."""
+    """Two ends that reflect everything, a whole number of half waves apart."""
     length = 0.55
     frequency = 4 * SPEED / (2 * length)
     closed = case_of(liner=(), end_reflection=1.0, source_reflection=1.0)
     mesh = build_mesh(closed, frequency, degree=8, column=0.02)
     with pytest.raises(RuntimeError, match=r"singular: their solution leaves a residual of .* of"):
         solve_duct(closed, frequency, mesh=mesh)
+
+
+@pytest.mark.parametrize(
+    ("problem", "told"),
+    [("Pivots given to lu_solve must all be greater or equal to 1", "residual of inf"),
+     ("can't allocate memory", "allocate")],
+)  # fmt: skip
+def test_only_a_factorisation_that_fails_is_called_singular(monkeypatch, problem, told):
+    def fails(*_):
+        raise RuntimeError(problem)
+
+    monkeypatch.setattr(torch.linalg, "solve_ex", fails)
+    case = case_of(liner=())
+    mesh = build_mesh(case, 500.0, degree=8, column=0.02)
+    with pytest.raises(RuntimeError, match=told):
+        solve_duct(case, 500.0, mesh=mesh)

@@ -326,6 +326,7 @@ def damaged(files, tmp_path, change):
         (lambda f: f["eduction_0/draws/reactance"].__setitem__((0, 1), math.inf),
          "draws/resistance or its other part is infinite"),
         (lambda f: f["eduction_0/order"].__setitem__((), 5), "singular_value is (5,) elsewhere"),
+        (lambda f: f["eduction_1/frequency"].__setitem__(1, 3.0), "but its microphones'"),
         (lambda f: f.attrs.modify("eductions", 0), "holds 0 eductions"),
         (lambda f: f.attrs.__delitem__("eductions"), "has no attribute 'eductions'"),
         (lambda f: f["eduction_0"].attrs.modify("choices", '{"mach": "fast"}'), "fast"),
@@ -429,6 +430,14 @@ def test_fields_in_memory(tmp_path):
     [
         (lambda p: p.update(plane_mode=p["plane_mode"][:1]), "has 1 rows of the plane mode for 2"),
         (lambda p: p["plane_mode"][0].pop("energy out"), "is damaged, or of another layout"),
+        (
+            lambda p: p["plane_mode"][1].update({"transmission loss (dB)": math.nan}),
+            "transmission loss (dB) at 1200 Hz is nan",
+        ),
+        (
+            lambda p: p["plane_mode"][1].update({"frequency (Hz)": 1600.0}),
+            "told of at 1600 Hz, but the microphones are at 1200 Hz",
+        ),
         (lambda p: p.update(impedance=[["x", [1, 2, 3]]] * 2), "duct.h5"),
         (lambda p: p.pop("solved"), "an impedance is yet to be educed"),
     ],

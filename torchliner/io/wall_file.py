@@ -221,6 +221,12 @@ def _fields(
     if "order" in whole:
         sizes["singular_value"] = (int(whole["order"]),)
     found = read_variables(group, (*FREQUENCY, *kept.table), path, sizes=sizes)
+    if not torch.equal(found["frequency"], line.frequency):
+        own, others = (each.tolist() for each in (found["frequency"], line.frequency))
+        raise ValueError(
+            f"{place(group, 'frequency', path)} is {own} Hz, but its microphones' {others} Hz; "
+            "restore the file"
+        )
     for row in kept.table:
         value = torch.as_tensor(found.get(row.field, 0.0))
         if row.field not in kept.unbounded and bool(torch.isinf(value).any()):

@@ -65,8 +65,13 @@ def solve_ports(response: Response, wall: Wall | None, starts: Tensor, returns: 
     right = (sources * starts[..., None, :]).sum(-1)
     own = torch.cat([torch.zeros_like(right[..., :count]), modes * starts], -1)
     right = own - right
-    found, _ = torch.linalg.solve_ex(system, right[..., None])
-    found = found[..., 0]
+    try:
+        found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
+    except RuntimeError as problem:
+        # Seen once, for a system that is singular to the last digit: rows exchanged with row 0.
+        if "ivots" not in str(problem):
+            raise
+        raise _singular(torch.inf) from problem
     _require_solved(system, found, right)
     eta, going = found[..., :count], found[..., count:]
     coming = starts + returns * going
@@ -100,8 +105,12 @@ def _require_solved(system: Tensor, found: Tensor, right: Tensor) -> None:
     residual = torch.nan_to_num(left.abs().amax(-1) / size, nan=torch.inf)
     worst = float(residual.max())
     if worst > SINGULAR:
-        raise RuntimeError(
-            f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} "
-            "of the incident wave (a wall or two ends that feed a resonance); change the "
-            "impedance, the end reflections or the frequency"
-        )
+        raise _singular(worst)
+
+
+def _singular(residual: float) -> RuntimeError:
+    return RuntimeError(
+        f"the duct's equations are singular: their solution leaves a residual of {residual:.2g} "
+        "of the incident wave (a wall or two ends that feed a resonance); change the impedance, "
+        "the end reflections or the frequency"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import torch
 
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.file_checks import naming
 from torchliner.io.whole_file import writable
 from torchliner.lee.field import DuctField
@@ -85,6 +87,7 @@ def page_of_duct(line: MicrophoneLine, path: Path | None = None) -> Page:
 
 def _page(line: MicrophoneLine, solved: Any, rows: Any, path: Path | None) -> Page:
     """The whole page of what is a solved duct."""
+    _require_sound(line, rows)
     sections = [
         Section("answers", "Answer", _answers(rows)),
         Section("warnings", "Warnings", warnings_of(line.notes)),
@@ -96,6 +99,19 @@ def _page(line: MicrophoneLine, solved: Any, rows: Any, path: Path | None) -> Pa
         Section("cite", "Citation", citation()),
     ]
     return Page(f"Solved duct: {line.title}", _sentence(line, rows), "", sections, FOOTER)
+
+
+def _require_sound(line: MicrophoneLine, rows: Any) -> None:
+    """Refuse rows of other frequencies than the microphones', and numbers that are none."""
+    for row, frequency in zip(rows, line.frequency.tolist(), strict=True):
+        if abs(row[FREQUENCY] - frequency) > SAME_FREQUENCY * frequency:
+            raise ValueError(
+                f"the plane mode is told of at {row[FREQUENCY]:g} Hz, but the microphones are at "
+                f"{frequency:g} Hz; solve the duct again"
+            )
+        for key, value in row.items():
+            if isinstance(value, float) and math.isnan(value):
+                raise ValueError(f"{key} at {frequency:g} Hz is nan; solve the duct again")
 
 
 def _walls(line: MicrophoneLine, index: int) -> list[str]:
