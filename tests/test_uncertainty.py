@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import itertools
 import json
+import math
 import warnings
 
 import numpy as np
@@ -15,9 +16,11 @@ from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of,
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.compiled.threads import in_order
 from torchliner.replay.incident import Means
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
+from torchliner.tdibc import intervals
 from torchliner.tdibc.block_deviations import block_deviations
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
@@ -40,6 +43,59 @@ class Table:
 
     def impedance(self, frequency, speed):
         return self.inner.impedance(frequency, speed)
+
+
+# Parts of the probes, several at once
+
+
+@pytest.fixture
+def three_threads():
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("order", ["probes first", "coherent first"])
+def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, three_threads):
+    plane = plane_of(turbulence((23, SAMPLES)), x=[0.001 * i for i in range(23)])
+    whole = tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty
+    monkeypatch.setattr(intervals, "ELEMENTS", 7 * 20)
+    found = []
+    for threads in (3, 1):
+        torch.set_num_threads(threads)
+        found.append(tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty)
+        assert torch.get_num_threads() == threads
+    for name in ("probes", "cells", "liner", "liner_coherent_first"):
+        if getattr(whole, name) is None:
+            assert (name, order) == ("liner_coherent_first", "probes first")
+            continue
+        for one, other in zip(vars(getattr(whole, name)).values(),
+                              vars(getattr(found[0], name)).values(), strict=True):  # fmt: skip
+            torch.testing.assert_close(other, one, rtol=1e-6, atol=1e-9)
+        for one, other in zip(*(vars(getattr(each, name)).values() for each in found), strict=True):
+            assert torch.equal(one, other)
+
+
+def test_work_in_threads_keeps_its_order_and_its_errors(three_threads):
+    begun, done = [], []
+
+    def root(item):
+        assert not torch.is_grad_enabled()
+        return math.sqrt(item)
+
+    def items():
+        for item in range(20):
+            begun.append(item)
+            yield item
+
+    for result in in_order(root, items()):
+        done.append(result)
+        assert len(begun) - len(done) <= 4  # no more is held than is worked on, and one
+    assert done == [math.sqrt(item) for item in range(20)]
+    with pytest.raises(ValueError, match="math domain error"):
+        list(in_order(root, [4, -1, 9]))
+    assert list(in_order(root, [])) == []
 
 
 # Blocks

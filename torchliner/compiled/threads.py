@@ -7,10 +7,17 @@ sums could use. So a pass gives torch one thread and the sums all of them.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 import torch
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+MOST = 4  # items at once: Python itself runs in one thread
 _given: list[int] = []  # torch's threads before each ``one_thread`` that is open
 
 
@@ -29,3 +36,22 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(_given.pop())
+
+
+def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """``work`` of each item, in order, without derivatives: several at once, each in one thread."""
+
+    def alone(item: Item) -> Result:
+        with torch.no_grad():
+            return work(item)
+
+    # A new thread takes torch's number of threads as it finds it.
+    workers = min(threads(), MOST)
+    with one_thread(), ThreadPoolExecutor(workers) as pool:
+        waiting: deque[Future[Result]] = deque()
+        for item in items:
+            waiting.append(pool.submit(alone, item))
+            if len(waiting) > workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

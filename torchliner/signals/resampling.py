@@ -29,8 +29,6 @@ from torchliner.signals.bootstrap import (
     tile_moments,
 )
 
-COLUMNS = 8192  # of probes and frequencies, at most, whose block deviations are held at once
-
 
 @dataclass(frozen=True)
 class Conversion:

@@ -21,17 +21,20 @@ from collections.abc import Callable, Iterable
 import torch
 from torch import Tensor
 
+from torchliner.compiled.threads import in_order
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.names import ORDERS
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
-from torchliner.signals.resampling import COLUMNS, Resampling, Scatter
+from torchliner.signals.resampling import Resampling, Scatter
 from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
 from torchliner.tdibc.prepared import Prepared
 
+Member = tuple[slice, Tensor, Tensor]  # of some probes: deviation of Y in each block, bias of Y
 Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
+ELEMENTS = 1 << 19  # deviations of blocks, probes and frequencies that are worked on at once
 
 
 def uncertainty_of(
@@ -61,12 +64,17 @@ def uncertainty_of(
         )
         for name, (labels, count) in _labels(prepared).items()
     }
-    parts = []
-    for part in _parts(plane.probes, reflection):
+    intervals = []
+
+    def of_probes(part: slice) -> tuple[Member, Interval]:
         series = deviations(part)
         scatter = how.scatter(series)
-        parts.append(how.interval(scatter, reflection[part]))
-        _add(groups.values(), part, reflection[part], series, scatter, excluded[part])
+        member = _member(part, reflection[part], series, scatter, excluded[part])
+        return member, how.interval(scatter, reflection[part])
+
+    for member, interval in in_order(of_probes, _parts(prepared, reflection)):
+        intervals.append(interval)
+        _add(groups.values(), member)
     averaged = reflection[prepared.averaged]
     series = deviations(prepared.averaged)
     first = Groups(
@@ -74,7 +82,7 @@ def uncertainty_of(
         prepared.blocks.count, cells.weight,
     )  # fmt: skip
     scatter = how.scatter(series)
-    _add([first], slice(0, cells.count), averaged, series, scatter)
+    _add([first], _member(slice(0, cells.count), averaged, series, scatter))
     wide = _tile_rows(groups, chosen.resample)
     behind = {ORDERS[0]: (groups["liner"], groups["cells"].series), ORDERS[1]: (first, series)}
     star = _coherent_first(prepared, reflection, deviations, how, excluded)
@@ -86,7 +94,7 @@ def uncertainty_of(
             "liner_coherent_first": star["liner"].interval(how).map(_only),
         }
     found = Uncertainty(
-        probes=Interval.joined(parts),
+        probes=Interval.joined(intervals),
         along_x=groups["x"].interval(how) if "x" in groups else None,
         cells=groups["cells"].interval(how),
         cells_velocity_first=how.interval(scatter, averaged),
@@ -110,8 +118,13 @@ def resampling_of(prepared: Prepared) -> Resampling:
     return Resampling(weights / weights.sum(), chosen.interval)
 
 
-def _parts(probes: int, reflection: Tensor) -> Iterable[slice]:
-    step = max(1, COLUMNS // reflection.shape[1])
+def _parts(prepared: Prepared, reflection: Tensor) -> Iterable[slice]:
+    """Of the probes, alike whatever the threads: the size of a part may change the last digit."""
+    assert prepared.blocks is not None
+    probes = prepared.plane.probes
+    size = probes * reflection.shape[1] * prepared.blocks.count
+    count = max(-(-size // ELEMENTS), 2 if size > ELEMENTS // 4 else 1)
+    step = -(-probes // count)
     return (slice(low, min(low + step, probes)) for low in range(0, probes, step))
 
 
@@ -137,23 +150,31 @@ def _coherent_first(
         name: Groups(labels, count, admittance, prepared.blocks.count)
         for name, (labels, count) in groups.items()
     }
-    for part in _parts(len(star), star):
+
+    def of_columns(part: slice) -> Member:
         series = deviations(slice(begin + part.start, begin + part.stop))
-        _add(found.values(), part, star[part], series, how.scatter(series), outside[part])
+        return _member(part, star[part], series, how.scatter(series), outside[part])
+
+    for member in in_order(of_columns, _parts(prepared, reflection)):
+        _add(found.values(), member)
     return found
 
 
-def _add(
-    groups: Iterable[Groups], part: slice, reflection: Tensor, series: Tensor, scatter: Scatter,
+def _member(
+    part: slice, reflection: Tensor, series: Tensor, scatter: Scatter,
     excluded: Tensor | None = None,
-) -> None:  # fmt: skip
-    """Some members to all groupings."""
+) -> Member:  # fmt: skip
+    """What some members bring to their groups."""
     slope = admittance_slope(reflection) * series
     bias = admittance_bias(reflection, scatter.square)
     if excluded is not None:
         slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
+    return part, slope, bias
+
+
+def _add(groups: Iterable[Groups], member: Member) -> None:
     for group in groups:
-        group.add(part, slope, bias)
+        group.add(*member)
 
 
 def _only(value: Tensor) -> Tensor:
