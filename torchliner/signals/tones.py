@@ -61,7 +61,7 @@ class WindowSums:
         solved for, so a tone is recovered exactly from any record.
         """
         determinant = self.zero**2 - self.twice.abs() ** 2
-        return (self.zero * line - self.twice * line.conj()) / determinant
+        return line * (self.zero / determinant) - line.conj() * (self.twice / determinant)
 
 
 def tone_amplitudes(

@@ -161,7 +161,7 @@ class Prepared:
         """Probes without faults that belong to a cell, (P,)."""
         return self.used & (self.cells.labels >= 0)
 
-    @property
+    @functools.cached_property
     def velocity_amplitude(self) -> Tensor:
         """Half the complex peak amplitude of v into the liner (which is -v), m/s, (N, F)."""
         return self.window_sums.tone_amplitude(-self.survey.line)
