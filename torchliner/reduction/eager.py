@@ -130,7 +130,7 @@ def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
     count, further = speeds.count, speeds.rows
     known = weight_sums(slab, speeds.pieces, further).to(slab.device)
     signs, turns = _signs(count)
-    for left, right in _tiles(slab, 1024):
+    for left, right in _tiles(slab, 2048):
         columns = slice(left, right)
         for some, rows, v in _batches(slab, speeds.pieces, columns, taken):
             n, length, width = v.shape
@@ -138,6 +138,7 @@ def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
             if further is not None:
                 w[:, 1:] = further[:, rows].unflatten(1, (n, length)).transpose(0, 1)
             sums = slab.new_empty((count, n, known.shape[1], width))
+            each = sums.unbind(0)
             speed = v.abs()
             twice = (speed - speeds.centre).mul_(2).div_(speed.add_(speeds.centre))
             before, now = speed.fill_(1), twice / 2
@@ -145,7 +146,7 @@ def _add_moments(slab: Tensor, speeds: Speeds, taken: Taken | None) -> None:
                 if k > 1:
                     torch.addcmul(before, twice, now, value=turns[k], out=before)
                     before, now = now, before
-                torch.bmm(w, now, out=sums[k])
+                torch.bmm(w, now, out=each[k])
             exact = rounded(sums.double() * signs.to(slab.device)[:, None, None, None])
             exact[0] = known[some][..., None]
             exact = exact.permute(1, 2, 0, 3)
