@@ -51,7 +51,7 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
         waiting: deque[Future[Result]] = deque()
         for item in items:
             waiting.append(pool.submit(alone, item))
-            if len(waiting) > workers:
+            if len(waiting) == workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()

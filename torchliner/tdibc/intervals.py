@@ -34,7 +34,7 @@ Member = tuple[slice, Tensor, Tensor]  # of some probes: deviation of Y in each 
 Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
-ELEMENTS = 1 << 19  # deviations of blocks, probes and frequencies that are worked on at once
+ELEMENTS = 1 << 18  # deviations of blocks, probes and frequencies that are worked on at once
 
 
 def uncertainty_of(
