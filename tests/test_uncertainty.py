@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 import json
 import math
+import threading
 import warnings
 
 import numpy as np
@@ -77,6 +78,20 @@ def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, thre
             assert torch.equal(one, other)
 
 
+@pytest.mark.parametrize("drive", ["instantaneous", "rms"])
+def test_a_liner_of_the_user_knows_one_thread(monkeypatch, liner, drive, three_threads):
+    class Own(Table):
+        def impedance(self, frequency, speed):
+            callers.add(threading.get_ident())
+            return super().impedance(frequency, speed)
+
+    callers = set()
+    monkeypatch.setattr(intervals, "ELEMENTS", 7 * 20)
+    plane = plane_of(turbulence((23, SAMPLES)), x=[0.001 * i for i in range(23)])
+    tl.educe(plane, Own(liner), drive=drive)
+    assert callers == {threading.get_ident()}
+
+
 def test_work_in_threads_keeps_its_order_and_its_errors(three_threads):
     begun, done = [], []
 
@@ -89,13 +104,18 @@ def test_work_in_threads_keeps_its_order_and_its_errors(three_threads):
             begun.append(item)
             yield item
 
-    for result in in_order(root, items()):
+    def use(result):
         done.append(result)
         assert len(begun) - len(done) <= 3  # no more is held than is worked on
+
+    in_order(root, items(), use)
     assert done == [math.sqrt(item) for item in range(20)]
-    with pytest.raises(ValueError, match="math domain error"):
-        list(in_order(root, [4, -1, 9]))
-    assert list(in_order(root, [])) == []
+    for work, problem in ((root, ValueError), (lambda item: item, ZeroDivisionError)):
+        with pytest.raises(problem):
+            in_order(work, [4, -1, 9], lambda result: 1 / (result - 4))
+        assert torch.get_num_threads() == 3
+    in_order(root, [], done.append)
+    assert len(done) == 20
 
 
 # Blocks
@@ -245,7 +265,7 @@ def test_deviations_are_the_slope_of_the_rule(liner, rule):
     replayed = replay(ready)
     means = replayed.means
     known = replayed.rule(rule, 0.7 if rule == "given" else None)
-    moved = block_deviations(ready, known, means, slice(0, 3))
+    moved = block_deviations(ready, known, means)(slice(0, 3))
     every = slice(0, len(means.a))
     blocks, seen, step, block = ready.block_means(every), ready.survey.blocks, 1e-6, 5
 
@@ -269,7 +289,7 @@ def test_rms_drive_moves_with_the_mean_square(noisy, liner):
     ready = prepare([noisy], liner, None, Choices(drive="rms", mean="removed"))[0]
     replayed = replay(ready)
     rule = replayed.rule("averaged")
-    found = block_deviations(ready, rule, replayed.means, slice(0, 6))[3, :, 0]
+    found = block_deviations(ready, rule, replayed.means)(slice(0, 6))[3, :, 0]
     begin, end = ready.blocks.borders[3:5]
     v = noisy.velocity
     square, mean = (v**2).mean(1), v.mean(1)

@@ -38,8 +38,11 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(_given.pop())
 
 
-def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """``work`` of each item, in order, without derivatives: several at once, each in one thread."""
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], use: Callable[[Result], None]
+) -> None:
+    """Use the ``work`` of each item, in order; several are worked on at once, each in one thread,
+    without derivatives."""
 
     def alone(item: Item) -> Result:
         with torch.no_grad():
@@ -52,6 +55,6 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
         for item in items:
             waiting.append(pool.submit(alone, item))
             if len(waiting) == workers:
-                yield waiting.popleft().result()
+                use(waiting.popleft().result())
         while waiting:
-            yield waiting.popleft().result()
+            use(waiting.popleft().result())

@@ -111,8 +111,8 @@ class _Segments:
             self.inside = begin % self.length != 0
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         starts = np.arange(begin - begin % self.length, end, self.length)
-        hann = self.hann.repeat(len(starts))[begin % self.length :][: end - begin]
-        rows = rows * hann
+        hann = self.hann if len(starts) == 1 else self.hann.repeat(len(starts))
+        rows = rows * hann[begin % self.length :][: end - begin]
         cuts = (starts[:, None] + np.arange(0, self.length, SLAB_ROWS)).flatten()
         cuts = np.array([begin, *cuts[(cuts > begin) & (cuts < end)], end])
         block = (cuts[:-1] - starts[0]) // self.length

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -14,17 +16,23 @@ from torchliner.tdibc.prepared import Prepared
 RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 
 
-def block_deviations(prepared: Prepared, rule: PhaseRule, means: Means, columns: slice) -> Tensor:
-    """dR of some columns, complex128, (S, columns, F).
+def block_deviations(
+    prepared: Prepared, rule: PhaseRule, means: Means
+) -> Callable[[slice], Tensor]:
+    """dR of the columns in a slice of N, complex128, (S, columns, F), for several threads.
 
     Args:
         prepared: prepared plane.
         rule: phase rule.
         means: over the whole record.
-        columns: a slice of N.
     """
     if prepared.chosen.drive == "rms":  # which holds |v|: R moves with the mean square alone
-        return _of_rms(prepared, columns)
+        slope = _slope_of_rms(prepared)  # here: a user's liner may not know several threads
+        return lambda columns: _of_rms(prepared, slope[columns], columns)
+    return lambda columns: _of_means(prepared, rule, means, columns)
+
+
+def _of_means(prepared: Prepared, rule: PhaseRule, means: Means, columns: slice) -> Tensor:
     blocks = prepared.block_means(columns)
     assert blocks is not None
     da, db, dv = _away(blocks.forward), None, None
@@ -49,23 +57,30 @@ def _turned(blocks: LineSums, mean: Tensor, plan: PassPlan, turns: Tensor) -> Te
     return _away(blocks.turned - torch.where(turns != 0, waves, 0) * mean[..., None])
 
 
-def _of_rms(prepared: Prepared, columns: slice) -> Tensor:
+def _of_rms(prepared: Prepared, slope: Tensor, columns: slice) -> Tensor:
     seen = prepared.survey.blocks
     assert seen is not None
-    square, mean = prepared.survey.mean_square[columns], prepared.survey.mean[columns]
     change = _away(seen.mean_square[:, columns])
     if prepared.chosen.mean == "removed":
-        square = square - mean**2
+        mean = prepared.survey.mean[columns]
         change = change - 2 * mean * _away(seen.mean[:, columns])
+    return change[..., None] * slope
+
+
+def _slope_of_rms(prepared: Prepared) -> Tensor:
+    """dR/d(v'^2) of all columns, (N, F)."""
+    seen, ends = prepared.survey, []
+    square = seen.mean_square
+    if prepared.chosen.mean == "removed":
+        square = square - seen.mean**2
     square = square.clamp(min=0).cpu()
-    ends = []
     with torch.no_grad():
         for factor in (1 - RMS_STEP, 1 + RMS_STEP):
             speed = (square * factor).sqrt()
             z = impedance_of(prepared.liner, prepared.frequency, speed[:, None])
             ends.append((z - 1) / (z + 1))
     slope = (ends[1] - ends[0]) / (2 * RMS_STEP * square.clamp(min=1e-300))[:, None]
-    return change[..., None] * slope.to(change.device)
+    return slope.to(seen.mean.device)
 
 
 def _away(values: Tensor) -> Tensor:

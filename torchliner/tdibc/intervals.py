@@ -64,7 +64,7 @@ def uncertainty_of(
         )
         for name, (labels, count) in _labels(prepared).items()
     }
-    intervals = []
+    intervals: list[Interval] = []
 
     def of_probes(part: slice) -> tuple[Member, Interval]:
         series = deviations(part)
@@ -72,9 +72,11 @@ def uncertainty_of(
         member = _member(part, reflection[part], series, scatter, excluded[part])
         return member, how.interval(scatter, reflection[part])
 
-    for member, interval in in_order(of_probes, _parts(prepared, reflection)):
-        intervals.append(interval)
-        _add(groups.values(), member)
+    def add(found: tuple[Member, Interval]) -> None:
+        _add(groups.values(), found[0])
+        intervals.append(found[1])
+
+    in_order(of_probes, _parts(prepared, reflection), add)
     averaged = reflection[prepared.averaged]
     series = deviations(prepared.averaged)
     first = Groups(
@@ -155,8 +157,7 @@ def _coherent_first(
         series = deviations(slice(begin + part.start, begin + part.stop))
         return _member(part, star[part], series, how.scatter(series), outside[part])
 
-    for member in in_order(of_columns, _parts(prepared, reflection)):
-        _add(found.values(), member)
+    in_order(of_columns, _parts(prepared, reflection), lambda each: _add(found.values(), each))
     return found
 
 

@@ -100,7 +100,7 @@ class Replayed:
         return prepared.survey.blocks is not None or not (rule.needs_velocity or of_rms)
 
     def _deviations(self, rule: PhaseRule) -> Callable[[slice], Tensor]:
-        return functools.partial(block_deviations, self.prepared, rule, self.means)
+        return block_deviations(self.prepared, rule, self.means)
 
 
 def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:
