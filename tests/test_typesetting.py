@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from torchliner.report.page.warned import warnings_of
 from torchliner.report.typesetting import typeset, typeset_label
 
 
@@ -48,3 +49,16 @@ def test_labels_have_the_symbol_of_the_axes():
     """The height of a plane as its axis has it."""
     assert typeset_label("y = 0.5 mm, R -1") == "$y$ = 0.5 mm, R \N{MINUS SIGN}1"
     assert typeset_label("$y = 2$") == "$y = 2$"
+
+
+@pytest.mark.parametrize(
+    ("text", "tells"),
+    [("-" + "1" * 200_000 + "a", 0), ("-1e" * 70_000 + "x", 0), ("+1" * 100_000 + " -2", 1),
+     ("--a=" + "-1" * 70_000 + "x", 0)],
+    ids=["digits", "exponents", "sums", "option"],
+)  # fmt: skip
+def test_text_of_any_file_takes_a_moment(text, tells):
+    """Tried digit by digit from every digit they would take hours: notes of a file may hold them."""
+    found = typeset(text)
+    assert found.count("\N{MINUS SIGN}") == tells
+    assert len(warnings_of([text])[0].items) == 1

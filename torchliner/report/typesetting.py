@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 MINUS, PRIME = "\N{MINUS SIGN}", "\N{PRIME}"
-REAL = r"(?:inf|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+(?:e[+-]?\d+)?)"
+REAL = r"(?:inf|\d+(?:\.\d*)?(?:e[+-]?\d+)?|\.\d+(?:e[+-]?\d+)?)"
 # Nothing before it that makes it part of a name, a formula or a range; nothing behind it that makes
 # it part of a date (2026-01-02), a range (300-3500), a file (-3.h5) or a word.
 NUMBER = re.compile(

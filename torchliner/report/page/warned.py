@@ -14,6 +14,7 @@ from torchliner.report.page.subject import MapSubject, inputs_of
 from torchliner.report.typesetting import typeset
 
 UNKNOWN = "size unknown"
+MOST_READ = 2000  # characters of a warning, twice the longest of ours: files may hold any text
 LEAD = (
     "By kind, from what makes Z another quantity to what a short record does; within a kind by how "
     "far it may move R or X, over ρc, as far as the result holds numbers for it."
@@ -50,6 +51,7 @@ def size_of(text: str, known: Whole | None) -> Size | None:
 
 
 def _kind(text: str) -> tuple[Kind, re.Match[str]]:
+    text = text[:MOST_READ]
     return next((kind, said) for kind in KINDS if (said := re.search(kind.words, text)))
 
 
@@ -78,7 +80,7 @@ def _begun(text: str) -> str:
 
 
 def _decibels(text: str) -> float:
-    found = re.search(r"([+-]\d+\.?\d*) dB", text)
+    found = re.search(r"([+-]\d+(?:\.\d*)?) dB", text[:MOST_READ])
     return abs(float(found[1])) if found else 0.0
 
 
