@@ -58,7 +58,7 @@ def test_labels_have_the_symbol_of_the_axes():
     ids=["digits", "exponents", "sums", "option"],
 )  # fmt: skip
 def test_text_of_any_file_takes_a_moment(text, tells):
-    """Tried digit by digit from every digit they would take hours: notes of a file may hold them."""
+    """Every end from every start would take hours: the notes of a file may hold such text."""
     found = typeset(text)
     assert found.count("\N{MINUS SIGN}") == tells
     assert len(warnings_of([text])[0].items) == 1
