@@ -30,6 +30,14 @@ def onera() -> tl.SDoFLiner:
 
 
 @pytest.fixture
+def set_threads():
+    """``torch.set_num_threads``, undone after the test."""
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)
+
+
+@pytest.fixture
 def unrendered(monkeypatch):
     """Pictures are put together and stay empty files: for tests of which are made, and where."""
     pytest.importorskip("matplotlib")

@@ -70,24 +70,21 @@ def test_extremes_are_those_of_a_fine_walk_around_the_ellipse(way, columns, seed
 
 
 @needs_native
-def test_a_column_knows_neither_its_neighbours_nor_the_threads():
+def test_a_column_knows_neither_its_neighbours_nor_the_threads(set_threads):
     d, tables = noise(16, 1300), noise(2, 16, 16).real
     which = (torch.arange(1300) % 3 == 0).long()
     axes = noise(4, 1300) * 0.05
     chosen = torch.tensor([3, 640, 641, 1299])
-    before, found = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2, 5):
-            torch.set_num_threads(threads)
-            for some in (torch.arange(1300), chosen):
-                one = [
-                    in_way("native", "neighbours", d[:, some]),
-                    in_way("native", "forms", d[:, some], tables, which[some]),
-                    in_way("native", "extremes", axes[:2, some], axes[2:, some]),
-                ]
-                found.append(torch.cat(one)[:, slice(None) if len(some) == 4 else chosen])
-    finally:
-        torch.set_num_threads(before)
+    found = []
+    for threads in (1, 2, 5):
+        set_threads(threads)
+        for some in (torch.arange(1300), chosen):
+            one = [
+                in_way("native", "neighbours", d[:, some]),
+                in_way("native", "forms", d[:, some], tables, which[some]),
+                in_way("native", "extremes", axes[:2, some], axes[2:, some]),
+            ]
+            found.append(torch.cat(one)[:, slice(None) if len(some) == 4 else chosen])
     assert all(torch.equal(each, found[0]) for each in found)
 
 

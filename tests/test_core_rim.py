@@ -270,17 +270,13 @@ def test_coherence_does_not_know_other_frequencies(liner, shape):
     ]
 
 
-def test_threads_do_not_change_a_bit(liner):
+def test_threads_do_not_change_a_bit(liner, set_threads):
     """Of the kernels' least squares, whose normal matrix is near singular."""
-    before = torch.get_num_threads()
     found = []
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
-            found.append(build_kernels(liner, VelocityGrid(5.0, 40), 50e3).taps)
-            assert torch.get_num_threads() == threads
-    finally:
-        torch.set_num_threads(before)
+    for threads in (1, 2):
+        set_threads(threads)
+        found.append(build_kernels(liner, VelocityGrid(5.0, 40), 50e3).taps)
+        assert torch.get_num_threads() == threads
     assert torch.equal(*found)
 
 

@@ -179,9 +179,9 @@ def explore(name, count, one):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", NAMES)
-def test_mutated_files(tmp_path, name, record_property):
+def test_mutated_files(tmp_path, name, record_property, set_threads):
     """No traceback, no hang, no silent wrong answer."""
-    torch.set_num_threads(1)
+    set_threads(1)
     case = make(name, tmp_path)
 
     def one(draw):
@@ -220,10 +220,10 @@ COMMANDS = {
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_mutated_options(tmp_path, monkeypatch):
+def test_mutated_options(tmp_path, monkeypatch, set_threads):
     """An answer, or an error that names the option or its value; never a nan that is taken."""
     monkeypatch.chdir(tmp_path)
-    torch.set_num_threads(1)
+    set_threads(1)
     plane_file(Path("plane.h5"))
     line_of(both_ways("upstream")[0], "upstream", title="fuzz").write("line.csv")
     station(0, seconds=0.2).write("bursts.csv")

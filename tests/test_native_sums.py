@@ -192,15 +192,12 @@ def test_a_column_knows_nothing_of_the_others(columns, further, taken):
 
 
 @needs_native
-def test_threads_change_no_bit():
+def test_threads_change_no_bit(set_threads):
     v, rows = plane(500, 1000), weight_rows(500)
-    before, found = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2, 3, 64):
-            torch.set_num_threads(threads)
-            found.append([*moments(native, v, rows=rows), *lines(native, v, cut(500), rows)])
-    finally:
-        torch.set_num_threads(before)
+    found = []
+    for threads in (1, 2, 3, 64):
+        set_threads(threads)
+        found.append([*moments(native, v, rows=rows), *lines(native, v, cut(500), rows)])
     assert all(same(found[0], each) for each in found[1:])
 
 
@@ -300,22 +297,18 @@ def test_loading_leaves_denormal_numbers_alone():
 @needs_native
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_forked_process_has_threads_of_its_own():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        want = moments(native, plane(100, 200))[0]
-        child = os.fork()
-        if not child:
-            os._exit(0 if torch.equal(moments(native, plane(100, 200))[0], want) else 1)
-        deadline = time.monotonic() + 60
-        while not (ended := os.waitpid(child, os.WNOHANG))[0]:
-            if time.monotonic() > deadline:
-                os.kill(child, signal.SIGKILL)
-            time.sleep(0.01)
-        assert ended[1] == 0
-    finally:
-        torch.set_num_threads(before)
+def test_a_forked_process_has_threads_of_its_own(set_threads):
+    set_threads(2)
+    want = moments(native, plane(100, 200))[0]
+    child = os.fork()
+    if not child:
+        os._exit(0 if torch.equal(moments(native, plane(100, 200))[0], want) else 1)
+    deadline = time.monotonic() + 60
+    while not (ended := os.waitpid(child, os.WNOHANG))[0]:
+        if time.monotonic() > deadline:
+            os.kill(child, signal.SIGKILL)
+        time.sleep(0.01)
+    assert ended[1] == 0
 
 
 @needs_native

@@ -338,17 +338,14 @@ def test_direct_never_sees_a_neighbour(kernels):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("basis", [Chebyshev(24, 0.9375), SHARED], ids=["smooth", "levels"])
 @pytest.mark.parametrize("probes", [3, 100])
-def test_slabs_and_threads_change_no_bit(dtype, basis, probes):
+def test_slabs_and_threads_change_no_bit(dtype, basis, probes, set_threads):
     """Sums of a piece are multiples of one quantum, and pieces end where the record says."""
     velocity = turbulence((probes, 1100), seed=4).to(dtype).clamp(-15.9, 15.9)
-    lines, before = (38.0, 2800.0), torch.get_num_threads()
+    lines = (38.0, 2800.0)
     found = []
-    try:
-        for rows, threads in ((1100, 1), (256, 2), (512, 1)):
-            torch.set_num_threads(threads)
-            found.append(moments_of(velocity, basis, lines, rows=rows)[1].totals)
-    finally:
-        torch.set_num_threads(before)
+    for rows, threads in ((1100, 1), (256, 2), (512, 1)):
+        set_threads(threads)
+        found.append(moments_of(velocity, basis, lines, rows=rows)[1].totals)
     for other in found[1:]:
         # torch's own products may add in another order where rows lie elsewhere in memory.
         exact = available() or isinstance(basis, Levels)

@@ -49,22 +49,14 @@ class Table:
 # Parts of the probes, several at once
 
 
-@pytest.fixture
-def three_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize("order", ["probes first", "coherent first"])
-def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, three_threads):
+def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, set_threads):
     plane = plane_of(turbulence((23, SAMPLES)), x=[0.001 * i for i in range(23)])
     whole = tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty
     monkeypatch.setattr(intervals, "ELEMENTS", 7 * 20)
     found = []
     for threads in (3, 1):
-        torch.set_num_threads(threads)
+        set_threads(threads)
         found.append(tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty)
         assert torch.get_num_threads() == threads
     for name in ("probes", "cells", "liner", "liner_coherent_first"):
@@ -79,21 +71,23 @@ def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, thre
 
 
 @pytest.mark.parametrize("drive", ["instantaneous", "rms"])
-def test_a_liner_of_the_user_knows_one_thread(monkeypatch, liner, drive, three_threads):
+def test_a_liner_of_the_user_knows_one_thread(monkeypatch, liner, drive, set_threads):
     class Own(Table):
         def impedance(self, frequency, speed):
             callers.add(threading.get_ident())
             return super().impedance(frequency, speed)
 
     callers = set()
+    set_threads(3)
     monkeypatch.setattr(intervals, "ELEMENTS", 7 * 20)
     plane = plane_of(turbulence((23, SAMPLES)), x=[0.001 * i for i in range(23)])
     tl.educe(plane, Own(liner), drive=drive)
     assert callers == {threading.get_ident()}
 
 
-def test_work_in_threads_keeps_its_order_and_its_errors(three_threads):
+def test_work_in_threads_keeps_its_order_and_its_errors(set_threads):
     begun, done = [], []
+    set_threads(3)
 
     def root(item):
         assert not torch.is_grad_enabled()

@@ -89,7 +89,7 @@ def in_threads(name: str, share: int, count: int, given: Sequence[Any]) -> None:
         raise ValueError(f"no compiled function {name}: {reason}")
     function = library[name]
 
-    lefts = iter(range(0, count, max(share, 1)))
+    lefts = iter(range(0, count, max(share, 1)))  # of all threads: who is done takes the next
 
     def work() -> None:
         for left in lefts:

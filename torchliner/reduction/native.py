@@ -16,7 +16,7 @@ from torchliner.reduction.eager import Lines, Speeds, weight_sums
 from torchliner.reduction.sources import Taken
 
 TILE = 64  # columns; the ranges of threads begin at multiples of it
-SHARES = 4  # of each thread: who is done takes the next
+SHARES = 4  # of each thread, which may be done sooner or later than the others
 
 
 def add(
@@ -155,6 +155,6 @@ def _pieces(pieces: np.ndarray, of_blocks: Tensor | None, kept: list[Any]) -> _P
     blocks = pieces[:, 2]
     if of_blocks is not None and ((blocks < 0) | (blocks >= len(of_blocks))).any():
         raise IndexError(f"blocks {blocks.min()} to {blocks.max()}, but room for {len(of_blocks)}")
-    table = np.array(pieces, dtype=np.int64, order="C")
+    table = np.ascontiguousarray(pieces, dtype=np.int64)
     kept.append(table)
     return _Pieces(table.ctypes.data, len(table))

@@ -166,11 +166,11 @@ class SurveySums:
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
         pieces = self.plan.pieces(begin, end, weighed=False)
         # In runs: what lies before the first block bears the number of what lies behind the last.
-        change = np.diff(pieces[:, 2], prepend=pieces[0, 2]) != 0
-        first = np.flatnonzero(change | (np.arange(len(pieces)) == 0))
+        change = np.diff(pieces[:, 2], prepend=-1) != 0
+        first = np.flatnonzero(change)
         lows = (begin + pieces[first, 0]).tolist()
         runs = list(zip(lows, [*lows[1:], end], pieces[first, 2].tolist(), strict=True))
-        pieces[:, 2] = change.cumsum()
+        pieces[:, 2] = change.cumsum() - 1
         sums = self.current.new_zeros(len(runs), *self.current.shape)
         squares = self.square.new_zeros(len(runs), *self.square.shape)
         lines = Lines(pieces, rows, sums, squares, self.smallest, self.largest)

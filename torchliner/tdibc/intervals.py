@@ -76,7 +76,7 @@ def uncertainty_of(
         _add(groups.values(), found[0])
         intervals.append(found[1])
 
-    in_order(of_probes, _parts(prepared, reflection), add)
+    in_order(of_probes, _parts(prepared), add)
     averaged = reflection[prepared.averaged]
     series = deviations(prepared.averaged)
     first = Groups(
@@ -120,11 +120,11 @@ def resampling_of(prepared: Prepared) -> Resampling:
     return Resampling(weights / weights.sum(), chosen.interval)
 
 
-def _parts(prepared: Prepared, reflection: Tensor) -> Iterable[slice]:
+def _parts(prepared: Prepared) -> Iterable[slice]:
     """Of the probes, alike whatever the threads: the size of a part may change the last digit."""
     assert prepared.blocks is not None
     probes = prepared.plane.probes
-    size = probes * reflection.shape[1] * prepared.blocks.count
+    size = probes * len(prepared.frequency) * prepared.blocks.count
     count = max(-(-size // ELEMENTS), 2 if size > ELEMENTS // 4 else 1)
     step = -(-probes // count)
     return (slice(low, min(low + step, probes)) for low in range(0, probes, step))
@@ -157,7 +157,7 @@ def _coherent_first(
         series = deviations(slice(begin + part.start, begin + part.stop))
         return _member(part, star[part], series, how.scatter(series), outside[part])
 
-    in_order(of_columns, _parts(prepared, reflection), lambda each: _add(found.values(), each))
+    in_order(of_columns, _parts(prepared), lambda each: _add(found.values(), each))
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,8 +81,9 @@ class Replayed:
             notes += _review_phase(prepared, rule.phase.cpu())
         if self._keeps_blocks(rule):
             with torch.no_grad():
+                deviations = block_deviations(prepared, rule, self.means)
                 uncertainty, series = uncertainty_of(
-                    prepared, reflection.detach(), self._deviations(rule), wall
+                    prepared, reflection.detach(), deviations, wall
                 )
             notes += review_uncertainty(prepared, uncertainty)
         notes += wall_notes
@@ -98,9 +98,6 @@ class Replayed:
         if prepared.blocks is None or not (of_rms or prepared.keeps_blocks):
             return False
         return prepared.survey.blocks is not None or not (rule.needs_velocity or of_rms)
-
-    def _deviations(self, rule: PhaseRule) -> Callable[[slice], Tensor]:
-        return block_deviations(self.prepared, rule, self.means)
 
 
 def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None:

@@ -14,7 +14,7 @@ from torchliner.report.page.subject import MapSubject, inputs_of
 from torchliner.report.typesetting import typeset
 
 UNKNOWN = "size unknown"
-MOST_READ = 2000  # characters of a warning, twice the longest of ours: files may hold any text
+MOST_READ = 2000  # characters that tell a kind; ours are a quarter as long, those of a file any
 LEAD = (
     "By kind, from what makes Z another quantity to what a short record does; within a kind by how "
     "far it may move R or X, over ρc, as far as the result holds numbers for it."
@@ -51,8 +51,8 @@ def size_of(text: str, known: Whole | None) -> Size | None:
 
 
 def _kind(text: str) -> tuple[Kind, re.Match[str]]:
-    text = text[:MOST_READ]
-    return next((kind, said) for kind in KINDS if (said := re.search(kind.words, text)))
+    begun = text[:MOST_READ]  # the search of some words grows as the square of the text
+    return next((kind, said) for kind in KINDS if (said := re.search(kind.words, begun)))
 
 
 def _texts(notes: Iterable[str], source: str) -> list[str]:
@@ -80,7 +80,7 @@ def _begun(text: str) -> str:
 
 
 def _decibels(text: str) -> float:
-    found = re.search(r"([+-]\d+(?:\.\d*)?) dB", text[:MOST_READ])
+    found = re.search(r"([+-]\d+(?:\.\d*)?) dB", text)
     return abs(float(found[1])) if found else 0.0
 
 
