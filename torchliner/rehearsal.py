@@ -19,8 +19,10 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import h5py
+if TYPE_CHECKING:
+    import h5py
 
 try:
     import resource
@@ -117,6 +119,8 @@ def _end_all() -> None:
 
 def walk(path: str) -> None:
     """Read what a reader may read of a file's structure."""
+    import h5py
+
     if path.lower().endswith(".mat") and not h5py.is_hdf5(path):
         if os.path.getsize(path) <= LARGEST_MATLAB:
             from scipy.io import loadmat, whosmat
@@ -150,6 +154,8 @@ def _look_at(dataset: h5py.Dataset) -> None:
 
 def serve() -> None:
     """Look at each file whose name comes in, in hexadecimal, and answer with a line; one first."""
+    import h5py  # noqa: F401  # before its time is limited
+
     print(flush=True)
     for line in sys.stdin:
         used = math.ceil(time.process_time())

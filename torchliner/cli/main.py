@@ -66,8 +66,8 @@ SHOWN = ("educe", "liner")  # whose first examples the overview gives
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
-def build_parser() -> tuple[Parser, dict[str, Parser]]:
-    """The top parser and those of the commands."""
+def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
+    """The top parser and those of the commands; without the options of all but ``only`` one."""
     top = Parser(
         prog="torchliner",
         usage="torchliner [-h] [--version] COMMAND ...",
@@ -95,6 +95,8 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
             name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.",
             examples=examples_of(name),
         )  # fmt: skip
+        if only not in (None, name):
+            continue
         command = _module(name)
         if not hasattr(command, "TASKS"):
             add_options(parsers[name], command.OPTIONS)
@@ -124,10 +126,10 @@ def _overview() -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0 done, 1 a check failed, 2 bad input."""
     try:
-        top, parsers = build_parser()
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]
+        top, parsers = build_parser(words[0] if words[:1] and words[0] in COMMANDS else None)
         options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras:

@@ -326,16 +326,18 @@ void add(const Slab& s, const Lines* of, long count, const Moments* m, long firs
   }
 }
 
-// Sums of v over cells, of rows from..to-1: runs of neighbouring columns (first, count, cell), at
-// most RUN of them in the precision of v.
+// Averages of v over cells, of rows from..to-1: runs of neighbouring columns (first, count, cell),
+// at most RUN of them in the precision of v.
 constexpr long RUN = 256;
 template <class T>
-void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_count, double* out,
-           int64_t from, int64_t to) {
+void cells(const Slab& s, const int64_t* runs, int64_t run_count, const double* shares,
+           int64_t cell_count, T* out, int64_t from, int64_t to) {
   constexpr int N = Vector<T>::lanes;
+  Scratch<double> sums(cell_count);
   V<T> lane;
   for (int i = 0; i < N; i++) lane[i] = i;
-  for (long t = from; t < to; t++)
+  for (long t = from; t < to; t++) {
+    std::fill(sums.at, sums.at + cell_count, 0.0);
     for (long r = 0; r < run_count; r++) {
       const T* const row = (const T*)s.v + t * s.row_stride;
       const T* v = row + runs[3 * r];
@@ -353,9 +355,11 @@ void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_c
         exactly<T>(wide, [&](int, V<double> x) { sum += x; });
         double found = 0;
         for (int i = 0; i < D; i++) found += sum[i];
-        out[t * cell_count + runs[3 * r + 2]] += found;
+        sums.at[runs[3 * r + 2]] += found;
       }
     }
+    for (long c = 0; c < cell_count; c++) out[t * cell_count + c] = T(sums.at[c] * shares[c]);
+  }
 }
 
 }  // namespace
@@ -365,9 +369,10 @@ void cells(const Slab& s, const int64_t* runs, int64_t run_count, int64_t cell_c
                              int64_t from, int64_t to) {                                       \
     add<T>(*s, l, count, m, from, to);                                                         \
   }                                                                                            \
-  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n, int64_t count,   \
-                               double* out, int64_t from, int64_t to) {                        \
-    cells<T>(*s, runs, n, count, out, from, to);                                               \
+  extern "C" void cells_##name(const Slab* s, const int64_t* runs, int64_t n,                  \
+                               const double* shares, int64_t count, T* out, int64_t from,      \
+                               int64_t to) {                                                   \
+    cells<T>(*s, runs, n, shares, count, out, from, to);                                       \
   }
 EXPORTED(float, float32)
 EXPORTED(double, float64)

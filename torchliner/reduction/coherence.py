@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.records.slabs import SLAB_ROWS
-from torchliner.reduction.eager import Lines
+from torchliner.reduction.eager import Lines, continued
 from torchliner.reduction.plan import PassPlan
 from torchliner.signals.tones import waves
 
@@ -36,10 +37,14 @@ class ToneCoherence:
         self.counts = tuple(plan.samples // length for length in self.lengths)
         self.width = width
 
-    def asked(self, begin: int, slab: Tensor) -> list[SegmentLines]:
-        """What is to be summed of a slab, of samples from ``begin`` on, in order."""
-        found = (each.asked(begin, slab) for each in self.each)
-        return [each for each in found if each is not None]
+    def weights_of(self, begin: int, slab: Tensor) -> list[SegmentWeights | None]:
+        """Of each tone, for a slab of samples from ``begin`` on; of any group of columns."""
+        return [each.weights_of(begin, slab) for each in self.each]
+
+    def asked(self, weights: Sequence[SegmentWeights | None]) -> list[SegmentLines]:
+        """What is to be summed of a slab, in order."""
+        pairs = zip(self.each, weights, strict=True)
+        return [each.asked(own) for each, own in pairs if own is not None]
 
     def so_far(self, plan: PassPlan) -> ToneCoherence:
         """Of a record that ended here; views."""
@@ -62,14 +67,33 @@ class ToneCoherence:
 
 
 @dataclass(frozen=True)
-class SegmentLines:
+class SegmentWeights:
     """Of one tone and slab.
 
     Args:
-        segments: whose.
-        lines: sums over each segment that the slab reaches, once they are made.
+        begin: first sample of the slab.
+        pieces: of it, with the number of the segment, of those that it reaches.
+        rows: real and imaginary part of wave times window, (2, t); 0 beyond the last segment.
         windows: lines of the segments' windows, as far as the slab goes, complex128, (S,).
         is_open: whether the last segment goes on.
+    """
+
+    begin: int
+    pieces: np.ndarray
+    rows: Tensor
+    windows: Tensor
+    is_open: bool
+
+
+@dataclass(frozen=True)
+class SegmentLines:
+    """Of one tone, slab and group.
+
+    Args:
+        segments: whose.
+        lines: sums over the segments, once they are made; the first one goes on.
+        windows: of ``SegmentWeights``, the first one from the segment's begin.
+        is_open: of ``SegmentWeights``.
     """
 
     segments: _Segments
@@ -101,14 +125,11 @@ class _Segments:
         self.head: tuple[Tensor, complex] | None = None
         self.rounding = 1e-12
 
-    def asked(self, begin: int, slab: Tensor) -> SegmentLines | None:
-        """Sums over the segments of a slab; samples beyond the last whole one count for nothing."""
+    def weights_of(self, begin: int, slab: Tensor) -> SegmentWeights | None:
+        """None beyond the last whole segment, where samples count for nothing."""
         end = min(begin + len(slab), self.count * self.length)
         if begin >= end:
             return None
-        self.rounding = max(1e-12, 16 * torch.finfo(slab.dtype).eps)
-        if self.inside is None:
-            self.inside = begin % self.length != 0
         rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         starts = np.arange(begin - begin % self.length, end, self.length)
         hann = self.hann if len(starts) == 1 else self.hann.repeat(len(starts))
@@ -117,14 +138,21 @@ class _Segments:
         cuts = np.array([begin, *cuts[(cuts > begin) & (cuts < end)], end])
         block = (cuts[:-1] - starts[0]) // self.length
         pieces = np.column_stack([cuts[:-1] - begin, cuts[1:] - begin, block])
-        sums = self.open.new_zeros(len(starts), *self.open.shape)
-        sums[0] = self.open
         windows = torch.from_numpy(np.add.reduceat(rows.numpy(), np.maximum(starts - begin, 0)))
-        windows[0] += self.open_window
         both = torch.zeros(2, len(slab), dtype=torch.float64)
         torch.stack([rows.real, rows.imag], out=both[:, : end - begin])
-        lines = Lines(pieces, both.to(slab.device, slab.dtype), sums)
-        return SegmentLines(self, lines, windows, end % self.length != 0)
+        both = both.to(slab.device, slab.dtype)
+        return SegmentWeights(begin, pieces, both, windows, end % self.length != 0)
+
+    def asked(self, weights: SegmentWeights) -> SegmentLines:
+        """Sums over the segments of a slab; then ``add`` them."""
+        self.rounding = max(1e-12, 16 * torch.finfo(weights.rows.dtype).eps)
+        if self.inside is None:
+            self.inside = weights.begin % self.length != 0
+        windows = weights.windows.clone()
+        windows[0] += self.open_window
+        lines = Lines(weights.pieces, weights.rows, continued(self.open, len(windows)))
+        return SegmentLines(self, lines, windows, weights.is_open)
 
     def add(self, found: SegmentLines) -> None:
         """What ``asked`` stands for, summed."""
@@ -139,6 +167,8 @@ class _Segments:
 
     def _close(self, sums: Tensor, windows: Tensor) -> None:
         """Whole segments, (S, 2, P), and their windows' lines, (S,)."""
+        if not len(sums):
+            return
         real, imaginary = sums.unbind(1)
         self.line += torch.complex(real.sum(0), imaginary.sum(0))
         self.power += sums.square().sum((0, 1))

@@ -40,6 +40,14 @@ class Lines:
     largest: Tensor | None = None
 
 
+def continued(sums: Tensor, count: int) -> Tensor:
+    """Sums so far, (...), of the first of ``count`` stretches of time, a view of the only one; and
+    zeros of the others: (count, ...)."""
+    if count == 1:
+        return sums[None]
+    return torch.cat([sums[None], sums.new_zeros(count - 1, *sums.shape)])
+
+
 @dataclass
 class Speeds:
     r"""Moments of :math:`|v^*|` over pieces of a slab's rows, added to totals and blocks.

@@ -144,12 +144,11 @@ class LineReader:
         own = self.coefficients[:, middle].detach()
 
         def means(coefficients: Tensor, line: float) -> Tensor:
-            """In the precision of the sums, (S, P, F)."""
             real, imaginary = self._moment(sums, line)
-            found = _products(coefficients, real)
+            found = _block_means(coefficients, real, lengths)
             if imaginary is not None:
-                found = found + 1j * _products(coefficients, imaginary)
-            return found / lengths
+                found = found + 1j * _block_means(coefficients, imaginary, lengths)
+            return found
 
         forward = means(own, 0.0)
         turned = [
@@ -160,11 +159,12 @@ class LineReader:
         return forward, self._on_turns(turned, forward[..., :0])
 
 
-def _products(coefficients: Tensor, sums: Tensor) -> Tensor:
-    """c_k, complex, (F, K), times real moments of blocks, (S, K, P): (S, P, F)."""
-    both = torch.cat([coefficients.real, coefficients.imag]).to(sums)
-    real, imaginary = (both @ sums).transpose(1, 2).chunk(2, dim=2)
-    return torch.complex(real.contiguous(), imaginary.contiguous())
+def _block_means(coefficients: Tensor, sums: Tensor, lengths: Tensor) -> Tensor:
+    """c_k, complex, (F, K), times real moments of blocks, (S, K, P), over their lengths, (S, 1, 1);
+    the product in the precision of the moments: complex128, (S, P, F)."""
+    parts = torch.view_as_real(coefficients.resolve_conj()).transpose(1, 2).flatten(0, 1)  # (2F, K)
+    found = ((parts.to(sums) @ sums) / lengths).transpose(1, 2).contiguous()
+    return torch.view_as_complex(found.unflatten(2, (-1, 2)))
 
 
 def _product(coefficients: Tensor, sums: Tensor) -> Tensor:

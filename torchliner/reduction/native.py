@@ -74,19 +74,20 @@ def _lines(slab: Tensor, lines: Lines, kept: list[Any]) -> _Lines:
     )
 
 
-def cell_sums(slab: Tensor, runs: Tensor, count: int) -> Tensor:
-    """Sums of v over cells, (t, C), float64.
+def cell_averages(slab: Tensor, runs: Tensor, shares: Tensor) -> Tensor:
+    """Of v over cells, (t, C), of sums in float64.
 
     Args:
         slab: v, m/s, (t, P), columns side by side in memory.
         runs: of neighbouring columns of one cell: first column, how many, cell; int64, (n, 3).
-        count: C.
+        shares: of a column in its cell, float64, (C,).
     """
-    found = torch.zeros(len(slab), count, dtype=torch.float64)
+    found = slab.new_empty(len(slab), len(shares))
     slab_of = _slab(slab, None, [])
     given = (
         ctypes.c_void_p(address(runs, (-1, 3), torch.int64)), ctypes.c_int64(len(runs)),
-        ctypes.c_int64(count), ctypes.c_void_p(found.data_ptr()),
+        ctypes.c_void_p(address(shares, (-1,))), ctypes.c_int64(len(shares)),
+        ctypes.c_void_p(found.data_ptr()),
     )  # fmt: skip
     share = -(-len(slab) // (SHARES * threads()))
     in_threads(_of("cells", slab), share, len(slab), (ctypes.byref(slab_of), *given))

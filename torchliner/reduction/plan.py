@@ -59,23 +59,40 @@ class PassPlan:
         places = sorted(place for place in starts if place < self.samples)
         return places, [starts[place] for place in places]
 
-    def pieces(self, low: int, high: int, *, weighed: bool) -> np.ndarray:
-        """Of a slab of samples ``low`` .. ``high`` - 1; without ``weighed`` all of them.
+    def pieces(self, low: int, high: int) -> np.ndarray:
+        """Of the weighed samples of a slab ``low`` .. ``high`` - 1.
 
         Returns:
             First row of the slab, the one after the last, block: int64, (pieces, 3).
         """
+        found = self._cut(low, high)
+        return found[found[:, 2] <= self.rest]
+
+    def runs(self, low: int, high: int) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+        """Of all samples of a slab: pieces with the number of their run, samples of one block in a
+        row, instead of the block; and first sample, the one after the last and block of each run.
+
+        What lies before the first block bears the number of what lies behind the last.
+        """
+        pieces = self._cut(low, high)
+        change = np.diff(pieces[:, 2], prepend=-1) != 0
+        first = np.flatnonzero(change)
+        lows = (low + pieces[first, 0]).tolist()
+        found = list(zip(lows, [*lows[1:], high], pieces[first, 2].tolist(), strict=True))
+        pieces[:, 2] = change.cumsum() - 1
+        return pieces, found
+
+    def _cut(self, low: int, high: int) -> np.ndarray:
         places, numbers = self._borders
         inner = [place for place in places if low < place < high]
         multiples = range(-(-low // SLAB_ROWS) * SLAB_ROWS, high, SLAB_ROWS)
         edges = np.unique(np.array([low, high, *inner, *multiples]))
         number = np.array(numbers)[np.searchsorted(places, edges[:-1], side="right") - 1]
-        found = np.column_stack([edges[:-1] - low, edges[1:] - low, number])
-        return found[number <= self.rest] if weighed else found
+        return np.column_stack([edges[:-1] - low, edges[1:] - low, number])
 
     def numbers(self, low: int, high: int) -> range:
         """Of the weighed blocks that samples ``low`` .. ``high`` - 1 reach."""
-        found = self.pieces(low, high, weighed=True)[:, 2].tolist()
+        found = self.pieces(low, high)[:, 2].tolist()
         return range(found[0], found[-1] + 1) if found else range(0)
 
     def rows(self, low: int, high: int) -> Tensor | None:

@@ -100,8 +100,7 @@ class ProbeVelocity:
 
     def _averages(self, slab: Tensor) -> Tensor:
         if slab.device.type == "cpu" and slab.stride(1) == 1 and available():
-            sums = native.cell_sums(slab.to(self.dtype), self.runs, self.widths[1])
-            return (sums * self.weights).to(self.dtype)
+            return native.cell_averages(slab.to(self.dtype), self.runs, self.weights)
         if self.matrix is not None:
             return slab.to(self.dtype) @ self.matrix
         count = self.widths[1]

@@ -173,8 +173,9 @@ def first_pass(
     bounds = velocity.bounds()
     with sums_alone(velocity.device):
         for (begin, end), slabs in zip(bounds, velocity.slabs(bounds), strict=True):
+            weights = surveys[0].weights_of(begin, slabs[0])
             for i, (survey, slab) in enumerate(zip(surveys, slabs, strict=True)):
-                asked = survey.asked(begin, slab)
+                asked = survey.asked(weights)
                 speeds = sums[i].asked(begin, Columns(slab)) if sums else None
                 add(slab, [asked.lines, *(each.lines for each in asked.segments)], speeds)
                 survey.add(asked, slab)

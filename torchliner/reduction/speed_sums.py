@@ -68,7 +68,7 @@ class SpeedSums:
     def asked(self, begin: int, columns: Columns) -> Speeds | None:
         """What is to be summed of samples from ``begin`` on; levels of tables are summed here."""
         end, first = begin + len(columns.velocity), self.numbers.start
-        pieces = self.plan.pieces(begin, end, weighed=True) - (0, 0, first)
+        pieces = self.plan.pieces(begin, end) - (0, 0, first)
         rows = self.plan.rows(begin, end)
         rows = None if rows is None else rows.to(columns.velocity.device, self.dtype)
         if not isinstance(self.basis, Chebyshev):

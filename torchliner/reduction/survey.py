@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from torchliner.reduction.block_sums import BlockSums, VelocityBlocks
-from torchliner.reduction.coherence import SegmentLines, ToneCoherence
-from torchliner.reduction.eager import Lines
+from torchliner.reduction.coherence import SegmentLines, SegmentWeights, ToneCoherence
+from torchliner.reduction.eager import Lines, continued
 from torchliner.reduction.periodic import PeriodicSums
 from torchliner.reduction.plan import PassPlan
 from torchliner.signals.tones import line_sums, waves
@@ -98,18 +98,35 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class SurveyLines:
-    """Of one group and slab.
+class SlabWeights:
+    """What the samples of a slab are weighed with, alike for all groups of columns.
 
     Args:
         begin: its first sample.
         runs: of samples of one block in a row: the first, the one after the last, block.
-        lines: sums over these, once they are made.
-        segments: the same for the coherence.
+        pieces: of the slab, with the number of the run in place of the block.
+        rows: ones; waves; the same under the window if it is not flat; harmonics: (R, t).
+        segments: the same for the coherence of each tone.
     """
 
     begin: int
     runs: list[tuple[int, int, int]]
+    pieces: np.ndarray
+    rows: Tensor
+    segments: list[SegmentWeights | None]
+
+
+@dataclass(frozen=True)
+class SurveyLines:
+    """Of one group and slab.
+
+    Args:
+        weights: of all groups.
+        lines: sums over the runs, once they are made; the first one goes on with the open block.
+        segments: the same for the coherence.
+    """
+
+    weights: SlabWeights
     lines: Lines
     segments: list[SegmentLines]
 
@@ -150,7 +167,6 @@ class SurveySums:
         self.apart: list[BlockSums] | None = [] if part else None
 
     def _rows(self, low: int, high: int) -> Tensor:
-        """Ones; waves; the same under the window if it is not flat; harmonics: (R, t)."""
         turning = waves(self.tones, self.plan.sampling_rate, low, high)
         parts = [torch.ones(1, high - low, dtype=torch.float64), turning.real, turning.imag]
         if not self.flat:
@@ -160,37 +176,36 @@ class SurveySums:
             parts.append(self.periodic.harmonics.rows(low, high)[1:])
         return torch.cat(parts)
 
-    def asked(self, begin: int, slab: Tensor) -> SurveyLines:
-        """What is to be summed of a slab (t, P), of samples from ``begin`` on, in order."""
+    def weights_of(self, begin: int, slab: Tensor) -> SlabWeights:
+        """Those of a slab (t, P), of samples from ``begin`` on; groups of a pass share them."""
         end = begin + len(slab)
         rows = self._rows(begin, end).to(slab.device, slab.dtype)
-        pieces = self.plan.pieces(begin, end, weighed=False)
-        # In runs: what lies before the first block bears the number of what lies behind the last.
-        change = np.diff(pieces[:, 2], prepend=-1) != 0
-        first = np.flatnonzero(change)
-        lows = (begin + pieces[first, 0]).tolist()
-        runs = list(zip(lows, [*lows[1:], end], pieces[first, 2].tolist(), strict=True))
-        pieces[:, 2] = change.cumsum() - 1
-        sums = self.current.new_zeros(len(runs), *self.current.shape)
-        squares = self.square.new_zeros(len(runs), *self.square.shape)
-        lines = Lines(pieces, rows, sums, squares, self.smallest, self.largest)
-        return SurveyLines(begin, runs, lines, self.coherence.asked(begin, slab))
+        pieces, runs = self.plan.runs(begin, end)
+        return SlabWeights(begin, runs, pieces, rows, self.coherence.weights_of(begin, slab))
+
+    def asked(self, weights: SlabWeights) -> SurveyLines:
+        """What is to be summed of a slab, in order; then ``add`` it."""
+        runs = weights.runs
+        if self.open is not None and self.open[0] != runs[0][2]:
+            self._close()
+        sums, squares = (continued(each, len(runs)) for each in (self.current, self.current_square))
+        lines = Lines(weights.pieces, weights.rows, sums, squares, self.smallest, self.largest)
+        return SurveyLines(weights, lines, self.coherence.asked(weights.segments))
 
     def add(self, found: SurveyLines, slab: Tensor) -> None:
         """What ``asked`` stands for, summed."""
-        begin, squares = found.begin, found.lines.squares
+        squares = found.lines.squares
         assert squares is not None
-        for i, (low, high, number) in enumerate(found.runs):
-            if self.open is not None and self.open[0] != number:
+        for i, (low, high, number) in enumerate(found.weights.runs):
+            if i:
                 self._close()
             self.open = number, low if self.open is None else self.open[1], high
-            self.current += found.lines.sums[i]
-            self.current_square += squares[i]
+            self.current, self.current_square = found.lines.sums[i], squares[i]
         for each in found.segments:
             each.segments.add(each)
         wrong = ~torch.isfinite(self.current[0] + self.total[0])
         if bool(wrong.any()):
-            self._find_faults(begin, slab, wrong.nonzero()[:, 0])
+            self._find_faults(found.weights.begin, slab, wrong.nonzero()[:, 0])
 
     def _find_faults(self, begin: int, slab: Tensor, columns: Tensor) -> None:
         wrong = ~torch.isfinite(slab[:, columns])
@@ -207,10 +222,9 @@ class SurveySums:
             self._fold(own)
         else:
             self.total += self.current  # faults show in it
-            self.apart.append(dataclasses.replace(own, sums=own.sums.clone(),
-                                                  squares=own.squares.clone()))  # fmt: skip
-        self.current.zero_()
-        self.current_square.zero_()
+            self.apart.append(own)
+        self.current = torch.zeros_like(self.current)
+        self.current_square = torch.zeros_like(self.current_square)
         self.open = None
 
     def _fold(self, block: BlockSums) -> None:
@@ -237,7 +251,6 @@ class SurveySums:
         if last is not None and last.number == first.number:
             self.apart[-1] = last.joined(first)
         else:
-            self.total += self.current  # faults show in it
             self.apart.append(first)
         self.apart += others
         self.smallest = torch.minimum(self.smallest, other.smallest)

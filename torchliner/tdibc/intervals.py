@@ -166,11 +166,11 @@ def _member(
     excluded: Tensor | None = None,
 ) -> Member:  # fmt: skip
     """What some members bring to their groups."""
-    slope = admittance_slope(reflection) * series
+    slope = admittance_slope(reflection)
     bias = admittance_bias(reflection, scatter.square)
     if excluded is not None:
         slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
-    return part, slope, bias
+    return part, slope * series, bias
 
 
 def _add(groups: Iterable[Groups], member: Member) -> None:

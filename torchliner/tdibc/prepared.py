@@ -127,7 +127,10 @@ class Prepared:
                 if part is None:
                     return None
                 found.append(part)
-        forward, turned = (torch.cat(each, dim=1) for each in zip(*found, strict=True))
+        forward, turned = (
+            each[0] if len(each) == 1 else torch.cat(each, dim=1)  # which copies
+            for each in zip(*found, strict=True)
+        )
         return LineSums.with_turns(forward, turned)
 
     @property
