@@ -294,3 +294,20 @@ def test_record_too_short_to_tell(onera):
 def test_short_record_that_is_meant_to_be(onera):
     found = educed(on_cells(sound(60)), onera, allow_short=True, edge="wrap", velocity_max=20.0)
     assert relative_error(found.answer, found.liner_impedance_velocity_first) < 1e-8
+
+
+def test_threads_change_no_bit_of_the_harmonics(set_threads):
+    """Parts of a record are put together by processes that give torch different threads."""
+    harmonics = periodic.Harmonics.of([FREQUENCY], RATE)
+    rows = len(harmonics.owner)
+    block = torch.randn(rows, 50, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    found = []
+    for threads in (1, 2):
+        set_threads(threads)
+        sums = periodic.PeriodicSums(harmonics, 50, torch.device("cpu"))
+        for low in range(0, 12000, 1500):
+            sums.add(low, low + 1500, block)
+        sums.finish()
+        found.append(sums)
+    for name in ("gram", "total", "fitted", "squares"):
+        assert torch.equal(*(getattr(each, name) for each in found)), name

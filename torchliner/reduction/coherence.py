@@ -13,7 +13,6 @@ from torch import Tensor
 from torchliner.records.slabs import SLAB_ROWS
 from torchliner.reduction.eager import Lines, continued
 from torchliner.reduction.plan import PassPlan
-from torchliner.signals.tones import waves
 
 PERIODS_PER_SEGMENT = 2.0
 
@@ -30,16 +29,15 @@ class ToneCoherence:
     def __init__(self, plan: PassPlan, tones: Tensor, width: int, device: torch.device) -> None:
         lengths = PERIODS_PER_SEGMENT * plan.sampling_rate / tones
         self.lengths = [min(max(round(length), 1), plan.samples) for length in lengths.tolist()]
-        self.each = [
-            _Segments(plan, float(tone), length, width, device)
-            for tone, length in zip(tones, self.lengths, strict=True)
-        ]
+        self.each = [_Segments(plan, length, width, device) for length in self.lengths]
         self.counts = tuple(plan.samples // length for length in self.lengths)
         self.width = width
 
-    def weights_of(self, begin: int, slab: Tensor) -> list[SegmentWeights | None]:
-        """Of each tone, for a slab of samples from ``begin`` on; of any group of columns."""
-        return [each.weights_of(begin, slab) for each in self.each]
+    def weights_of(self, begin: int, slab: Tensor, turning: Tensor) -> list[SegmentWeights | None]:
+        """Of each tone, for a slab (t, P) of any group, of samples from ``begin`` on, and the waves
+        e^{-j omega t} there, complex128, (F, t)."""
+        pairs = zip(self.each, turning, strict=True)
+        return [each.weights_of(begin, slab, wave) for each, wave in pairs]
 
     def asked(self, weights: Sequence[SegmentWeights | None]) -> list[SegmentLines]:
         """What is to be summed of a slab, in order."""
@@ -105,11 +103,8 @@ class SegmentLines:
 class _Segments:
     """Segments of one tone."""
 
-    def __init__(
-        self, plan: PassPlan, tone: float, length: int, width: int, device: torch.device
-    ) -> None:
-        self.plan, self.length, self.count = plan, length, plan.samples // length
-        self.tone = torch.tensor([tone], dtype=torch.float64)
+    def __init__(self, plan: PassPlan, length: int, width: int, device: torch.device) -> None:
+        self.length, self.count = length, plan.samples // length
         steps = torch.arange(length, dtype=torch.float64)
         self.hann = 0.5 - 0.5 * torch.cos(2 * torch.pi * steps / length)
         # Line and power of whole segments, their product with the window's own line, for the mean
@@ -125,15 +120,14 @@ class _Segments:
         self.head: tuple[Tensor, complex] | None = None
         self.rounding = 1e-12
 
-    def weights_of(self, begin: int, slab: Tensor) -> SegmentWeights | None:
+    def weights_of(self, begin: int, slab: Tensor, wave: Tensor) -> SegmentWeights | None:
         """None beyond the last whole segment, where samples count for nothing."""
         end = min(begin + len(slab), self.count * self.length)
         if begin >= end:
             return None
-        rows = waves(self.tone, self.plan.sampling_rate, begin, end)[0]
         starts = np.arange(begin - begin % self.length, end, self.length)
         hann = self.hann if len(starts) == 1 else self.hann.repeat(len(starts))
-        rows = rows * hann[begin % self.length :][: end - begin]
+        rows = wave[: end - begin] * hann[begin % self.length :][: end - begin]
         cuts = (starts[:, None] + np.arange(0, self.length, SLAB_ROWS)).flatten()
         cuts = np.array([begin, *cuts[(cuts > begin) & (cuts < end)], end])
         block = (cuts[:-1] - starts[0]) // self.length

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.compiled.threads import one_thread
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import bounds_of
 from torchliner.signals.tones import BLOCK, waves
@@ -165,6 +166,7 @@ class PeriodicSums:
         self.current_gram = self.gram.clone()
         self.blocks = 0
 
+    @one_thread()
     def add(self, low: int, high: int, sums: Tensor) -> None:
         """Those of samples ``low`` .. ``high`` - 1, (K, P); a block is as long as tells all lines
         apart."""
@@ -196,6 +198,7 @@ def solved(gram: Tensor, sums: Tensor) -> Tensor:
     return inverse.to(sums.device) @ sums
 
 
+@one_thread()
 def periodic_part(
     probes: PeriodicSums, of_cells: PeriodicSums, cells: Cells, used: Tensor
 ) -> PeriodicPart:

@@ -166,8 +166,7 @@ class SurveySums:
         self.open: tuple[int, int, int] | None = None  # block, its first sample and the next
         self.apart: list[BlockSums] | None = [] if part else None
 
-    def _rows(self, low: int, high: int) -> Tensor:
-        turning = waves(self.tones, self.plan.sampling_rate, low, high)
+    def _rows(self, low: int, high: int, turning: Tensor) -> Tensor:
         parts = [torch.ones(1, high - low, dtype=torch.float64), turning.real, turning.imag]
         if not self.flat:
             weighed = turning * self.weights[low:high]
@@ -179,9 +178,11 @@ class SurveySums:
     def weights_of(self, begin: int, slab: Tensor) -> SlabWeights:
         """Those of a slab (t, P), of samples from ``begin`` on; groups of a pass share them."""
         end = begin + len(slab)
-        rows = self._rows(begin, end).to(slab.device, slab.dtype)
+        turning = waves(self.tones, self.plan.sampling_rate, begin, end)
+        rows = self._rows(begin, end, turning).to(slab.device, slab.dtype)
         pieces, runs = self.plan.runs(begin, end)
-        return SlabWeights(begin, runs, pieces, rows, self.coherence.weights_of(begin, slab))
+        segments = self.coherence.weights_of(begin, slab, turning)
+        return SlabWeights(begin, runs, pieces, rows, segments)
 
     def asked(self, weights: SlabWeights) -> SurveyLines:
         """What is to be summed of a slab, in order; then ``add`` it."""

@@ -145,8 +145,6 @@ class GrowingMoments:
             sums.plan = plan
         for survey in self._surveys:
             survey.plan = plan
-            for segments in survey.coherence.each:
-                segments.plan = plan
         part = dataclasses.replace(self._about, velocity=rows.T, x=None, z=None)
         velocity = self._velocity
         velocity.plane = dataclasses.replace(part, velocity=PartVelocity(part, first, end))
