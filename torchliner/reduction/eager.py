@@ -45,7 +45,9 @@ def continued(sums: Tensor, count: int) -> Tensor:
     zeros of the others: (count, ...)."""
     if count == 1:
         return sums[None]
-    return torch.cat([sums[None], sums.new_zeros(count - 1, *sums.shape)])
+    found = sums.new_zeros(count, *sums.shape)
+    found[0] = sums
+    return found
 
 
 @dataclass
