@@ -74,6 +74,7 @@ def test_unequal_areas_are_said(liner):
         ({"mach": 102.0}, "mach is 102; .*a Mach number, not m/s"),
         ({"incident_level": float("nan")}, "incident_level is nan dB"),
         ({"incident_level": 300.0}, "incident_level is 300 dB; .* at most 194 dB"),
+        ({"incident_level": -300.0}, "incident_level is -300 dB; it must be at least -126 dB"),
     ],
 )
 def test_flow_and_level_out_of_range(record, about, text):

@@ -196,15 +196,16 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"x": 3e-3 * torch.arange(PROBES)}, "another x than"),
-        ({"sampling_rate": RATE / 2}, "another sampling_rate"),
-        ({"height": 2e-3}, "another height"),
+        ({"x": 3e-3 * torch.arange(PROBES)}, "apart in x by up to"),
+        ({"sampling_rate": RATE / 2}, "files of one plane share their rate"),
+        ({"height": 2e-3}, "height is .* and 0.002"),
+        ({"incident_level": 150.0}, "incident_level is .* and 150.0"),
         ({"start": 1400 / RATE}, "samples are missing between"),
         ({"start": 0.0}, "holds nothing new"),
     ],
 )
 def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, words):
-    """Other probes, another rate, a gap, the same samples again."""
+    """Other probes, rate, height or level, a gap, the same samples again."""
     piece(velocity, 0, 1000).write(tmp_path / "v1.h5")
     frames = Frames(tmp_path)
     assert sum(each.samples for each in frames.new()) == 1000

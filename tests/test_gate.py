@@ -332,7 +332,7 @@ sys.exit(main(["info", "plane.h5"]))
 """
 
 
-@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.educe", "torch", "h5py"])
+@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.info", "torch", "h5py"])
 def test_an_interrupt_while_modules_are_imported(folder, name):
     """In the first second a command does little else."""
     code = IMPATIENT.format(name=name)

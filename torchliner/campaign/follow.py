@@ -15,6 +15,7 @@ from torch import Tensor
 
 from torchliner.campaign.inputs import open_plane
 from torchliner.checks import tell
+from torchliner.io.plane_join import require_same_probes
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
@@ -119,18 +120,12 @@ class Frames:
             # Without the open file, by which HDF5 would not see that it grows.
             self._like, self._next = without_velocity(plane), plane.start
             return 0
-        for name in ("probe_shape", "x", "z", "sampling_rate", "height"):
-            one, other = getattr(first, name), getattr(plane, name)
-            if isinstance(one, Tensor) and isinstance(other, Tensor):
-                same = torch.equal(one, other)
-            elif isinstance(one, float) and isinstance(other, float):
-                same = math.isclose(one, other, rel_tol=ROUNDED)
-            else:
-                same = one is other or (isinstance(one, tuple) and one == other)
-            if not same:
-                raise ValueError(
-                    f"{path} has another {name} than {first.name}; files of one plane share it"
-                )
+        require_same_probes(first, plane)
+        if not math.isclose(first.sampling_rate, plane.sampling_rate, rel_tol=ROUNDED):
+            raise ValueError(
+                f"{path} is sampled at {plane.sampling_rate:.6g} Hz and {first.name} at "
+                f"{first.sampling_rate:.6g} Hz; files of one plane share their rate"
+            )
         known = round((self._next - plane.start) * plane.sampling_rate)
         if not 0 <= known < plane.samples:
             raise ValueError(

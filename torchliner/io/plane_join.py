@@ -133,7 +133,22 @@ def join_planes(
 
 
 def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
-    """Same probes, case and rate."""
+    require_same_probes(first, other)
+    drift = abs(other.sampling_rate / first.sampling_rate - 1) * max(first.samples, other.samples)
+    if drift > OFF:
+        raise ValueError(
+            f"{first.name} and {other.name} cannot be joined: they are sampled at "
+            f"{first.sampling_rate:.9g} and {other.sampling_rate:.9g} Hz, two time bases; resample "
+            "one, or give the files one by one"
+        )
+
+
+def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
+    """Files of one plane have the same probes and state the same case.
+
+    Raises:
+        ValueError: they do not; what differs is named.
+    """
     both = f"{first.name} and {other.name} cannot be joined"
     if other.probe_shape != first.probe_shape:
         raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and "
@@ -146,12 +161,6 @@ def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
             raise ValueError(
                 f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm"
             )
-    drift = abs(other.sampling_rate / first.sampling_rate - 1) * max(first.samples, other.samples)
-    if drift > OFF:
-        raise ValueError(
-            f"{both}: they are sampled at {first.sampling_rate:.9g} and {other.sampling_rate:.9g} "
-            "Hz, two time bases; resample one, or give the files one by one"
-        )
     names = (*STATED, "height", "frequency", "holes")
     require_same_case(first, other, names, "restarts of one run state the same")
 

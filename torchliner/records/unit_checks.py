@@ -15,6 +15,7 @@ LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
 APART, LONG = 0.05, 1.0
 SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
 LOUDEST = 194.0  # dB: a peak of one atmosphere
+QUIETEST = -126.0  # dB: its last digit in double precision
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 # Over half a wavelength even a standing wave turns by pi, so that in degrees the steps from
@@ -24,7 +25,8 @@ NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
 
 
 def require_flow_and_level(name: str, mach: float | None, level: float | None) -> None:
-    """Refuse a bulk Mach number outside 0 to 1, and an incident level above one atmosphere.
+    """Refuse a bulk Mach number outside 0 to 1, and an incident level above one atmosphere or
+    below its last digit.
 
     Raises:
         ValueError: also what is not finite.
@@ -34,10 +36,11 @@ def require_flow_and_level(name: str, mach: float | None, level: float | None) -
             f"{name}: mach is {mach:g}; it must be at least 0 (count x along the flow) and below 1 "
             "(a Mach number, not m/s)"
         )
-    if level is not None and not -math.inf < level <= LOUDEST:
+    if level is not None and not QUIETEST <= level <= LOUDEST:
         raise ValueError(
-            f"{name}: incident_level is {level:g} dB; it must be finite and at most {LOUDEST:g} "
-            "dB, where the amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
+            f"{name}: incident_level is {level:g} dB; it must be at least {QUIETEST:g} dB, the "
+            f"last digit of one atmosphere in double precision, and at most {LOUDEST:g} dB, where "
+            "the amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
         )
 
 

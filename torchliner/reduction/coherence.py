@@ -154,9 +154,9 @@ class _Segments:
         whole = len(sums) - found.is_open
         headed = int(bool(self.inside) and self.head is None and whole > 0)
         if headed:
-            self.head = sums[0], complex(windows[0])
+            self.head = sums[0].clone(), complex(windows[0])
         self._close(sums[headed:whole], windows[headed:whole].to(sums.device))
-        self.open = sums[-1] if found.is_open else torch.zeros_like(self.open)
+        self.open = sums[-1].clone() if found.is_open else torch.zeros_like(self.open)
         self.open_window = complex(windows[-1]) if found.is_open else 0j
 
     def _close(self, sums: Tensor, windows: Tensor) -> None:

@@ -202,6 +202,8 @@ class SurveySums:
                 self._close()
             self.open = number, low if self.open is None else self.open[1], high
             self.current, self.current_square = found.lines.sums[i], squares[i]
+        if len(squares) > 1:  # not to keep all of them in memory, and in files of parts
+            self.current, self.current_square = self.current.clone(), self.current_square.clone()
         for each in found.segments:
             each.segments.add(each)
         wrong = ~torch.isfinite(self.current[0] + self.total[0])
