@@ -52,6 +52,17 @@ def test_what_closes_is_an_impedance_with_that_level(height):
     assert incident_level_of(amplitude, there, height or 0.0) == pytest.approx(level, abs=LEVELS)
 
 
+@pytest.mark.parametrize(("level_of", "said"), [(WRONG, False), (-0.9 + 0.1j, True)])
+def test_what_no_liner_has_is_said(level_of, said):
+    """A wave that is too weak for the velocity closes with a resistance below 0 alone."""
+    velocity, amplitude = square_wave(2.0)
+    level = incident_level_of(amplitude, level_of, 0.0)
+    found = tl.educe(plane(velocity, incident_level=level), MODEL, **TIGHT)
+    sized = size(found, "closure at 1400 Hz fails")
+    assert ("R below 0, which no liner has" in sized.words) == said
+    assert (complex(found.answer[0] + sized.change).real < 0) == said
+
+
 def test_what_closes_with_a_phase_is_the_impedance_behind_the_pressure():
     """Z V is the pressure at the wall: with size and phase both parts of Z follow."""
     velocity, amplitude = square_wave(2.0)

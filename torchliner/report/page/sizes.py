@@ -140,7 +140,8 @@ def closing(known: Whole, said: re.Match[str]) -> Size | None:
     incident = 1.0 if closure.kind == "incident" else 0.0
     wanted = (z + incident) / (c + 1j * z * s) / ratio
     there = (wanted * c - incident) / (1 - 1j * wanted * s)
-    return Size(there - z, "the change of Z that closes, were the velocity right")
+    beyond = ", to R below 0, which no liner has" if there.real < 0 else ""
+    return Size(there - z, f"the change of Z that closes, were the velocity right{beyond}")
 
 
 def interval(known: Whole, said: re.Match[str]) -> Size | None:
