@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from conftest import in_fork
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -300,15 +300,7 @@ def test_loading_leaves_denormal_numbers_alone():
 def test_a_forked_process_has_threads_of_its_own(set_threads):
     set_threads(2)
     want = moments(native, plane(100, 200))[0]
-    child = os.fork()
-    if not child:
-        os._exit(0 if torch.equal(moments(native, plane(100, 200))[0], want) else 1)
-    deadline = time.monotonic() + 60
-    while not (ended := os.waitpid(child, os.WNOHANG))[0]:
-        if time.monotonic() > deadline:
-            os.kill(child, signal.SIGKILL)
-        time.sleep(0.01)
-    assert ended[1] == 0
+    assert in_fork(lambda: torch.equal(moments(native, plane(100, 200))[0], want)) == 0
 
 
 @needs_native

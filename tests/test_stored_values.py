@@ -1,9 +1,12 @@
 """HDF5 of others: what was never written, is packed, linked or damaged is said or refused."""
 
+import os
+
 import h5py
 import numpy as np
 import pytest
 import torch
+from conftest import in_fork
 from test_map_file import hand_map
 from test_plane_file import RATE, make_plane
 
@@ -345,6 +348,15 @@ def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, 
         (tmp_path / "child.py").write_text("no Python")
         assert read(path).samples == 20  # where it cannot be tried, it is read all the same
     assert read(path).samples == 20
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_fork_need_not_wait_for_threads_of_its_parent(tmp_path):
+    """None of them goes on in the child, to end what it had begun with another file."""
+    path, read = edited(tmp_path, lambda _: None)
+    with rehearsal._lock:
+        assert in_fork(lambda: read(path).samples == 20) == 0
 
 
 @pytest.mark.parametrize("read", [*READERS.values(), read_array])

@@ -38,6 +38,15 @@ _lock = threading.Lock()
 _children: dict[int, subprocess.Popen[bytes]] = {}  # by process, as forks do not share a child
 
 
+def _unlock() -> None:
+    global _lock
+    _lock = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):  # no thread goes on in the child that would give it back
+    os.register_at_fork(after_in_child=_unlock)
+
+
 def rehearse(path: str | Path) -> None:
     """Refuse a file on which the library that reads it breaks down.
 
