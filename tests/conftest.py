@@ -36,7 +36,10 @@ def in_fork(work) -> int:
     """Status of a forked process that ends with 0 if ``work`` is true; killed after a minute."""
     child = os.fork()
     if not child:
-        os._exit(not work())
+        try:
+            os._exit(not work())
+        finally:  # or an error would go on with the tests in two processes
+            os._exit(2)
     deadline = time.monotonic() + 60
     while not (ended := os.waitpid(child, os.WNOHANG))[0]:
         if time.monotonic() > deadline:

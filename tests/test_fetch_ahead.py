@@ -59,5 +59,7 @@ def test_no_more_than_is_worth_it(large, asked, monkeypatch):
 
 
 @pytest.mark.parametrize("names", [["\0"], [""], ["."], ["there is none.h5"], [f"{'x' * 5000}.h5"]])
-def test_names_of_no_file_are_left_to_the_command(names):
+def test_names_of_no_file_are_left_to_the_command(names, asked, monkeypatch):
+    monkeypatch.setattr(fetch_ahead, "_torch_is_to_come", lambda: True)
     fetch_ahead._ahead(names)
+    assert asked == []

@@ -67,7 +67,7 @@ DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
 def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
-    """The top parser and those of the commands; without the options of all but ``only`` one."""
+    """The top parser and those of the commands; if ``only`` is one, without options of others."""
     top = Parser(
         prog="torchliner",
         usage="torchliner [-h] [--version] COMMAND ...",
@@ -95,7 +95,7 @@ def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
             name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.",
             examples=examples_of(name),
         )  # fmt: skip
-        if only not in (None, name):
+        if only in COMMANDS and only != name:
             continue
         command = _module(name)
         if not hasattr(command, "TASKS"):
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]
-        top, parsers = build_parser(words[0] if words[:1] and words[0] in COMMANDS else None)
+        top, parsers = build_parser(*words[:1])
         options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras:

@@ -89,15 +89,13 @@ class SegmentLines:
 
     Args:
         segments: whose.
+        weights: of all groups.
         lines: sums over the segments, once they are made; the first one goes on.
-        windows: of ``SegmentWeights``, the first one from the segment's begin.
-        is_open: of ``SegmentWeights``.
     """
 
     segments: _Segments
+    weights: SegmentWeights
     lines: Lines
-    windows: Tensor
-    is_open: bool
 
 
 class _Segments:
@@ -143,21 +141,21 @@ class _Segments:
         self.rounding = max(1e-12, 16 * torch.finfo(weights.rows.dtype).eps)
         if self.inside is None:
             self.inside = weights.begin % self.length != 0
-        windows = weights.windows.clone()
-        windows[0] += self.open_window
-        lines = Lines(weights.pieces, weights.rows, continued(self.open, len(windows)))
-        return SegmentLines(self, lines, windows, weights.is_open)
+        sums = continued(self.open, len(weights.windows))
+        return SegmentLines(self, weights, Lines(weights.pieces, weights.rows, sums))
 
     def add(self, found: SegmentLines) -> None:
         """What ``asked`` stands for, summed."""
-        sums, windows = found.lines.sums, found.windows
-        whole = len(sums) - found.is_open
+        sums, is_open = found.lines.sums, found.weights.is_open
+        windows = found.weights.windows.clone()
+        windows[0] += self.open_window
+        whole = len(sums) - is_open
         headed = int(bool(self.inside) and self.head is None and whole > 0)
         if headed:
             self.head = sums[0].clone(), complex(windows[0])
         self._close(sums[headed:whole], windows[headed:whole].to(sums.device))
-        self.open = sums[-1].clone() if found.is_open else torch.zeros_like(self.open)
-        self.open_window = complex(windows[-1]) if found.is_open else 0j
+        self.open = sums[-1].clone() if is_open else torch.zeros_like(self.open)
+        self.open_window = complex(windows[-1]) if is_open else 0j
 
     def _close(self, sums: Tensor, windows: Tensor) -> None:
         """Whole segments, (S, 2, P), and their windows' lines, (S,)."""

@@ -189,6 +189,9 @@ class SurveySums:
         runs = weights.runs
         if self.open is not None and self.open[0] != runs[0][2]:
             self._close()
+        if self.open is None:
+            self.current = torch.zeros_like(self.current)
+            self.current_square = torch.zeros_like(self.current_square)
         sums, squares = (continued(each, len(runs)) for each in (self.current, self.current_square))
         lines = Lines(weights.pieces, weights.rows, sums, squares, self.smallest, self.largest)
         return SurveyLines(weights, lines, self.coherence.asked(weights.segments))
@@ -226,8 +229,6 @@ class SurveySums:
         else:
             self.total += self.current  # faults show in it
             self.apart.append(own)
-        self.current = torch.zeros_like(self.current)
-        self.current_square = torch.zeros_like(self.current_square)
         self.open = None
 
     def _fold(self, block: BlockSums) -> None:
