@@ -11,15 +11,28 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import hypothesis
 import pytest
 import torch
 
 import torchliner as tl
 from torchliner.liners.model import LinerModel, Number
 
+# The same examples in every run and on every machine, however slow; new ones, and more of them:
+# pytest --hypothesis-profile=explore [--hypothesis-seed=N].
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("explore", max_examples=1000, deadline=None)
+hypothesis.settings.load_profile("same")
+
 DATA = Path(__file__).resolve().parent.parent / "data"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 RATE, FREQUENCY = 42000.0, 1400.0  # 30 samples a period, so that whole periods are whole samples
+
+
+@pytest.fixture(autouse=True)
+def seeded() -> None:
+    """Draws that name no generator do not depend on which tests ran before."""
+    torch.manual_seed(0)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from torchliner.io.plane_format import PlaneRequest
 
 UP = PlaneRequest(normal="y")
 FUZZED = settings(
-    max_examples=60, deadline=None, derandomize=True,
+    max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )  # fmt: skip
 X, Z = np.array([0.0, 0.01, 0.02, 0.03]), np.array([-0.005, 0.0, 0.005])

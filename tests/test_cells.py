@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
@@ -14,7 +14,6 @@ def cells_of(labels, count):
     return Cells(torch.as_tensor(labels), centres, torch.zeros_like(centres))
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(-1, 3), st.booleans()), min_size=1, max_size=12))
 def test_an_average_is_the_product_with_the_averaging_matrix(probes):
     """Probes outside (-1) and left out count for nothing; a cell of which none is left is 0."""

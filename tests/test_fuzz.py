@@ -168,7 +168,7 @@ SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))
 def explore(name, count, one):
     """``one`` with a random number generator, ``count`` times, seeded by hypothesis."""
 
-    @settings(max_examples=count, derandomize=True, database=None, deadline=None,
+    @settings(max_examples=count, derandomize=True, database=None,
               phases=[Phase.generate], suppress_health_check=list(HealthCheck))  # fmt: skip
     @given(st.integers(0, 2**63))
     def run(seed):

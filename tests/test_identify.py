@@ -102,7 +102,7 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
     assert 2 < high < 2 * LEVELS[-1]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     parameters=st.lists(st.floats(-BOUNDS, BOUNDS), min_size=39, max_size=39),
     top=st.floats(0.1, 30), direction=st.sampled_from(["falling", "rising"]),

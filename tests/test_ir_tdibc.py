@@ -78,7 +78,7 @@ def one(curve: tl.LevelCurve) -> complex:
 # The implicit step.
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     taps=st.lists(st.floats(-2, 2), min_size=8, max_size=8),
     sent=st.floats(-3, 3), memory=st.floats(-3, 3), past=st.floats(0, 4),

@@ -95,7 +95,7 @@ def test_parts_add_up_to_the_record(choices, cuts, liner):
 
 
 @given(st.sets(st.integers(1, N - 1), max_size=7), st.randoms(use_true_random=False))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_any_order_of_parts_is_one(cuts, draw):
     """Parts of any length, one sample included, arrive in any order: the same bits."""
     v = velocity(dtype=torch.float32)

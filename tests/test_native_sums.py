@@ -122,7 +122,7 @@ def test_what_is_not_asked_for_changes_nothing(way):
 
 
 @needs_native
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     length=st.integers(1, 300),
     columns=st.integers(1, 200),

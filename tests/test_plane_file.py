@@ -79,7 +79,7 @@ def test_round_trip(tmp_path, layout, dtype):
         assert all(data[key].units == "m" for key in coordinates)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     shape=st.lists(st.integers(1, 3), max_size=2).map(tuple),
     samples=st.sampled_from([2, SLAB_ROWS - 1, SLAB_ROWS, SLAB_ROWS + 1]),

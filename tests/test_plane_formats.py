@@ -335,7 +335,7 @@ def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, kind):
     clean = written(dataset(), tmp_path_factory.mktemp(kind), kind).read_bytes()
     path = tmp_path_factory.mktemp(kind) / "m.data"
 
-    @settings(max_examples=60, deadline=None, derandomize=True, database=None)
+    @settings(max_examples=60)
     @given(st.integers(0, min(len(clean), 3000) - 1), st.integers(1, 255), st.booleans())
     def mutate(at, change, cut):
         content = bytearray(clean[:at] if cut else clean)
@@ -354,7 +354,7 @@ def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, kind):
     mutate()
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(key=st.sampled_from(["units", "scale_factor", "standard_name", "positive", "_FillValue"]),
        value=st.one_of(st.text(max_size=8), st.floats(), st.integers(-5, 5), st.binary(max_size=4)),
        where=st.sampled_from(["v", "time", "x"]))  # fmt: skip

@@ -55,7 +55,7 @@ def test_restarts_are_one_plane(tmp_path):
         tl.read_plane([])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.integers(1, 59), min_size=1, max_size=4), st.integers(0, 5), st.randoms())
 def test_any_cuts_and_overlaps_join_to_the_whole(cuts, more, random):
     """Whatever the pieces and their order."""
@@ -174,7 +174,7 @@ def test_other_probes_and_a_glob_of_nothing(tmp_path):
         tl.read_plane(tmp_path / "ran_*.h5")
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 59), st.integers(1, 60), st.integers(1, 7), st.booleans())
 def test_a_stretch_of_time_is_that_of_the_array(tmp_path_factory, low, length, every, lazy):
     """start, stop and every, in memory and in the file, on the clock of the data."""

@@ -113,7 +113,7 @@ def test_moments_give_the_mean_of_the_model(liner, dtype, limit, window, probes,
     assert apart(found, wanted, window, 811 - start) < limit
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     samples=st.integers(20, 700),
     rate=st.floats(9e3, 2e5),
@@ -135,9 +135,15 @@ def test_any_record_gives_the_mean_of_the_model(
     velocity = turbulence((2, samples), seed=samples, rms=rms)
     options = {"start": start, "rate": rate, "frequency": asked}
     wanted = plain_lines(response, velocity, window, **options)
-    basis = choose_basis([liner], asked, 1e-8)
+    lines = make_window(window, samples - start).lines
+    shift = rate / (samples - start) * torch.tensor([float(q) for q, _ in lines])
+    read = (asked[:, None] - shift).flatten()
+    basis = choose_basis([liner], read, 1e-8)
     found = read_lines(response, velocity, window, basis, **options)
-    assert apart(found, wanted, window, samples - start) < 1e-6
+    stated, _ = interpolation_error(basis, response, read, float(velocity.abs().max()))
+    # 1.1: the largest error may stand between the speeds compared.
+    weight = sum(abs(c) for _, c in lines) / abs(dict(lines)[0])
+    assert apart(found, wanted, window, samples - start) < 1.1 * weight * stated + 1e-12
 
 
 @pytest.mark.parametrize("window", ["boxcar", "hann"])

@@ -239,7 +239,7 @@ def test_one_frequency_needs_no_number_in_the_names(tmp_path):
         made("bare").write(tmp_path / "bare.vtkhdf")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     some.lists(some.integers(-50, 50), min_size=1, max_size=5, unique=True).map(sorted),
     some.lists(some.integers(-50, 50), min_size=1, max_size=5, unique=True).map(sorted),

@@ -325,7 +325,7 @@ def test_goodrich_mass_ends_where_it_says():
 # Everywhere, and derivatives.
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), frequency=st.floats(1e-3, 1e6), speed=st.floats(0, 30))
 def test_passive_and_finite_everywhere(data, frequency, speed):
     """Re Z >= 0, so |R| <= 1, of every law, for any plate and flow, 1e-3 Hz to 1 MHz."""
