@@ -71,6 +71,20 @@ def test_any_order_of_axes_is_one_plane(tmp_path, kind, order):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_second_axis_of_time_is_none_of_probes(tmp_path, kind):
+    """It is refused unless its length is 1, or the user says what it is."""
+    data = dataset().rename(x="t")
+    path = written(data, tmp_path, kind)
+    with pytest.raises(ValueError, match=r"shape \(30, 3, 4\) and more than one axis of time"):
+        tl.read_plane(path)
+    found = tl.read_plane(path, axes=("time", "z", "x"))
+    assert torch.equal(found.velocity, tl.VelocityPlane.from_xarray(dataset()).velocity)
+    (tmp_path / "one").mkdir()
+    path = written(data.isel(t=[2]), tmp_path / "one", kind)
+    assert torch.equal(tl.read_plane(path).velocity, found.velocity[:, 2:3])
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_packed_shorts_with_a_fill_value_are_unpacked(tmp_path, kind):
     """scale_factor, add_offset and _FillValue; a missing value is nan, in slabs too."""
     data = dataset()

@@ -205,7 +205,14 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
                 f"{label}: none of its axes is time; name them (axes='time,z,x') and give "
                 "sampling_rate=..., in Hz"
             )
-        roles[find_time_axis(dataset, samples, path)] = "time"
+        at = find_time_axis(dataset, samples, path) % len(shape)
+        if any(role == "time" and i != at and shape[i] > 1 for i, role in enumerate(roles)):
+            raise ValueError(
+                f"{label} has shape {shape} and more than one axis of time; name the axes: "
+                "axes='time,z,x'"
+            )
+        roles = [role if role != "time" else "" for role in roles]
+        roles[at] = "time"
     elif time is not None and samples != shape[roles.index("time")]:
         raise ValueError(
             f"{label} has shape {shape} with time on axis {roles.index('time')}, {time.name} has "

@@ -47,7 +47,9 @@ class Record:
 
     def weights(self, begin: int, end: int) -> Tensor:
         """The window at samples begin .. end - 1, 0 outside it: float64, (t,)."""
-        steps = torch.arange(begin, end) - self.start
-        last = len(self.window.weights) - 1
-        inside = (steps >= 0) & (steps <= last)
-        return torch.where(inside, self.window.weights[steps.clamp(0, last)], 0.0)
+        found = torch.zeros(end - begin, dtype=torch.float64)
+        low, high = max(begin, self.start), min(end, self.end)
+        if low < high:
+            under = slice(low - self.start, high - self.start)
+            found[low - begin : high - begin] = self.window.weights[under]
+        return found

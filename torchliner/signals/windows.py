@@ -68,9 +68,10 @@ def make_window(name: Any, samples: int) -> Window:
     label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
     kind, *parameters = label.split(",")
     if label in PLAIN:
-        steps = np.arange(samples) / samples
         mean, cosine = PLAIN[label]
-        weights = mean - cosine * np.cos(2 * np.pi * steps)
+        weights = np.full(samples, mean)
+        if cosine:
+            weights -= cosine * np.cos(2 * np.pi * (np.arange(samples) / samples))
         # Known; a transform of some 1e5 samples would take longer than the replay of a station.
         lines: tuple[tuple[int, complex], ...] = ((0, complex(mean)),)
         if cosine:
