@@ -200,7 +200,7 @@ def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
     linear = tl.LayeredLiner(layers, fluid=SMOOTH)
     z = complex(linear.impedance(frequency, speed))
     k = 2 * math.pi * frequency / AIR.sound_speed
-    assume(abs(math.sin(k * lower)) > 0.03)  # there even what little the air loses counts
+    assume(abs(math.sin(k * lower)) > 0.1)  # there even what little the air loses counts
     below = 0.7 - 1j / math.tan(k * lower)
     ratio = 1 / abs(cmath.cos(k * upper) + 1j * below * cmath.sin(k * upper))
     assert z.real == pytest.approx(0.2 + 0.7 * ratio**2, rel=1e-4, abs=1e-6)
