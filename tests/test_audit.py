@@ -216,6 +216,16 @@ def test_readings_are_counted(onera):
     assert reads[1] == 2
 
 
+def test_readings_of_a_map_are_counted(onera):
+    """As many as there were: a limit of |v| asks for the extremes of v* first."""
+    samples = make_plane(0).samples
+    for choices in ({"velocity_max": 20.0}, {"order": "probes first"}, {"mean": "removed"}):
+        stored = Counted(make_plane(0).velocity)
+        plane = dataclasses.replace(make_plane(0), velocity=stored)
+        told = tl.educe(plane, onera, **choices).choices["readings"]
+        assert told == stored.samples_read / samples
+
+
 # What cannot be varied
 
 

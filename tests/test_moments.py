@@ -155,8 +155,28 @@ def test_a_first_reading_alone_answers_other_orders(liner):
         parts_of(v, (512,), given=whole)
     with pytest.raises(ValueError, match="given moments know"):
         parts_of(v, (512,), given=first, order="probes first")
-    with pytest.raises(ValueError, match="of another record"):
-        tl.moments_part(plane_of(v[:4]), first_sample=0, given=first)
+    with pytest.raises(ValueError, match=r"are complete; leave given out"):
+        tl.Moments.sum(second, given=whole)
+    with pytest.raises(ValueError, match=r"first reading; leave given out"):
+        tl.Moments.sum(parts_of(v, (512,)), given=first)
+    for other, message in (
+        (plane_of(v[:4]), r"probes have shapes \(5,\) and \(4,\)"),
+        (plane_of(v, height=2e-3), "not one case: height is None and 0.002"),
+        (plane_of(v, sampling_rate=RATE + 1), "it is of another record"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            tl.moments_part(other, first_sample=0, given=first)
+
+
+def test_a_second_reading_belongs_to_its_own_first():
+    """Two records of one case, whose first sums alone differ: neither answers for the other."""
+    one, other = velocity(), velocity().flip(1)
+    first, another = (tl.Moments.sum(parts_of(v, (512,))) for v in (one, other))
+    with pytest.raises(ValueError, match=r"not reduced with the given sum.*give the sum that"):
+        tl.Moments.sum(parts_of(one, (512,), given=first), given=another)
+    mixed = [parts_of(one, (512,), given=first)[0], parts_of(one, (512,), given=another)[1]]
+    with pytest.raises(ValueError, match="parts of one record share their first sum"):
+        tl.Moments.sum(mixed, given=first)
 
 
 def _other_plane(**about):
@@ -177,7 +197,9 @@ def _other_choices(**choices):
         (lambda v: _other_plane()(v[:4]), r"share their probes: \(5,\) .* \(4,\)"),
         (_other_plane(x=torch.arange(5.0)), r"share their x \(m\): None"),
         (_other_plane(sampling_rate=2 * RATE), "sampling rate"),
-        (_other_plane(frequency=700.0), r"tone \(Hz\)|blocks"),
+        (_other_plane(frequency=700.0), "not one case: frequency is 1400.0 and 700.0"),
+        (_other_plane(incident_level=145.0), "not one case: incident_level is None and 145.0"),
+        (_other_plane(height=2e-3), "not one case: height"),
         (lambda v: _other_plane()(v.float()), "precision"),
         (_other_choices(phase="self-consistent"), "rows"),
         (_other_choices(mean="removed"), "settings"),

@@ -406,6 +406,25 @@ def test_too_short_for_a_block(liner):
     assert any("no error bars" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("order", ["probes first", "velocity first", "coherent first"])
+def test_less_than_a_period_has_no_blocks(liner, order, tmp_path):
+    """The whole record then counts; moments and their file do without blocks, too."""
+    v = turbulence((2, 20))
+    plane = plane_of(v)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = tl.educe(plane, liner, allow_short=True, order=order)
+        known = tl.moments(plane, liner, allow_short=True, order=order)
+        known.write(tmp_path / "m.h5")
+        again = tl.read_moments(tmp_path / "m.h5").educe(liner, allow_short=True, order=order)
+    assert found.uncertainty is None
+    assert torch.equal(found.answer, again.answer)
+    if order == "probes first":
+        z = liner.impedance(FREQUENCY, v.abs())
+        wanted = ((z - 1) / (z + 1)).mean(1)
+        assert float((found.reflection[:, 0] - wanted).abs().max()) < 1e-8
+
+
 def test_fewer_than_eight_blocks_are_said(liner):
     plane = plane_of(turbulence((2, 10 * 30)))
     with warnings.catch_warnings():

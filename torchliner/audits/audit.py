@@ -251,11 +251,11 @@ class _Work:
             )
             name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
             self._add("height", name, self._averaged(ready), ready)
-            self.readings += readings_of(ready)
+            self.readings += ready.readings
 
     def result(self) -> Audit:
         """Sorted."""
-        self.readings += readings_of(self.ready)
+        self.readings += self.ready.readings
         size: dict[str, float] = {}
         for row in self.rows:
             size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
@@ -269,14 +269,6 @@ class _Work:
             dict(found.choices), found.notes,
             self._closure(self.base, self.ready), found.closure_words, nearest_truth(found),
         )  # fmt: skip
-
-
-def readings_of(ready: Prepared) -> int:
-    """How often a plane was read through; once more to find out which probes hold nan."""
-    if ready.drive is None:
-        return 0
-    velocity = ready.drive.velocity
-    return round(velocity.samples_read / velocity.samples) + (not bool(ready.used.all()))
 
 
 def _plane_of(record: VelocityPlane | Moments) -> VelocityPlane:

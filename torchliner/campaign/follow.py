@@ -15,10 +15,10 @@ from torch import Tensor
 
 from torchliner.campaign.inputs import open_plane
 from torchliner.checks import tell
-from torchliner.io.plane_join import require_same_probes
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
+from torchliner.records.same_case import require_same_probes
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.sources import in_full_precision
 from torchliner.signals.bootstrap import can_resample

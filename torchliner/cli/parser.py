@@ -106,6 +106,6 @@ class Parser(argparse.ArgumentParser):
         """Complain of unknown options, each with its nearest known one."""
         known = [option for action in self._actions for option in action.option_strings]
         unknown = [
-            word + did_you_mean(word.split("=")[0], known) for word in extras if word[0] == "-"
+            word + did_you_mean(word.split("=")[0], known) for word in extras if word[:1] == "-"
         ]
-        self.error(f"unknown option or argument: {', '.join(unknown or extras)}")
+        self.error(f"unknown option or argument: {', '.join(unknown or map(repr, extras))}")

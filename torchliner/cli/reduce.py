@@ -82,5 +82,6 @@ def _text(facts: dict[str, Any]) -> str:
         f"{facts['blocks']} blocks for error bars",
         f"K = {facts['functions']} functions of |v|{centre}: good for {'; '.join(good)}",
         "one reading of the data" if facts["readings"] == 1 else
-        "two readings of the data: a statistic of the whole record came first",
+        f"{'two' if facts['readings'] == 2 else facts['readings']} readings of the data: a "
+        "statistic of the whole record came first",
     ])  # fmt: skip

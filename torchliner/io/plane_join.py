@@ -16,7 +16,7 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.io.plane_format import Stored
 from torchliner.records import VelocityPlane
-from torchliner.records.same_case import STATED, require_same_case
+from torchliner.records.same_case import require_same_probes
 from torchliner.records.slabs import slab_bounds
 
 JOINED = "joined"  # in the provenance
@@ -28,7 +28,6 @@ EPOCH = re.compile(
     r"\s*(?:Z|UTC|GMT|(?P<sign>[+-])(?P<east>\d{1,2}):?(?P<more>\d\d)?)?"
     r" (?:standard|gregorian|proleptic_gregorian)"
 )
-SAME_PLACE = 1e-6  # m
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
 
@@ -141,28 +140,6 @@ def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
             f"{first.sampling_rate:.9g} and {other.sampling_rate:.9g} Hz, two time bases; resample "
             "one, or give the files one by one"
         )
-
-
-def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
-    """Files of one plane have the same probes and state the same case.
-
-    Raises:
-        ValueError: they do not; what differs is named.
-    """
-    both = f"{first.name} and {other.name} cannot be joined"
-    if other.probe_shape != first.probe_shape:
-        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and "
-                         f"{other.probe_shape}")  # fmt: skip
-    for name in ("x", "z"):
-        mine, theirs = getattr(first, name), getattr(other, name)
-        if (mine is None) != (theirs is None):
-            raise ValueError(f"{both}: one of them states no {name}")
-        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
-            raise ValueError(
-                f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm"
-            )
-    names = (*STATED, "height", "frequency", "holes")
-    require_same_case(first, other, names, "restarts of one run state the same")
 
 
 def _moments(

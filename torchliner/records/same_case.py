@@ -9,6 +9,8 @@ from typing import Any
 from torchliner.records import VelocityPlane
 
 STATED = ("liner", "mach", "incident_level", "source_side")
+OF_ONE_PLANE = (*STATED, "height", "frequency", "holes")
+SAME_PLACE = 1e-6  # m
 SAME_HEIGHT = 1e-6  # m
 
 
@@ -35,6 +37,27 @@ def require_same_case(
                 f"{first.name} and {other.name} are not one case: {name} is {mine!r} and "
                 f"{theirs!r}; {remedy}"
             )
+
+
+def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
+    """Files of one plane have the same probes and state the same case.
+
+    Raises:
+        ValueError: they do not; what differs is named.
+    """
+    both = f"{first.name} and {other.name} cannot be joined"
+    if other.probe_shape != first.probe_shape:
+        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and "
+                         f"{other.probe_shape}")  # fmt: skip
+    for name in ("x", "z"):
+        mine, theirs = getattr(first, name), getattr(other, name)
+        if (mine is None) != (theirs is None):
+            raise ValueError(f"{both}: one of them states no {name}")
+        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
+            raise ValueError(
+                f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm"
+            )
+    require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
 def planes_by_height(planes: Sequence[VelocityPlane]) -> list[VelocityPlane]:

@@ -17,16 +17,6 @@ from torchliner.reduction.survey import Survey
 RUNNING_COLUMNS = 4096  # at once, in float64
 
 
-def readings_needed(drive: str, mean: str, *, coherent: bool) -> int:
-    """How often data are read: a second time where a statistic or neighbours enter |v|.
-
-    The rms over the record follows from the first reading. ``coherent``: of the order ``coherent
-    first``.
-    """
-    plain = drive == "instantaneous" and mean == "kept" and not coherent
-    return 1 if plain or drive == "rms" else 2
-
-
 class DriveSpeed:
     """|v| as the kernel sees it; a ``SpeedSource``."""
 

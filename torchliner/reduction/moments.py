@@ -18,7 +18,6 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
 from torchliner.reduction.basis import Basis, interpolation_error, response_of
-from torchliner.reduction.drive import readings_needed
 from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
@@ -95,6 +94,7 @@ class Moments(Summarised):
         settings: choices that went into them, by name: they cannot be chosen again.
         cell_pitch: L_c of the cells, m, or None.
         notes: warnings of the reduction.
+        readings: of the data, that the moments took; 0 of a file of moments.
     """
 
     plane: VelocityPlane
@@ -102,6 +102,7 @@ class Moments(Summarised):
     settings: dict[str, Any]
     cell_pitch: float | None
     notes: tuple[str, ...] = ()
+    readings: int = 0
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
@@ -147,12 +148,6 @@ class Moments(Summarised):
         known = {} if basis is None else basis.describe()
         return [("order", str(self.settings["order"])), *case_facts(self.plane),
                 *((name, str(value)) for name, value in known.items())]  # fmt: skip
-
-    @property
-    def readings(self) -> int:
-        """Of the data, that the moments took: a second one where a statistic comes first."""
-        drive, mean = self.settings["drive"], self.settings["mean"]
-        return readings_needed(drive, mean, coherent=self.sums.periodic is not None)
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,6 +20,8 @@ from torch import Tensor
 
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.same_case import OF_ONE_PLANE, require_same_case
+from torchliner.reduction.moments import PlaneSums
 from torchliner.reduction.readings import Wanted
 from torchliner.reduction.speed_sums import SpeedSums
 from torchliner.reduction.survey import SurveySums
@@ -62,6 +65,7 @@ class MomentsPart:
         surveys: of the first reading, by group; none of a second reading.
         sums: of the moments, by group.
         settings, cell_pitch: as in ``Moments``.
+        after: ``first_reading`` of the sum that a second reading was given.
     """
 
     plane: VelocityPlane
@@ -74,12 +78,24 @@ class MomentsPart:
     sums: tuple[SpeedSums, ...]
     settings: dict[str, Any]
     cell_pitch: float | None
+    after: str = ""
 
     def __add__(self, other: MomentsPart) -> MomentsPart:
         """Two neighbours as one part."""
         if not isinstance(other, MomentsPart):
             return NotImplemented
         return joined([self, other])
+
+
+def first_reading(sums: PlaneSums) -> str:
+    """What tells the sum of one first reading from another: a hash of what a second one uses."""
+    seen, periodic = sums.survey, sums.periodic
+    used = [seen.mean, seen.mean_square]
+    used += [] if periodic is None else [periodic.deviation, periodic.scale]
+    found = hashlib.blake2b(digest_size=16)
+    for each in used:
+        found.update(each.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()
 
 
 def joined(parts: Sequence[MomentsPart]) -> MomentsPart:
@@ -136,6 +152,7 @@ def _require_alike(one: MomentsPart, other: MomentsPart) -> None:
     Raises:
         ValueError: they are; what differs is told.
     """
+    require_same_case(one.plane, other.plane, OF_ONE_PLANE, "parts of one record state the same")
 
     def facts(part: MomentsPart) -> dict[str, Any]:
         plane, wanted = part.plane, part.wanted
@@ -143,13 +160,13 @@ def _require_alike(one: MomentsPart, other: MomentsPart) -> None:
         return {
             "probes": plane.probe_shape, "x (m)": plane.x, "z (m)": plane.z,
             "sampling rate (Hz)": float(plane.sampling_rate),
-            "tone (Hz)": plane.frequency, "precision": part.plane.velocity.dtype,
+            "precision": part.plane.velocity.dtype,
             "samples of the record": plan.samples, "blocks": plan.blocks,
             "weighed samples": (plan.begin, plan.end), "rows (Hz)": plan.lines,
             "functions of |v|": None if basis is None else basis.describe(),
             "tones (Hz)": wanted.tones, "settings": part.settings,
             "cell pitch (m)": part.cell_pitch, "error bars": wanted.keeps_blocks,
-            "reading": "first" if part.surveys else "second",
+            "reading": "first" if part.surveys else "second", "first sum": part.after,
             "probes without faults": part.used,
         }  # fmt: skip
 

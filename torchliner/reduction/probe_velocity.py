@@ -47,7 +47,7 @@ class ProbeVelocity:
         self.most_rows: int | None = None  # set where a device turned out to be too small
         self.derived = 0  # columns that are formed of these beside them
         self.span = (0, self.samples)  # samples that are read, of a part of a record
-        self.samples_read = 0
+        self.samples_read = 0  # in all readings so far
         if cells is None:
             return
         self.widths = (plane.probes, cells.count)
@@ -60,6 +60,11 @@ class ProbeVelocity:
         self.matrix: Tensor | None = None
         if cells.count <= FEW_CELLS:
             self.matrix = cells.membership(used).to(device, dtype)
+
+    @property
+    def readings(self) -> int:
+        """How often the samples were read through; neighbours that a slab needs do not count."""
+        return round(self.samples_read / (self.span[1] - self.span[0]))
 
     def bounds(self) -> Bounds:
         """Slabs within the memory, whole tiles of the file where these fit."""

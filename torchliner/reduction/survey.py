@@ -323,7 +323,7 @@ class SurveySums:
         )  # fmt: skip
 
     def _blocks(self) -> VelocityBlocks | None:
-        if self.means is None:
+        if not self.means:  # not asked for, or no whole period
             return None
         linear, square = (torch.stack(each) for each in zip(*self.means, strict=True))
         line = torch.complex(*linear[:, 1:].chunk(2, dim=1))

@@ -81,7 +81,9 @@ def _choices(result: ImpedanceMap) -> str:
     if "model_error" in choices:
         text += f"; R(|v|) known to {choices['model_error']:.1e}"
     count = choices.get("readings")
-    return text if count is None else f"{text}; data read {('once', 'twice')[count - 1]}"
+    if count is None:
+        return text
+    return f"{text}; data read {('once', 'twice')[count - 1] if count < 3 else f'{count} times'}"
 
 
 def plain_map(result: ImpedanceMap) -> dict[str, Any]:

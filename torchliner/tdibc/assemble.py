@@ -12,7 +12,6 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.liners.grazing import goodrich_resistance
 from torchliner.liners.response import impedance_of
 from torchliner.records import ImpedanceMap, Uncertainty
-from torchliner.reduction.drive import readings_needed
 from torchliner.tdibc.prepared import Prepared
 from torchliner.tdibc.tone_share import tone_share
 from torchliner.version import __version__
@@ -49,8 +48,7 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         facts["basis"] = prepared.reader.basis.describe()
         facts["model_error"] = prepared.model_error
         if prepared.drive is not None:
-            coherent = prepared.periodic is not None
-            facts["readings"] = readings_needed(chosen.drive, chosen.mean, coherent=coherent)
+            facts["readings"] = prepared.readings
     return facts
 
 

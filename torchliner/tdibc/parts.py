@@ -13,9 +13,10 @@ from torchliner.checks import tell, whole_number
 from torchliner.liners.model import Liner
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
+from torchliner.records.same_case import require_same_probes
 from torchliner.reduction.drive import DriveSpeed
 from torchliner.reduction.moments import SETTINGS, Moments, PlaneSums
-from torchliner.reduction.parts import MomentsPart, PartVelocity, joined
+from torchliner.reduction.parts import MomentsPart, PartVelocity, first_reading, joined
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, driven, first_of, read_part, read_rest
 from torchliner.reduction.speed_sums import constant_moments
@@ -138,10 +139,7 @@ def second_part(
     velocity = _velocity_of(whole, sums.cells, sums.used, span, chosen)
     drive = DriveSpeed(velocity, chosen.drive, chosen.mean, sums.survey, 1, sums.periodic)
     if len(sums.groups) == len(drive.widths):
-        raise ValueError(
-            f"the moments of {given.plane.name} are complete; leave given out, or name the sum of "
-            "the first reading"
-        )
+        raise ValueError(_complete(given))
     keeps = sums.survey.cell_blocks is not None
     more, _ = read_rest(drive, sums.plan, sums.basis, len(sums.groups), keeps, progress)
     wanted = Wanted(
@@ -150,17 +148,24 @@ def second_part(
     )  # fmt: skip
     return MomentsPart(
         without_velocity(whole), span[0], sum(span), wanted, sums.cells, sums.used, (),
-        tuple(more), settings, given.cell_pitch,
+        tuple(more), settings, given.cell_pitch, first_reading(sums),
     )  # fmt: skip
+
+
+def _complete(given: Moments) -> str:
+    return (
+        f"the moments of {given.plane.name} are complete; leave given out, or name the sum of the "
+        "first reading"
+    )
 
 
 def _require_of(plane: VelocityPlane, given: Moments) -> None:
     """Refuse a part of another record."""
-    known = given.plane
-    if plane.probe_shape != known.probe_shape or plane.sampling_rate != known.sampling_rate:
+    require_same_probes(given.plane, plane)
+    if plane.sampling_rate != given.plane.sampling_rate:
         raise ValueError(
-            f"{plane.name} has probes {plane.probe_shape} at {plane.sampling_rate:g} Hz, the given "
-            f"moments {known.probe_shape} at {known.sampling_rate:g} Hz: it is of another record"
+            f"{plane.name} is sampled at {plane.sampling_rate:g} Hz, the given moments of "
+            f"{given.plane.name} at {given.plane.sampling_rate:g} Hz: it is of another record"
         )
 
 
@@ -182,11 +187,19 @@ def sum_parts(parts: Sequence[MomentsPart], given: Moments | None = None) -> Mom
             "the parts that are missing"
         )
     groups = tuple(each.result() for each in whole.sums)
+    if given is not None and whole.after != first_reading(given.sums):
+        raise ValueError(
+            f"the parts of {plane.name} were not reduced with the given sum of {given.plane.name}: "
+            + ("they are of a second reading; give the sum that they were reduced with"
+               if whole.after else "they are of a first reading; leave given out")
+        )  # fmt: skip
     if not whole.surveys:
         if given is None:
             raise ValueError("parts of a second reading need given=, the sum of the first")
+        if len(given.sums.groups) + len(groups) > 2 + (given.sums.periodic is not None):
+            raise ValueError(_complete(given))
         sums = dataclasses.replace(given.sums, groups=(*given.sums.groups, *groups))
-        return dataclasses.replace(given, sums=sums)
+        return dataclasses.replace(given, sums=sums, readings=given.readings + 1)
     wanted, cells, used = whole.wanted, whole.cells, whole.used
     running = [each.whole() for each in whole.surveys]
     first: First = first_of(running, [], wanted, cells, used)
@@ -206,4 +219,4 @@ def sum_parts(parts: Sequence[MomentsPart], given: Moments | None = None) -> Mom
         wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups
     )
     tell(notes)
-    return Moments(plane, sums, whole.settings, whole.cell_pitch, tuple(notes))
+    return Moments(plane, sums, whole.settings, whole.cell_pitch, tuple(notes), readings=1)

@@ -155,6 +155,11 @@ class Prepared:
         return self.drive
 
     @property
+    def readings(self) -> int:
+        """How often the samples were read through so far; of reduced data none are."""
+        return 0 if self.drive is None else self.drive.velocity.readings
+
+    @property
     def averaged(self) -> slice:
         """The columns of the cell averages."""
         return slice(self.plane.probes, self.plane.probes + self.cells.count)

@@ -72,7 +72,8 @@ def read_plane(
     every_rule: bool = False, progress: Progress | None = None,
     further_lines: Sequence[float] = (),
 ) -> tuple[DriveSpeed | None, PlaneSums, list[str]]:  # fmt: skip
-    """One or two readings of a plane.
+    """The readings of a plane: one, another where |v| needs a statistic of the record, another for
+    the extremes of v* where the largest |v| is limited, and another without faulty probes.
 
     Args:
         asked: of ``ask``.
@@ -137,9 +138,12 @@ def _first_reading(
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
 
-    def over(used: Tensor, report: Progress | None) -> tuple[ProbeVelocity, First]:
+    def over(
+        used: Tensor, report: Progress | None, samples_read: int = 0
+    ) -> tuple[ProbeVelocity, First]:
         held = cells.kept(used)
         velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
+        velocity.samples_read = samples_read
         first, more = read_once(velocity, wanted, held, used, report)
         notes.extend(more)
         return velocity, first
@@ -148,7 +152,7 @@ def _first_reading(
     used = (first.survey.bad[: plane.probes] == 0).cpu()
     if not bool(used.all()):
         refuse_bad_probes(plane, first.survey, used, chosen)
-        velocity, first = over(used, None)
+        velocity, first = over(used, None, velocity.samples_read)
         notes += review_cells(plane, cells, used)
     return velocity, first, used
 

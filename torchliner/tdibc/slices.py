@@ -56,11 +56,12 @@ def reduce_whole(
 ) -> Moments:
     """As ``moments``, undivided."""
     asked, model, chosen, basis = requested(plane, request)
-    _, sums, notes = read_plane(asked, model, chosen, basis, progress=progress)
+    drive, sums, notes = read_plane(asked, model, chosen, basis, progress=progress)
     tell(tuple(notes))
     return Moments(
         without_velocity(plane), sums,
         {name: getattr(chosen, name) for name in SETTINGS}, model.cell_pitch, tuple(notes),
+        0 if drive is None else drive.velocity.readings,
     )  # fmt: skip
 
 
