@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,16 +34,26 @@ from torchliner.records import Interval
 from torchliner.signals.blocks import MOST_BLOCKS, plan_blocks
 from torchliner.signals.resampling import Resampling
 from torchliner.signals.windows import make_window
-from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
+from torchliner.tdibc.groups import Groups, Members
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
 TRIALS = 500  # of one seed
-IN_A_CELL = 16  # probes
 STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 FASTEST = 10 * RMS  # 10 standard deviations: no record exceeds it
 WINDOWS = ("boxcar", "hann")
 LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Average:
+    """Of ``size`` probes, which share half of their energy or none."""
+
+    size: int
+    shares: bool
+
+
+AVERAGES = {"cell of 16": Average(16, True), "mean of 200": Average(200, False)}
 
 
 def low_passed(frequency: torch.Tensor) -> torch.Tensor:
@@ -92,10 +103,12 @@ def probes(spectrum: str, count: int, samples: int, seed: int) -> torch.Tensor:
     return velocity(SPECTRA[spectrum], count, samples, seed)
 
 
-def cells(spectrum: str, count: int, samples: int, seed: int) -> torch.Tensor:
-    """Velocity of cells of 16 probes that share half of their energy, (16 count, samples)."""
-    shared = velocity(SPECTRA[spectrum], count, samples, seed).repeat_interleave(IN_A_CELL, 0)
-    own = velocity(SPECTRA[spectrum], count * IN_A_CELL, samples, seed + 500_000)
+def members(spectrum: str, count: int, samples: int, seed: int, of: Average) -> torch.Tensor:
+    """Velocity of the probes of averages, (size x count, samples)."""
+    own = velocity(SPECTRA[spectrum], count * of.size, samples, seed + 500_000)
+    if not of.shares:
+        return own
+    shared = velocity(SPECTRA[spectrum], count, samples, seed).repeat_interleave(of.size, 0)
     return (shared + own) / math.sqrt(2)
 
 
@@ -118,16 +131,15 @@ def interval_of_probes(series: torch.Tensor, how: Resampling) -> Interval:
     return how.over_time(series - series.mean(0), how.weights.to(series) @ series)
 
 
-def interval_of_cells(series: torch.Tensor, how: Resampling) -> Interval:
-    """Mean admittance of each 16 columns of R, (S, 16 C)."""
+def interval_of_averages(series: torch.Tensor, how: Resampling, size: int) -> Interval:
+    """Mean admittance of each ``size`` columns of R, (S, size x C)."""
     value, away = (how.weights.to(series) @ series)[:, None], (series - series.mean(0))[..., None]
-    count, whole = len(value) // IN_A_CELL, slice(0, len(value))
+    count, whole = len(value) // size, slice(0, len(value))
     groups = Groups(
-        torch.arange(count).repeat_interleave(IN_A_CELL), count,
+        torch.arange(count).repeat_interleave(size), count,
         admittance_from_reflection(value), len(series),
     )  # fmt: skip
-    bias = admittance_bias(value, how.second_moment(away))
-    groups.add(whole, admittance_slope(value) * away, bias)
+    groups.add(Members.of(whole, value, away, how.scatter(away)))
     return groups.interval(how).map(lambda field: field[:, 0])
 
 
@@ -139,17 +151,20 @@ def coverage(
 
     A cell's mean admittance has the truth of its probes, which are alike in the mean.
     """
-    make, interval_of = {
-        "probe": (probes, interval_of_probes), "cell of 16": (cells, interval_of_cells),
-    }[of]  # fmt: skip
+    average = AVERAGES.get(of)
+    at_once = TRIALS if average is None else 8000 // average.size
     true = true_impedance(liner)
     inside, widths, runs = [], [], []
     samples = round(periods * RATE / FREQUENCY)
-    for seed in range(math.ceil(trials / TRIALS)):
-        count = min(TRIALS, trials - seed * TRIALS)
-        speed = make(spectrum, count, samples, 1000 * seed + periods)
+    for seed in range(math.ceil(trials / at_once)):
+        about = spectrum, min(at_once, trials - seed * at_once), samples, 1000 * seed + periods
+        speed = probes(*about) if average is None else members(*about, average)
         series, weights = block_means(speed, liner, window, most)
-        interval = interval_of(series, Resampling(weights, LEVEL))
+        how = Resampling(weights, LEVEL)
+        if average is None:
+            interval = interval_of_probes(series, how)
+        else:
+            interval = interval_of_averages(series, how, average.size)
         low, high = interval.low.numpy(), interval.high.numpy()
         for part in (np.real, np.imag):
             inside.append((part(low) <= part(true)) & (part(true) <= part(high)))
@@ -216,6 +231,7 @@ def rows(
     assert isinstance(liner, tl.SDoFLiner)
     cases = [("probe", spectrum, record) for spectrum in SPECTRA for record in RECORDS]
     cases += [("cell of 16", "1 kHz noise", record) for record in list(RECORDS)[:2]]
+    cases += [("mean of 200", spectrum, "16 periods") for spectrum in list(SPECTRA)[::2]]
     for window in [] if only_stations else WINDOWS:
         for of, spectrum, record in cases:
             found = coverage(spectrum, RECORDS[record], trials, liner, of=of, window=window)

@@ -266,9 +266,9 @@ def test_coherence_does_not_know_other_frequencies(liner, shape):
         beside = tl.educe(plane_of(v), liner, [200.0, FREQUENCY, 1410.0, 5000.0], **choices)
     assert float((alone.coherence[:, 0] - beside.coherence[:, 1]).abs().max()) < 1e-12
     assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
-    assert beside.choices["coherence_segments"] == [
-        max(1, shape[1] // n) for n in (420, 60, 60, 17)
-    ]
+    # 5000 Hz is 600 Hz from a harmonic of the sound: its segments are longer where that leaves 8.
+    lengths = (420, 60, 60, 105 if shape[1] == 3000 else 17)
+    assert beside.choices["coherence_segments"] == [max(1, shape[1] // n) for n in lengths]
 
 
 def test_threads_do_not_change_a_bit(liner, set_threads):

@@ -424,3 +424,20 @@ def test_many_cells_are_averaged_like_few(liner, monkeypatch):
     found = tl.educe(plane, small)
     change = found.cell_reflection_velocity_first - wanted.cell_reflection_velocity_first
     assert float(change.abs().max()) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("sound", "asked"), [(700, 1400), (1400, 2800), (2100, 1400), (1400, 1000), (1400, 4200)]
+)
+def test_sound_of_another_frequency_is_not_coherent(sound, asked):
+    """A bin of two periods away it would look the same in each segment (coherence 0.997)."""
+    tone = 3 * torch.cos(2 * torch.pi * sound / RATE * torch.arange(2400.0) + 0.7)
+    plane = plane_of(tone + 0.3 * turbulence((3, 2400), seed=1), frequency=float(sound))
+    liner, options = tl.load_liner("polito"), {"order": "probes first", "interval": None}
+    with pytest.warns(tl.DataWarning, match="3 of 3 values have a coherence below 0.5"):
+        found = tl.educe(plane, liner, float(asked), phase="self-consistent", **options)
+    assert float(found.coherence.max()) < 0.5
+    plain = tl.educe(plane, liner, float(asked), **options)
+    assert torch.equal(found.reflection, plain.reflection)
+    own = tl.educe(plane, liner, phase="self-consistent", **options)
+    assert float(own.coherence.min()) > 0.9

@@ -1,4 +1,4 @@
-"""Coherence of v with a steady tone, |sum V_s|^2 / (S sum |V_s|^2) over segments of two periods."""
+"""Coherence of v with a steady tone, |sum V_s|^2 / (S sum |V_s|^2) over segments of few periods."""
 
 from __future__ import annotations
 
@@ -10,11 +10,40 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.records.slabs import SLAB_ROWS
 from torchliner.reduction.eager import Lines, continued
 from torchliner.reduction.plan import PassPlan
 
 PERIODS_PER_SEGMENT = 2.0
+MOST_PERIODS = 16.0  # of a segment
+FEWEST_SEGMENTS = 8
+APART = (2.0, 1.5, 0.5)  # bins of a segment: Hann's zero, and where lines turn by half a turn
+
+
+def segment_periods(frequency: float, tone: float | None, periods: float) -> float:
+    """Periods of ``frequency`` (Hz) in a segment.
+
+    Two, if no line of the sound is near. Sound of another frequency, a bin of the segment away,
+    lies under the main lobe of Hann's window and has the same phase in each segment: it would count
+    as coherent. So where the nearest harmonic of the sound's ``tone`` (Hz) is nearer than two bins,
+    segments are so long that it is two away, else that its phase turns by half from one to the
+    next.
+
+    Args:
+        frequency, tone: Hz; None if unknown.
+        periods: in the record.
+    """
+    if tone is None:
+        return PERIODS_PER_SEGMENT
+    order = max(1, round(frequency / tone))
+    apart = [abs(frequency - n * tone) for n in (order - 1, order, order + 1) if n > 0]
+    nearest = min(each for each in apart if each > SAME_FREQUENCY * frequency)
+    for bins in APART:
+        wanted = max(PERIODS_PER_SEGMENT, bins * frequency / nearest)
+        if wanted <= max(PERIODS_PER_SEGMENT, min(MOST_PERIODS, periods / FEWEST_SEGMENTS)):
+            return wanted
+    return PERIODS_PER_SEGMENT
 
 
 class ToneCoherence:
@@ -22,13 +51,17 @@ class ToneCoherence:
 
     Args:
         plan: of the pass; the whole record counts.
-        tones: Hz, (F,). Each has segments of two of its own periods, under Hann windows, so that
-            no other frequency matters to it. Without a tone the mean of the coherence is 1/S.
+        tones: Hz, (F,), each with segments of its own under Hann windows. Without a tone the mean
+            of the coherence is 1/S.
+        sound: Hz, of the tone in the data; None if it is unknown.
     """
 
-    def __init__(self, plan: PassPlan, tones: Tensor, width: int, device: torch.device) -> None:
-        lengths = PERIODS_PER_SEGMENT * plan.sampling_rate / tones
-        self.lengths = [min(max(round(length), 1), plan.samples) for length in lengths.tolist()]
+    def __init__(
+        self, plan: PassPlan, tones: Tensor, width: int, device: torch.device, sound: float | None
+    ) -> None:
+        samples, rate = plan.samples, plan.sampling_rate
+        lengths = [segment_periods(f, sound, samples * f / rate) * rate / f for f in tones.tolist()]
+        self.lengths = [min(max(round(length), 1), samples) for length in lengths]
         self.each = [_Segments(plan, length, width, device) for length in self.lengths]
         self.counts = tuple(plan.samples // length for length in self.lengths)
         self.width = width

@@ -46,7 +46,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     hann = torch.hann_window(plane.samples, dtype=torch.float64)
     blocks = Blocks((0, plane.samples), 1)
     plan = PassPlan(plane.samples, plane.sampling_rate, 0, plane.samples, blocks)
-    wanted = Wanted(plan, frequency, hann, basis=None, keeps_blocks=False)
+    wanted = Wanted(plan, frequency, hann, None, plane.frequency, keeps_blocks=False)
     everywhere = torch.ones(plane.probes, dtype=torch.bool)
     first, _ = read_once(velocity, wanted, sort_into_cells(plane, None), everywhere, None)
     seen = first.survey

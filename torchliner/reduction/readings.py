@@ -33,6 +33,7 @@ class Wanted:
         tones: Hz, whose lines in v and coherence are measured, (F,).
         weights: window of these lines, float64, (n,).
         basis: functions of |v|; None for a survey alone.
+        sound: Hz, of the tone in the data; None if it is unknown.
         drive, mean: see ``DriveSpeed``.
         running_samples: of the drive ``running-rms``.
         harmonics: of the periodic part, for the order ``coherent first``; else None.
@@ -46,6 +47,7 @@ class Wanted:
     tones: Tensor
     weights: Tensor
     basis: Basis | None
+    sound: float | None
     drive: str = "instantaneous"
     mean: str = "kept"
     running_samples: int = 1
@@ -113,7 +115,7 @@ def running_sums(
         SurveySums(
             wanted.plan, wanted.tones, wanted.weights, width, velocity.device,
             wanted.keeps_blocks and (wanted.velocity_blocks or i == last),
-            periodic[i], part=part,
+            periodic[i], wanted.sound, part,
         )
         for i, width in enumerate(velocity.widths)
     ]  # fmt: skip

@@ -141,12 +141,13 @@ class SurveySums:
         width: P.
         keeps_blocks: whether the means over blocks are kept.
         periodic: to be given the harmonics' sums.
-        part: whether samples before these or after them are another's: blocks are kept apart.
+        sound: Hz, of the tone in the data, if it is known.
+        part: whether other samples come before or after these: blocks are kept apart.
     """
 
     def __init__(
         self, plan: PassPlan, tones: Tensor, weights: Tensor, width: int, device: torch.device,
-        keeps_blocks: bool, periodic: PeriodicSums | None = None, *, part: bool = False,
+        keeps_blocks: bool, periodic: PeriodicSums | None, sound: float | None, part: bool = False,
     ) -> None:  # fmt: skip
         self.plan, self.tones, self.weights, self.periodic = plan, tones.cpu(), weights, periodic
         self.flat = bool((weights[plan.begin : plan.end] == weights[plan.begin]).all())
@@ -155,13 +156,12 @@ class SurveySums:
         zeros = torch.zeros(count, width, dtype=torch.float64, device=device)
         self.current, self.total = zeros, zeros.clone()
         self.weighed = zeros[1 : 1 + 2 * len(tones)].clone()
-        self.current_square = torch.zeros(width, dtype=torch.float64, device=device)
-        self.square = self.current_square.clone()
+        self.current_square, self.square = torch.zeros_like(zeros[0]), torch.zeros_like(zeros[0])
         self.smallest = torch.full_like(self.square, torch.inf)
         self.largest = torch.full_like(self.square, -torch.inf)
         self.bad = torch.zeros(width, dtype=torch.int64, device=device)
         self.first_bad = torch.full_like(self.bad, -1)
-        self.coherence = ToneCoherence(plan, self.tones, width, device)
+        self.coherence = ToneCoherence(plan, self.tones, width, device, sound)
         self.means: list[tuple[Tensor, Tensor]] | None = [] if keeps_blocks else None
         self.open: tuple[int, int, int] | None = None  # block, its first sample and the next
         self.apart: list[BlockSums] | None = [] if part else None

@@ -31,14 +31,19 @@ MOST_CORRELATED = 0.9
 
 
 def neighbour_correlation(series: Tensor) -> Tensor:
-    """Correlation rho of neighbouring blocks, 0 to 0.9, (N,), of a complex128 (S, N).
+    """``correlation_of`` the blocks of each column of a complex128 (S, N)."""
+    return correlation_of(neighbours(series), len(series))
+
+
+def correlation_of(sums: Tensor, count: int) -> Tensor:
+    """Correlation rho of neighbouring blocks, 0 to 0.9, (...), from ``neighbours`` of S blocks.
 
     What taking the mean off hides of it, (1 + 4 rho)/S, is added (Marriott and Pope 1954,
     Biometrika 41, 390).
     """
-    power, cross = neighbours(series)
+    power, cross = sums
     rho = torch.where(power > 0, cross / power.clamp(min=1e-300), 0.0)
-    return (rho + (1 + 4 * rho) / len(series)).clamp(0, MOST_CORRELATED)
+    return (rho + (1 + 4 * rho) / count).clamp(0, MOST_CORRELATED)
 
 
 def run_lengths(rho: Tensor, count: int) -> Tensor:

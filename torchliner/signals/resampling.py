@@ -18,9 +18,11 @@ from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, impedance_from_reflection
 from torchliner.records import Interval
-from torchliner.signals.bars import extremes, forms
+from torchliner.signals.bars import extremes, forms, neighbours
 from torchliner.signals.bootstrap import (
+    SHORTEST_RUN,
     beyond_runs,
+    correlation_of,
     mean_factor,
     neighbour_correlation,
     replicate_covariance,
@@ -58,11 +60,16 @@ class Scatter:
     Args:
         power, square: E|d|^2 and E[d^2] of their deviation d, float64 and complex128.
         runs: independent runs of blocks that they rest on.
+        short: E[d^2] from the shortest runs alone, without what lies beyond them: for means over
+            many columns, which know better what that is than each column by itself.
+        pairs: ``neighbours`` of the blocks, (2, ...).
     """
 
     power: Tensor
     square: Tensor
     runs: Tensor
+    short: Tensor
+    pairs: Tensor
 
 
 @dataclass(frozen=True)
@@ -89,17 +96,21 @@ class Resampling:
             series: deviation of R in each block, complex, (S, ...).
         """
         shape, count, series = series.shape[1:], len(series), series.flatten(1)
-        rho = neighbour_correlation(series)
+        pairs = neighbours(series)
+        rho = correlation_of(pairs, count)
         lengths = run_lengths(rho, count)
         different, which = lengths.unique(return_inverse=True)
         covariances = torch.stack([self._covariance(count, each) for each in different.tolist()])
         sums = forms(series, covariances.to(rho), which)
-        power, square = sums[0] + sums[1], torch.complex(sums[0] - sums[1], 2 * sums[2])
+        power, square = sums[0] + sums[1], _square(sums)
+        shortest = self._covariance(count, SHORTEST_RUN)[None].to(rho)
+        short = _square(forms(series, shortest, torch.zeros_like(which)))
         beyond = beyond_runs(rho, lengths)
         runs = count / lengths.to(torch.float64)
-        return Scatter(*(
-            each.reshape(shape) for each in (power * beyond, square * beyond, runs)
-        ))  # fmt: skip
+        return Scatter(
+            (power * beyond).reshape(shape), (square * beyond).reshape(shape), runs.reshape(shape),
+            short.reshape(shape), pairs.reshape(2, *shape),
+        )  # fmt: skip
 
     def _covariance(self, count: int, length: int) -> Tensor:
         """Of the mean, from runs of this length, float64, (S, S)."""
@@ -107,10 +118,6 @@ class Resampling:
             covariance = replicate_covariance(self.weights, length)
             self.covariances[length] = covariance * mean_factor(count, length)
         return self.covariances[length]
-
-    def second_moment(self, series: Tensor) -> Tensor:
-        """E of the square of the mean's deviation, not of its modulus; see ``scatter``."""
-        return self.scatter(series).square
 
     def interval(self, scatter: Scatter, reflection: Tensor) -> Interval:
         """Of Z where R, (...), scatters so."""
@@ -147,6 +154,11 @@ class Resampling:
         return impedance_interval(
             reflection, power * factor, square * factor, runs, self.level, self.conversion
         )
+
+
+def _square(sums: Tensor) -> Tensor:
+    """E[d^2] from ``forms``."""
+    return torch.complex(sums[0] - sums[1], 2 * sums[2])
 
 
 def impedance_interval(

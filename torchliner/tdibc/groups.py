@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, reflection_from_admittance
 from torchliner.records import Interval
-from torchliner.signals.resampling import Resampling
+from torchliner.signals.bootstrap import SHORTEST_RUN, beyond_runs, correlation_of
+from torchliner.signals.resampling import Resampling, Scatter
 
 
 def admittance_slope(reflection: Tensor) -> Tensor:
@@ -29,6 +31,36 @@ def admittance_slope(reflection: Tensor) -> Tensor:
 def admittance_bias(reflection: Tensor, moment: Tensor) -> Tensor:
     """E[Y(R + dR)] - Y(R), to second order, for E[dR] = 0 and E[dR^2] = ``moment``."""
     return 2 / (1 + reflection) ** 3 * moment
+
+
+@dataclass(frozen=True)
+class Members:
+    """What some of the members bring.
+
+    Args:
+        part: of all members.
+        deviation: of Y in each block, (S, p, F).
+        bias: of Y, from the shortest runs alone, (p, F).
+        pairs: sums over the deviation's blocks of |d|^2 and of neighbours' products, (2, p, F).
+    """
+
+    part: slice
+    deviation: Tensor
+    bias: Tensor
+    pairs: Tensor
+
+    @classmethod
+    def of(
+        cls, part: slice, reflection: Tensor, series: Tensor, scatter: Scatter,
+        excluded: Tensor | None = None,
+    ) -> Members:  # fmt: skip
+        """From R, (p, F), its deviations, (S, p, F), and their scatter; ``excluded`` ones, (p, F),
+        add nothing."""
+        slope = admittance_slope(reflection)
+        bias = admittance_bias(reflection, scatter.short)
+        if excluded is not None:
+            slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
+        return cls(part, slope * series, bias, slope.abs().square() * scatter.pairs)
 
 
 class Groups:
@@ -54,11 +86,14 @@ class Groups:
         self.mean = total.index_add_(0, self.labels, admittance)[:count] / self.sizes
         self.sums = torch.zeros((blocks, *shape), dtype=torch.complex128, device=device)
         self.biases = torch.zeros(shape, dtype=torch.complex128, device=device)
+        self.pairs = torch.zeros(2, shape[1], dtype=torch.float64, device=device)
 
-    def add(self, part: slice, deviation: Tensor, bias: Tensor) -> None:
-        """Some members: deviation of Y in each block, (S, p, F), and the bias of Y, (p, F)."""
-        self.sums.index_add_(1, self.labels[part], self._weighted(deviation, part))
-        self.biases.index_add_(0, self.labels[part], self._weighted(bias, part))
+    def add(self, some: Members) -> None:
+        """Some members."""
+        labels = self.labels[some.part]
+        self.sums.index_add_(1, labels, self._weighted(some.deviation, some.part))
+        self.biases.index_add_(0, labels, self._weighted(some.bias, some.part))
+        self.pairs += torch.where((labels < self.count)[:, None], some.pairs, 0).sum(1)
 
     def _weighted(self, values: Tensor, part: slice) -> Tensor:
         """Of some members, (..., p, F)."""
@@ -71,9 +106,17 @@ class Groups:
         return deviation / admittance_slope(reflection_from_admittance(self.mean))
 
     def bias(self, how: Resampling) -> Tensor:
-        """Of the mean admittance, (G, F)."""
-        own = admittance_bias(reflection_from_admittance(self.mean), how.second_moment(self.series))
-        return self.biases[: self.count] / self.sizes - own
+        """Of the mean admittance, (G, F).
+
+        What lies beyond the shortest runs is that of a first-order process with the correlation of
+        all members together: of each by itself it is generous by half in a record of 16 blocks, as
+        suits a width, and a bias does not fall with the number of members.
+        """
+        short = how.scatter(self.series).short
+        own = admittance_bias(reflection_from_admittance(self.mean), short)
+        rho = correlation_of(self.pairs, len(self.sums))
+        beyond = beyond_runs(rho, torch.full_like(rho, SHORTEST_RUN))
+        return beyond * (self.biases[: self.count] / self.sizes - own)
 
     def interval(self, how: Resampling) -> Interval:
         """Over time, (G, F); nan for a group without members, which has no mean."""

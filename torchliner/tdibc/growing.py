@@ -71,7 +71,7 @@ class GrowingMoments:
         self._lines = lines_needed([(0.0, 1.0)], rule.turns(asked))
         plan = dataclasses.replace(self._plan(plane.sampling_rate), samples=ENDLESS)
         wanted = Wanted(
-            plan, asked, torch.ones(1, dtype=torch.float64), basis,
+            plan, asked, torch.ones(1, dtype=torch.float64), basis, plane.frequency,
             keeps_blocks=chosen.interval is not None, velocity_blocks=rule.needs_velocity,
         )  # fmt: skip
         cells = sort_into_cells(plane, model.cell_pitch)

@@ -26,11 +26,10 @@ from torchliner.conversions import admittance_from_reflection, reflection_from_a
 from torchliner.names import ORDERS
 from torchliner.records import Interval, Uncertainty
 from torchliner.signals.bootstrap import common_run_length
-from torchliner.signals.resampling import Resampling, Scatter
-from torchliner.tdibc.groups import Groups, admittance_bias, admittance_slope
+from torchliner.signals.resampling import Resampling
+from torchliner.tdibc.groups import Groups, Members
 from torchliner.tdibc.prepared import Prepared
 
-Member = tuple[slice, Tensor, Tensor]  # of some probes: deviation of Y in each block, bias of Y
 Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
@@ -66,13 +65,13 @@ def uncertainty_of(
     }
     intervals: list[Interval] = []
 
-    def of_probes(part: slice) -> tuple[Member, Interval]:
+    def of_probes(part: slice) -> tuple[Members, Interval]:
         series = deviations(part)
         scatter = how.scatter(series)
-        member = _member(part, reflection[part], series, scatter, excluded[part])
+        member = Members.of(part, reflection[part], series, scatter, excluded[part])
         return member, how.interval(scatter, reflection[part])
 
-    def add(found: tuple[Member, Interval]) -> None:
+    def add(found: tuple[Members, Interval]) -> None:
         _add(groups.values(), found[0])
         intervals.append(found[1])
 
@@ -84,7 +83,7 @@ def uncertainty_of(
         prepared.blocks.count, cells.weight,
     )  # fmt: skip
     scatter = how.scatter(series)
-    _add([first], _member(slice(0, cells.count), averaged, series, scatter))
+    _add([first], Members.of(slice(0, cells.count), averaged, series, scatter))
     wide = _tile_rows(groups, chosen.resample)
     behind = {ORDERS[0]: (groups["liner"], groups["cells"].series), ORDERS[1]: (first, series)}
     star = _coherent_first(prepared, reflection, deviations, how, excluded)
@@ -153,29 +152,17 @@ def _coherent_first(
         for name, (labels, count) in groups.items()
     }
 
-    def of_columns(part: slice) -> Member:
+    def of_columns(part: slice) -> Members:
         series = deviations(slice(begin + part.start, begin + part.stop))
-        return _member(part, star[part], series, how.scatter(series), outside[part])
+        return Members.of(part, star[part], series, how.scatter(series), outside[part])
 
     in_order(of_columns, _parts(prepared), lambda each: _add(found.values(), each))
     return found
 
 
-def _member(
-    part: slice, reflection: Tensor, series: Tensor, scatter: Scatter,
-    excluded: Tensor | None = None,
-) -> Member:  # fmt: skip
-    """What some members bring to their groups."""
-    slope = admittance_slope(reflection)
-    bias = admittance_bias(reflection, scatter.square)
-    if excluded is not None:
-        slope, bias = torch.where(excluded, 0, slope), torch.where(excluded, 0, bias)
-    return part, slope * series, bias
-
-
-def _add(groups: Iterable[Groups], member: Member) -> None:
+def _add(groups: Iterable[Groups], member: Members) -> None:
     for group in groups:
-        group.add(*member)
+        group.add(member)
 
 
 def _only(value: Tensor) -> Tensor:

@@ -143,8 +143,8 @@ def second_part(
     keeps = sums.survey.cell_blocks is not None
     more, _ = read_rest(drive, sums.plan, sums.basis, len(sums.groups), keeps, progress)
     wanted = Wanted(
-        sums.plan, sums.tones, torch.empty(0), sums.basis, chosen.drive, chosen.mean,
-        keeps_blocks=keeps,
+        sums.plan, sums.tones, torch.empty(0), sums.basis, given.plane.frequency, chosen.drive,
+        chosen.mean, keeps_blocks=keeps,
     )  # fmt: skip
     return MomentsPart(
         without_velocity(whole), span[0], sum(span), wanted, sums.cells, sums.used, (),

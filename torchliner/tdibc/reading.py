@@ -122,7 +122,8 @@ def wanted_of(
     running = chosen.running_window or 1 / float(asked.frequency.min())
     return Wanted(
         plan, _measured(plane, asked.frequency, chosen), record.weights(0, plane.samples), basis,
-        chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics, chosen.oncoming_rms,
+        plane.frequency, chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics,
+        chosen.oncoming_rms,
         keeps_blocks=several or (chosen.interval is not None and chosen.incident is None),
         velocity_blocks=phase_rule(chosen.phase).needs_velocity or chosen.drive == "rms",
         true_extremes=not (liner.speed_max is None and chosen.velocity_max is None),
