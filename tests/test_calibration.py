@@ -394,6 +394,7 @@ MISTAKES = [
     ({"order": "probes"}, "did you mean 'probes first'"),
     ({"engine": "unfold"}, "engine 'spectral', phase 'averaged', not 'unfold'"),
     ({"phase": "given"}, "not 'spectral', 'given'"),
+    ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes all probes for liner"),
     ({"liners": 3}, "2 planes and 3 liners"),
 ]  # fmt: skip
 

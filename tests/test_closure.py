@@ -282,6 +282,23 @@ def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, cap
         assert "+0.03 dB (+0.02 to +0.05) closes" in text
 
 
+@pytest.mark.parametrize("cut", [0, 1, 7, 30])
+def test_the_phase_is_of_one_clock(cut, tmp_path):
+    """A plane that begins later than the pressures, in memory and through files; other clocks have
+    no phase."""
+    velocity, amplitude = square_wave(2.0, periods=120)
+    p = OF_AIR.characteristic_impedance * complex(MODEL.impedance(FREQUENCY, 2.0)) * amplitude
+    turn = 2j * math.pi * FREQUENCY * torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    record = facesheet_record((p * torch.exp(turn)).real.expand(3, -1), start=0.25)
+    record.write(tmp_path / "p.h5")
+    later = plane(velocity[:, cut : cut + 119 * 30], start=0.25 + cut / RATE)
+    for pressure in (record, tl.read_pressure(tmp_path / "p.h5")):
+        found = tl.educe(later, MODEL, **TIGHT, pressure=pressure).closure
+        assert float(found.liner.phase[1, 0]) == pytest.approx(0, abs=1e-5)
+    elsewhere = dataclasses.replace(later, start=9.0)
+    assert "without phase" in tl.educe(elsewhere, MODEL, **TIGHT, pressure=record).closure.known
+
+
 def test_the_command_takes_wall_pressures(capsys):
     """Of --in-situ, or of a file of their own."""
     path = str(DATA / "slit_n130_y2.5mm.h5")

@@ -362,7 +362,8 @@ def test_a_stated_linear_part_is_kept():
         ({"models": [{"offset_resistance": (-3.0, -2.0)}]}, r"no fit is passive: R falls to -"),
         ({"reactance": "up"}, r"unknown direction of the reactance 'up'"),
         ({"prior": "lw"}, r"unknown prior shape 'lw' \(did you mean 'law'"),
-        ({"engine": "unfold"}, r"replayed with engine 'spectral', phase 'averaged', not 'unfold'"),
+        ({"engine": "unfold"}, r"tones with engine 'spectral', phase 'averaged', not 'unfold'"),
+        ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes all probes for liner"),
         ({"noise": -1.0}, r"noise is -1"),
     ],
 )  # fmt: skip

@@ -293,6 +293,21 @@ def test_other_scales_stay_in_the_file(tmp_path):
     assert torch.equal(found.x, wanted.x)
 
 
+def test_all_that_has_a_unit_is_scaled(tmp_path):
+    """Times by length over velocity, and with them the tone; areas by the square of lengths."""
+    plane = make_plane((4,), 60, area=torch.full((4,), 1e-6), frequency=700.0, start=0.5)
+    found = plane.scaled(2.0, 4.0)
+    assert (found.frequency, found.start) == (1400.0, 0.25)
+    assert found.sampling_rate == pytest.approx(2 * plane.sampling_rate)
+    assert torch.equal(found.area, 4 * plane.area)
+    plane.write(tmp_path / "a.h5")
+    for path, more in ((tmp_path / "b.h5", []), (tmp_path / "c.h5", ["--frequency", "900"])):
+        scale = ["--scale-length", "2", "--scale-velocity", "4"]
+        assert main(["convert", str(tmp_path / "a.h5"), "-o", str(path), "--quiet", *scale, *more]
+                    ) == 0  # fmt: skip
+        assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
+
+
 @pytest.mark.parametrize("level", [0, 1, 9])
 def test_a_write_that_was_broken_off_goes_on(tmp_path, level, monkeypatch):
     """What is marked is not read again; the file is that of a run without a break."""

@@ -22,6 +22,7 @@ from torchliner.calibration.misfit import (
     Misfit,
     SpeedWeights,
     driving_speed,
+    require_plain_tones,
     responses_of,
     speed_weights,
 )
@@ -40,7 +41,6 @@ from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.reduction.basis import ANY_LINER, Chebyshev
 from torchliner.reduction.moments import Moments
-from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepare import prepare
 
@@ -195,11 +195,7 @@ def calibrate(
     several, models = _pairs(planes, liners)
     require_choice("order of averaging", order, ORDERS)
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
-    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
-        raise ValueError(
-            "a calibration replays tones with engine 'spectral', phase 'averaged', not "
-            f"{chosen.engine!r}, {chosen.phase!r}"
-        )
+    require_plain_tones(chosen)
     names, low, high = bounds_of(parameters, models[0])
     for liner in models[1:]:
         named_numbers(liner, names)

@@ -25,6 +25,8 @@ from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS
 from torchliner.reduction.basis import interpolation_error, response_of
 from torchliner.reduction.line_means import LineReader
+from torchliner.replay.phase_rule import phase_rule
+from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepared import Prepared
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
@@ -74,6 +76,24 @@ def responses_of(liner: LinerModel, planes: Sequence[SpeedWeights]) -> list[Tens
     values = planes[0].ready.response(liner)(lines, planes[0].reader.basis.speeds)
     rows = values[place].split([each.numel() for each in read])
     return [row.unflatten(0, each.shape) for row, each in zip(rows, read, strict=True)]
+
+
+def require_plain_tones(chosen: Choices) -> None:
+    """Refuse choices that a sum over node speeds does not know.
+
+    Raises:
+        ValueError: another engine or phase rule, or walls.
+    """
+    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
+        raise ValueError(
+            "a fit replays tones with engine 'spectral', phase 'averaged', not "
+            f"{chosen.engine!r}, {chosen.phase!r}"
+        )
+    if chosen.wall_filter is not None:
+        raise ValueError(
+            f"wall_filter is {chosen.wall_filter:g}, and a fit takes all probes for liner: leave "
+            "it out, and read a region without the walls"
+        )
 
 
 def _columns(ready: Prepared, order: str) -> Tensor:

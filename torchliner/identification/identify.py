@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from torchliner.calibration.misfit import require_plain_tones
 from torchliner.checks import require_choice, tell
 from torchliner.identification.curve_model import CurveModel
 from torchliner.identification.found import Identification
@@ -23,7 +24,6 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import ORDERS
 from torchliner.records import VelocityPlane
 from torchliner.reduction.moments import Moments
-from torchliner.replay.phase_rule import phase_rule
 from torchliner.tdibc.choices import Choices
 
 CURVE = "curve"
@@ -87,11 +87,7 @@ def identify(
     require_choice("order of averaging", order, ORDERS)
     require_choice("prior shape", prior, SHAPES)
     require_choice("direction of the reactance", reactance, SIGNS)
-    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
-        raise ValueError(
-            "tones are replayed with engine 'spectral', phase 'averaged', not "
-            f"{chosen.engine!r}, {chosen.phase!r}"
-        )
+    require_plain_tones(chosen)
     facts = [each.plane if isinstance(each, Moments) else each for each in several]
     names = _groups(facts, groups, CURVE in models)
     bases = [with_flow(as_liner(liner), plane.mach)

@@ -10,9 +10,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive, whole_number
+from torchliner.checks import whole_number
 from torchliner.io.plane_format import Stored
 from torchliner.records import VelocityPlane
+from torchliner.records.velocity_plane import scaled_numbers
 
 Limits = tuple[float | None, float | None]
 
@@ -195,13 +196,5 @@ def parse_region(text: str) -> list[Limits]:
 
 def scaled(plane: VelocityPlane, length: float, velocity: float) -> VelocityPlane:
     """The same flow in other units, as ``VelocityPlane.scaled``, with the velocity in its file."""
-    for name, value in (("length", length), ("velocity", velocity)):
-        require_positive(f"{name} scale", value)
-    bare = select(plane, factor=velocity)
-    names = ("x", "z", "height", "displacement_thickness", "holes")
-    lengths = {name: value * length for name in names
-               if (value := getattr(plane, name)) is not None}  # fmt: skip
-    return replace(
-        bare, sampling_rate=plane.sampling_rate * velocity / length,
-        start=plane.start * length / velocity, **lengths,
-    )  # fmt: skip
+    numbers = scaled_numbers(plane, length, velocity)
+    return replace(select(plane, factor=velocity), **numbers)

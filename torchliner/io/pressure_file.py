@@ -13,9 +13,9 @@ import h5py
 
 from torchliner.io.axes import (
     read_case,
+    read_clock,
     read_coordinate,
     read_signal,
-    read_times,
     write_case,
     write_coordinates,
     write_times,
@@ -102,7 +102,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
         there = [signal for signal in SIGNALS if is_there(file, signal.names[0], path)]
         if not there:
             get_dataset(file, "facesheet_pressure", path)  # says what is there instead
-        rate, samples = read_times(file, path)
+        rate, samples, start = read_clock(file, path)
         fields: dict[str, Any] = {
             signal.field: read_signal(file, signal.names[0], signal.unit, samples, path)
             for signal in there
@@ -113,4 +113,4 @@ def read_pressure(path: str | Path) -> PressureRecord:
         if is_there(file, "probe_cell", path):
             cells = get_dataset(file, "probe_cell", path)
             fields["probe_cell"] = read_values(cells, place(file, "probe_cell", path), path)
-        return PressureRecord(**fields, sampling_rate=rate, name=str(path))
+        return PressureRecord(**fields, sampling_rate=rate, start=start, name=str(path))

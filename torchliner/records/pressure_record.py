@@ -50,6 +50,7 @@ class PressureRecord(Written, AtProbes):
         microphone_velocity: m/s, positive AWAY from the surface, (M, T).
         microphone_mach: of a flow along the microphones' axis, positive AWAY from the surface.
         fluid: gas of the data.
+        start: time of the first sample, s, on the clock of the planes beside it.
         frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk, along the liner.
         reference: independent impedances of the same case, normalised, by name.
         title, provenance: where the data come from.
@@ -75,6 +76,7 @@ class PressureRecord(Written, AtProbes):
     microphone_velocity: Any = field(default=None, kw_only=True)
     microphone_mach: float = field(default=0.0, kw_only=True)
     fluid: Fluid = field(default_factory=Fluid, kw_only=True)
+    start: float = field(default=0.0, kw_only=True)
     frequency: float | None = field(default=None, kw_only=True)
     incident_level: float | None = field(default=None, kw_only=True)
     mach: float | None = field(default=None, kw_only=True)

@@ -192,24 +192,13 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         """The same flow in other units of length and velocity; time scales by length/velocity.
 
         Args:
-            length: factor on x, z, height, displacement thickness and holes.
+            length: factor on x, z, height, displacement thickness, holes and, squared, areas.
             velocity: factor on the velocities.
         """
-        require_positive("length scale", length)
-        require_positive("velocity scale", velocity)
-        lengths: dict[str, Any] = {
-            name: None if getattr(self, name) is None else getattr(self, name) * length
-            for name in ("x", "z", "height", "displacement_thickness", "holes")
-        }
-        loaded = self.load()
+        loaded, numbers = self.load(), scaled_numbers(self, length, velocity)
         streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
         return replace(
-            loaded,
-            velocity=loaded.velocity * velocity,
-            streamwise=streamwise,
-            sampling_rate=self.sampling_rate * velocity / length,
-            start=self.start * length / velocity,
-            **lengths,
+            loaded, velocity=loaded.velocity * velocity, streamwise=streamwise, **numbers
         )
 
     def load(self) -> VelocityPlane:
@@ -220,6 +209,18 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             if (value := getattr(self, name)) is not None and not isinstance(value, Tensor)
         }
         return replace(self, **stored) if stored else self
+
+
+def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict[str, Any]:
+    """Of ``VelocityPlane.scaled`` all but the velocities: lengths, areas, rates and times."""
+    require_positive("length scale", length)
+    require_positive("velocity scale", velocity)
+    per_time = velocity / length
+    factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
+    factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time,
+                "start": 1 / per_time}  # fmt: skip
+    return {name: value * factor for name, factor in factors.items()
+            if (value := getattr(plane, name)) is not None}  # fmt: skip
 
 
 def _velocity_tensor(value: Any, label: str, name: str) -> Any:

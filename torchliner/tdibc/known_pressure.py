@@ -122,7 +122,7 @@ def stated_pressure(
 
 def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
     plane, frequency = prepared.plane, prepared.frequency
-    same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES
+    turn = _turn(prepared, record)
     if record.facesheet is not None:
         signals, words = _cell_pressures(prepared, record), "the facesheet's pressure"
     elif record.microphones is not None and len(record.microphones) > 1:
@@ -132,13 +132,14 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
                 f"sound of {plane.name} comes from {plane.source_side}; give the facesheet's "
                 "pressure or microphones along the wall"
             )
-        return _of_waves(prepared, record, same_times)
+        return _of_waves(prepared, record, turn)
     else:
         raise ValueError(
             f"{record.name} holds one microphone alone; closure needs the facesheet's pressure or "
             "two microphones"
         )
     peak = 2 * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
+    peak, same_times = (peak, False) if turn is None else (turn * peak, True)
     cells = peak[1:].expand(prepared.cells.count, -1)
     away = _away(prepared, signals, record.sampling_rate, peak)
     if away is not None:
@@ -147,6 +148,16 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
     return KnownPressure(
         WALL, words, peak[0], cells, same_times, plane.source_side == "normal", away
     )
+
+
+def _turn(prepared: Prepared, record: PressureRecord) -> Tensor | None:
+    """e^{j omega t} over the time from the record's first sample to the plane's, (F,): a phasor of
+    the record, seen from the plane's. None where they are not of the same times."""
+    plane = prepared.plane
+    after = plane.start - record.start
+    if abs(record.duration / plane.duration - 1) >= SAME_TIMES or abs(after) >= plane.duration:
+        return None
+    return torch.exp(2j * torch.pi * prepared.frequency * after)
 
 
 def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
@@ -167,7 +178,7 @@ def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
     return torch.cat([mean, own.average(face, own.labels >= 0)])
 
 
-def _of_waves(prepared: Prepared, record: PressureRecord, same_times: bool) -> KnownPressure:
+def _of_waves(prepared: Prepared, record: PressureRecord, turn: Tensor | None) -> KnownPressure:
     """Incident plus reflected wave at y = 0, from microphones in front of the surface."""
     frequency, rate = prepared.frequency, record.sampling_rate
     amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
@@ -175,6 +186,7 @@ def _of_waves(prepared: Prepared, record: PressureRecord, same_times: bool) -> K
         amplitude, record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach
     )
     peak = 2 * split.sum(0)
+    peak, same_times = (peak, False) if turn is None else (turn * peak, True)
     words = (
         "the sum of incident and reflected wave from microphones (rho c Z V, "
         f"{'with' if same_times else 'without'} phase)"
