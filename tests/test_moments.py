@@ -179,6 +179,25 @@ def test_a_second_reading_belongs_to_its_own_first():
         tl.Moments.sum(mixed, given=first)
 
 
+def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
+    """The running rms' own window, the coherence behind walls, and the sound of an unknown tone."""
+    v, bare = velocity(), liner.replace(cell_pitch=None)
+    running = {"drive": "running-rms", "order": "probes first", "interval": None}
+    known = tl.moments(plane_of(v), **running)
+    with pytest.raises(ValueError, match="with running_window 0.000714.*0.00142857.* is asked"):
+        known.educe(bare, 700.0, **running)
+    own = tl.educe(plane_of(v), bare, running_window=1 / FREQUENCY, frequency=700.0, **running)
+    same = known.educe(bare, 700.0, running_window=1 / FREQUENCY, **running)
+    assert relative_error(same.answer, own.answer) < 1e-7
+    with pytest.raises(ValueError, match="coherence of v with 1400 Hz, .* that with 700 Hz: reduce"):
+        tl.moments(plane_of(v)).educe(bare, 700.0, wall_filter=0.5)
+    quiet = plane_of(v, frequency=None)
+    known = tl.moments(quiet, frequency=FREQUENCY)
+    with pytest.warns(tl.DataWarning, match="taken at 1400 Hz, for which the data were reduced"):
+        known.educe(bare, 700.0, allow_short=True)
+    assert "reduced" not in str(known.educe(bare, FREQUENCY).notes)
+
+
 def _other_plane(**about):
     return lambda v: tl.moments_part(
         plane_of(v[:, 512:], **about), first_sample=512, of_samples=N, order="probes first"

@@ -112,6 +112,7 @@ def _reduction(
     if chosen.interval is None:
         kept["interval"] = None
     at_asked = chosen.phase != next(iter(PHASE_RULES)) or chosen.wall_filter is not None
+    at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
     frequency = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
     if model.speed_max is not None:
         return Request(model, frequency, None, kept)

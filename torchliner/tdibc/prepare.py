@@ -156,9 +156,9 @@ def ask(
         ValueError: it cannot be answered from such a record, or from such moments.
     """
     if isinstance(given, Moments):
-        given = fitted(given, chosen, liner)
         plane, plan = given.plane, given.sums.plan
         wanted = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        given = fitted(given, chosen, liner, wanted)
         record = record_of(given, chosen)
         found = [*review_record(plane, wanted, record, chosen), *review_model(plane, liner)]
         notes = list(dict.fromkeys([*given.notes, *found]))

@@ -28,6 +28,7 @@ from torchliner.reduction.parts import MomentsPart, joined
 from torchliner.tdibc.parts import first_part, second_part, sum_parts
 from torchliner.tdibc.prepared import Progress
 from torchliner.tdibc.reading import read_plane
+from torchliner.tdibc.reduced import with_window
 from torchliner.tdibc.requested import Request, requested, without_velocity
 from torchliner.version import __version__
 
@@ -56,6 +57,8 @@ def reduce_whole(
 ) -> Moments:
     """As ``moments``, undivided."""
     asked, model, chosen, basis = requested(plane, request)
+    if chosen.drive == "running-rms":
+        chosen = with_window(chosen, asked.frequency)
     drive, sums, notes = read_plane(asked, model, chosen, basis, progress=progress)
     tell(tuple(notes))
     return Moments(
