@@ -4,6 +4,7 @@ refused."""
 from __future__ import annotations
 
 import dataclasses
+import functools
 import pickle
 from itertools import pairwise
 
@@ -14,6 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
+from torchliner.liners.catalogue import preset_names
+from torchliner.reduction.basis import ANY_LINER, Chebyshev, interpolation_error, response_of
+from torchliner.reduction.moments import ASKED
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 N = 2100  # 70 periods: 35 blocks of two
@@ -184,18 +188,57 @@ def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
     v, bare = velocity(), liner.replace(cell_pitch=None)
     running = {"drive": "running-rms", "order": "probes first", "interval": None}
     known = tl.moments(plane_of(v), **running)
-    with pytest.raises(ValueError, match="with running_window 0.000714.*0.00142857.* is asked"):
+    with pytest.raises(ValueError, match=r"with running_window 0.000714.*0.00142857.* is asked"):
         known.educe(bare, 700.0, **running)
     own = tl.educe(plane_of(v), bare, running_window=1 / FREQUENCY, frequency=700.0, **running)
     same = known.educe(bare, 700.0, running_window=1 / FREQUENCY, **running)
     assert relative_error(same.answer, own.answer) < 1e-7
-    with pytest.raises(ValueError, match="coherence of v with 1400 Hz, .* that with 700 Hz: reduce"):
+    with pytest.raises(
+        ValueError, match=r"coherence of v with 1400 Hz, .* that with 700 Hz: reduce"
+    ):
         tl.moments(plane_of(v)).educe(bare, 700.0, wall_filter=0.5)
     quiet = plane_of(v, frequency=None)
     known = tl.moments(quiet, frequency=FREQUENCY)
     with pytest.warns(tl.DataWarning, match="taken at 1400 Hz, for which the data were reduced"):
         known.educe(bare, 700.0, allow_short=True)
     assert "reduced" not in str(known.educe(bare, FREQUENCY).notes)
+
+
+@given(
+    diameter=st.floats(0.5e-3, 2.5e-3), porosity=st.floats(0.03, 0.15),
+    thickness=st.floats(0.5e-3, 2e-3), depth=st.floats(10e-3, 60e-3),
+)  # fmt: skip
+def test_moments_of_any_liner_know_most(diameter, porosity, thickness, depth):
+    """R to 1e-5 up to 6 kHz and 10 m/s, as docs/moments.md says; presets to 7e-7."""
+    mine = tl.load_liner("polito").replace(
+        orifice_diameter=diameter, porosity=porosity, facesheet_thickness=thickness,
+        cavity_depth=depth,
+    )  # fmt: skip
+    error = functools.partial(interpolation_error, Chebyshev(*ANY_LINER), frequency=ASKED, top=10.0)
+    assert error(response=response_of(mine))[0] < 1e-5
+    presets = [tl.load_liner(name) for name in preset_names()]
+    assert max(error(response=response_of(each))[0] for each in presets) < 7e-7
+
+
+def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
+    """A table, which ends at a |v|; a liner or frequencies for which K is too small; in between
+    they answer with a note."""
+    bare = liner.replace(cell_pitch=None)
+    frequency, speed = torch.linspace(600, 3000, 40), torch.linspace(0, 40, 41)
+    table = tl.TabulatedLiner(frequency, bare.impedance(frequency[:, None], speed), speed)
+    known = tl.moments(plane_of(velocity()), order="probes first")
+    for ask in (known.error, functools.partial(known.educe, order="probes first")):
+        with pytest.raises(ValueError, match=r"moments for any liner.* up to 40 m/s alone: reduce"):
+            ask(table)
+    few = tl.moments(plane_of(velocity()), bare, order="probes first")
+    options = {"order": "probes first", "interval": None, "tolerance": 1e-15}
+    with pytest.warns(tl.DataWarning, match="beyond 1e-15: reduce them again with this liner"):
+        few.educe(bare, **options)
+    other = bare.replace(orifice_diameter=5e-3, porosity=0.02)
+    with pytest.raises(
+        ValueError, match=r"velocity: R of SDoF.*the data were reduced with \(limit"
+    ):
+        few.educe(other, 3000.0, order="probes first")
 
 
 def _other_plane(**about):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, turbulence
+from conftest import FREQUENCY, RATE, plane_of, turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -229,6 +229,21 @@ def test_engines_meet_as_the_record_grows(kernels):
     for length in (11e-3, 22e-3, 45e-3, 90e-3):
         found = off_at_the_ends(kernels, length, 40)
         assert found == pytest.approx(OFF_AT_THE_ENDS / length**3, rel=0.3)
+
+
+def test_the_default_meets_the_engines_as_the_record_grows(liner):
+    """Weight 1 on emission times against a boxcar on the reflected signal, through the public door:
+    they differ by what the ends hold, a share 1/T of the record."""
+    options = {"order": "probes first", "interval": None, "dtype": "float64"}
+    apart = []
+    for periods in (20, 80, 320):
+        plane = plane_of(turbulence((24, 30 * periods)))
+        default = tl.educe(plane, liner, **options).reflection
+        replayed = tl.educe(plane, liner, engine="unfold", window="boxcar", **options).reflection
+        apart.append(float((default - replayed).abs().square().mean().sqrt()))
+    assert apart[0] / apart[1] == pytest.approx(4, rel=0.35)
+    assert apart[1] / apart[2] == pytest.approx(4, rel=0.35)
+    assert apart[2] < 5e-4
 
 
 @pytest.mark.slow

@@ -163,7 +163,10 @@ class _Work:
     def phases(self) -> None:
         """The other phase rules; a stated phase wherever it may lie: no pass."""
         if self.replayed.sums.backward is None:
-            raise CannotApply("the moments were reduced without the rows of phase rules")
+            raise CannotApply(
+                "the moments were reduced without the rows of phase rules; reduce the plane again "
+                "with phase='self-consistent'"
+            )
         quiet = Replayed(
             dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
         )

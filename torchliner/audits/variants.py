@@ -186,7 +186,10 @@ class Variants:
             )
         needed = [rate - abs(line) for line, _ in self.reader.window]
         if any(index_of(self.reader.plan.lines, line) is None for line in needed):
-            raise CannotApply("the moments were reduced without rows of alternating sign")
+            raise CannotApply(
+                "the moments were reduced without rows of alternating sign, which an audit of the "
+                "plane itself sums"
+            )
         window = record.window
         kept = torch.zeros_like(window.weights)
         kept[::2] = window.weights[::2]

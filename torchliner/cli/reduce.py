@@ -71,7 +71,9 @@ def _text(facts: dict[str, Any]) -> str:
     pitch = facts["cell_pitch"]
     cells = "all probes together" if pitch is None else f"{facts['cells']} of {1e3 * pitch:g} mm"
     centre = "" if facts["centre"] is None else f", c = {facts['centre']:g} m/s"
-    good = ["1e-5 in R to 6 kHz for any liner"] if facts["any_liner"] else []
+    good = []
+    if facts["any_liner"]:
+        good.append("any liner smooth in |v|, whose results state the error in R")
     if facts["liner"] is not None:
         where = "300 to 6000 Hz" if facts["any_liner"] else "the frequencies asked for"
         good.append(f"{facts['error_in_R']:.1e} for {facts['liner']} at {where}")

@@ -75,9 +75,14 @@ def plane_from(
     """
     schema = text_attribute(file, "schema") or ""
     if not is_there(file, VELOCITY, path) and schema.startswith("torchliner "):
+        remedies = {
+            "torchliner pressure": "; use torchliner insitu",
+            "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
+                                  "name the plane that was reduced (educe takes moments)",
+        }  # fmt: skip
         raise ValueError(
             f"{path} is no velocity plane but a file of schema {schema!r}"
-            + ("; use torchliner insitu" if "pressure" in schema else "")
+            + remedies.get(schema.rpartition(" ")[0], "")
         )
     where, _, key = find_velocity(file, request, path).rpartition("/")
     group = file[where or "/"]

@@ -6,7 +6,7 @@ and :math:`c_k` comes from R at K speeds.
 
 ``Chebyshev`` serves all smooth R: :math:`\varphi_k = T_k(x)`, x = (|v| - c)/(|v| + c), so that no
 largest speed has to be known beforehand. |v|^2.5 of eq. (2.4) at rest bounds the convergence:
-K = 24 gives 1e-6 at one frequency, K = 64 some 1e-5 for any liner up to 6 kHz. ``Levels`` serves
+K = 24 gives 1e-6 at one frequency, K = 64 some 1e-5 up to 6 kHz for most liners. ``Levels`` serves
 tables, whose R has a kink at each of their speeds: cubics between levels that no kink parts.
 """
 

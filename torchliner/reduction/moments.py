@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor
-from torchliner.liners.model import as_liner
+from torchliner.liners.model import LinerModel, as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
-from torchliner.reduction.basis import Basis, interpolation_error, response_of
+from torchliner.reduction.basis import Basis, Chebyshev, interpolation_error, response_of
 from torchliner.reduction.periodic import PeriodicPart
 from torchliner.reduction.plan import PassPlan
 from torchliner.reduction.speed_sums import GroupMoments
@@ -122,14 +122,33 @@ class Moments(Summarised):
         found: Moments = resolve("torchliner.tdibc.parts:sum_parts")(parts, given)
         return found
 
+    def require_speeds(self, liner: LinerModel) -> None:
+        """Refuse a liner that ends at a |v| below the speeds at which these moments ask for R.
+
+        Raises:
+            ValueError: it does.
+        """
+        top, basis = liner.speed_max, self.sums.basis
+        if top is None or basis is None or float(basis.speeds.max()) <= top * (1 + 1e-9):
+            return
+        kind = "any liner smooth in |v|" if isinstance(basis, Chebyshev) else "another table"
+        raise ValueError(
+            f"{self.plane.name} holds moments for {kind}, and {type(liner).__name__} is known up "
+            f"to {top:g} m/s alone: reduce the data again with this liner (--liner, "
+            "tl.moments(plane, liner))"
+        )
+
     def error(self, liner: Any, frequency: Any = None) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.
 
         Args:
             liner: whose R.
             frequency: Hz; default 300 to 6000 Hz.
+        Raises:
+            ValueError: a liner that ends at a |v|, of moments that were not made for it.
         """
         model, seen = as_liner(liner), self.sums.survey
+        self.require_speeds(model)
         asked = ASKED if frequency is None else frequency_tensor(frequency)
         peak = float(seen.peak.max())
         top = min(peak, model.speed_max or peak)

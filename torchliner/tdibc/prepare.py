@@ -38,6 +38,7 @@ from torchliner.tdibc.tone_share import review_other_tones
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
+DOUBTFUL_MODEL_ERROR = 1e-5  # that goes without a note, unless another tolerance is stated
 
 
 @in_full_precision
@@ -103,7 +104,8 @@ def prepare(
             lines = reader_lines(record, chosen)
             turns = turns_of(each.frequency, chosen, every_rule)
             reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, turns)
-            error = _review_basis(sums.basis, model, read, sums.survey, each.plane, chosen)
+            error, doubt = _review_basis(sums.basis, model, read, sums.survey, each, chosen)
+            notes += doubt
         ready = Prepared(
             each.plane, model, chosen, each.frequency, record, sums.cells, sums.used,
             sums.survey.to_frequencies(_places(sums.tones, each.frequency)), drive, sums, reader,
@@ -117,24 +119,34 @@ def prepare(
 
 
 def _review_basis(
-    basis: Basis, model: LinerModel, read: Tensor, seen: Survey, plane: VelocityPlane,
-    chosen: Choices,
-) -> float:  # fmt: skip
-    """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.
+    basis: Basis, model: LinerModel, read: Tensor, seen: Survey, asked: Asked, chosen: Choices
+) -> tuple[float, list[str]]:
+    """Largest error in R of the interpolation over |v|, up to the largest |v| of the data, and what
+    to say of it.
 
     Raises:
         ValueError: it is too large for any digit that is printed.
     """
     top = top_speed(seen, model)
     error, speed = interpolation_error(basis, response_of(model), read, top)
-    if error > LARGEST_MODEL_ERROR:
-        raise ValueError(
-            f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s "
-            f"(limit {LARGEST_MODEL_ERROR:g}) from its values at {basis.count} speeds: it is not "
-            "smooth in |v| there; give it as a TabulatedLiner with its kinks among the speeds, or "
-            "state speed_max and speed_kinks"
+    text = (
+        f"R of {type(model).__name__} is known to {error:.2g} only at |v| = {speed:.4g} m/s from "
+        f"its values at {basis.count} speeds"
+    )
+    if asked.known is not None:
+        text = f"{asked.plane.name}: {text}, those that the data were reduced with"
+        remedy = "reduce them again with this liner and these frequencies"
+    else:
+        remedy = (
+            "it is not smooth in |v| there; give it as a TabulatedLiner with its kinks among the "
+            "speeds, or state speed_max and speed_kinks"
         )
-    return error
+    if error > LARGEST_MODEL_ERROR:
+        raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
+    limit = chosen.tolerance or DOUBTFUL_MODEL_ERROR
+    if error <= limit:
+        return error, []
+    return error, [f"{text}, beyond {limit:g}: {remedy}"]
 
 
 def _places(tones: Tensor, frequency: Tensor) -> Tensor:

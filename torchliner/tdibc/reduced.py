@@ -29,6 +29,7 @@ def fitted(known: Moments, chosen: Choices, liner: LinerModel, frequency: Tensor
         ValueError: they were made for another drive, order, cell and so on.
     """
     name = known.plane.name
+    known.require_speeds(liner)
     if chosen.drive == "running-rms":
         chosen = with_window(chosen, frequency)
     if chosen.engine != "spectral":
