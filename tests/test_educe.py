@@ -426,6 +426,22 @@ def test_many_cells_are_averaged_like_few(liner, monkeypatch):
     assert float(change.abs().max()) < 1e-13
 
 
+def test_a_running_rms_as_long_as_the_record_is_doubted(liner):
+    """Its error bars shrink to nothing, since it does not vary within the record."""
+    plane = plane_of(turbulence((2, 1200)))
+    options = {"drive": "running-rms", "order": "probes first"}
+    with pytest.warns(
+        tl.DataWarning, match=r"running rms is over 0.02 s .* too narrow; take a sho"
+    ):
+        tl.educe(plane, liner, running_window=0.02, **options)
+    assert not any("too narrow" in n for n in tl.educe(plane, liner, **options).notes)
+
+
+def test_no_gas_is_refused():
+    with pytest.raises(TypeError, match="velocity: fluid is NoneType; a Fluid is needed"):
+        plane_of(turbulence((2, 600)), fluid=None)
+
+
 @pytest.mark.parametrize(
     ("sound", "asked"), [(700, 1400), (1400, 2800), (2100, 1400), (1400, 1000), (1400, 4200)]
 )

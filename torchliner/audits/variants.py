@@ -8,7 +8,7 @@ record is the sum over half of its blocks.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -124,10 +124,19 @@ class Variants:
     def _windows(self) -> Iterator[Variant]:
         record = self.ready.record
         for window in _other_windows(record):
-            reader = self._read(window_lines(window, record.start, self.rate), self.reader.response)
+            lines = window_lines(window, record.start, self.rate)
+            self._require_rows([abs(line) for line, _ in lines if line], "other windows")
+            reader = self._read(lines, self.reader.response)
             other = dataclasses.replace(record, window=window)
             ready = dataclasses.replace(self.ready, record=other, reader=reader)
             yield ("window", window.name, ready)
+
+    def _require_rows(self, lines: Sequence[float], of: str) -> None:
+        if any(index_of(self.reader.plan.lines, line) is None for line in lines):
+            raise CannotApply(
+                f"the moments were reduced without the rows of {of}, which an audit of the plane "
+                "itself sums"
+            )
 
     def _of_kernel(self, liner: LinerModel, kind: str) -> Response:
         ready = self.ready
@@ -185,11 +194,7 @@ class Variants:
                 f"than {FEWEST_SAMPLES_PER_PERIOD:g}"
             )
         needed = [rate - abs(line) for line, _ in self.reader.window]
-        if any(index_of(self.reader.plan.lines, line) is None for line in needed):
-            raise CannotApply(
-                "the moments were reduced without rows of alternating sign, which an audit of the "
-                "plane itself sums"
-            )
+        self._require_rows(needed, "alternating sign")
         window = record.window
         kept = torch.zeros_like(window.weights)
         kept[::2] = window.weights[::2]

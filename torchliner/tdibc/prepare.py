@@ -103,7 +103,10 @@ def prepare(
         if sums.basis is not None:
             lines = reader_lines(record, chosen)
             turns = turns_of(each.frequency, chosen, every_rule)
-            reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, turns)
+            try:
+                reader = LineReader(sums.plan, sums.basis, lines, each.frequency, response, turns)
+            except ValueError as reason:
+                raise ValueError(f"{each.plane.name}: {reason}") from reason
             error, doubt = _review_basis(sums.basis, model, read, sums.survey, each, chosen)
             notes += doubt
         ready = Prepared(
