@@ -59,5 +59,5 @@ class SelfConsistent(PhaseRule):
                 f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a "
                 f"coherence below {limit:g} with the tone; they are 'averaged' instead"
             )
-        said = "self-consistent phase", "segments of two periods"
+        said = "self-consistent phase", "segments of few periods"
         return notes + chance_note(*said, self.segments, limit)

@@ -153,7 +153,7 @@ def find_walls(prepared: Prepared) -> tuple[Tensor | None, list[str]]:
     Returns:
         (P, F) bool, None without a filter; notes with the share of such probes.
     Source: Roncen et al. (2026), section 7.2, which names no threshold and no estimator; the
-        coherence here is that of ``survey``, over segments of two periods.
+        coherence here is that of ``survey``, over segments of few periods.
     """
     limit = prepared.chosen.wall_filter
     if limit is None:
