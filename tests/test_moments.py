@@ -232,7 +232,7 @@ def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
             ask(table)
     few = tl.moments(plane_of(velocity()), bare, order="probes first")
     options = {"order": "probes first", "interval": None, "tolerance": 1e-15}
-    with pytest.warns(tl.DataWarning, match="beyond 1e-15: reduce them again with this liner"):
+    with pytest.warns(tl.DataWarning, match="beyond 1e-11: reduce them again with this liner"):
         few.educe(bare, **options)
     other = bare.replace(orifice_diameter=5e-3, porosity=0.02)
     with pytest.raises(

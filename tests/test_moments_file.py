@@ -22,6 +22,7 @@ def grid_plane(dtype=torch.float32, **about):
         "x": 0.01 * torch.arange(4.0), "z": 0.02 * torch.arange(2.0), "height": 1e-3,
         "incident_level": 130.0, "mach": 0.1, "source_side": "upstream", "liner": "polito",
         "reference": {"true": 1 - 0.5j}, "title": "two rows", "provenance": {"run": 7},
+        "start": 0.25,
     }  # fmt: skip
     return plane_of(velocity(900, 8, dtype).reshape(2, 4, -1), **facts | about)
 
@@ -38,7 +39,9 @@ def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
     assert same_bits(found.educe(liner, **choices), known.educe(liner, **choices))
     assert (found.settings, found.cell_pitch, found.notes) == (
         known.settings, known.cell_pitch, known.notes)  # fmt: skip
-    facts = "height frequency incident_level mach source_side liner reference title provenance"
+    facts = (
+        "start height frequency incident_level mach source_side liner reference title provenance"
+    )
     for name in [*facts.split(), "sampling_rate", "fluid", "probe_shape"]:
         assert getattr(found.plane, name) == getattr(known.plane, name)
     assert torch.equal(found.plane.x, known.plane.x)

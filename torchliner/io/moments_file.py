@@ -22,7 +22,15 @@ from torchliner.io.holes import stored_holes, write_holes
 from torchliner.io.moments_checks import PRECISIONS, checked_head, require_sums, require_whole
 from torchliner.io.plane_file import NUMBERS
 from torchliner.io.result_file import Sizes
-from torchliner.io.tables import FileKind, Table, cartesian, read_variables, real, write_variables
+from torchliner.io.tables import (
+    FileKind,
+    Table,
+    cartesian,
+    numbers,
+    read_variables,
+    real,
+    write_variables,
+)
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.reduction.basis import Basis
@@ -39,6 +47,7 @@ KIND = FileKind(
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "velocity": {},
      "plan": {}, "basis": {}, "settings": {}, "notes": ()},
 )  # fmt: skip
+ABOUT = NUMBERS + numbers({"start": "s"})
 COLUMN = ("column",)
 TONES = (real("tones", "Hz", ("tone",)),)
 SURVEY = (
@@ -125,7 +134,7 @@ def write_moments(known: Moments, path: str | Path) -> None:
                   "other_harmonic_row": rows}  # fmt: skip
     with KIND.created(path, head) as file:
         write_coordinates(file, plane.probe_shape, plane.x, plane.z)
-        write_case(file, plane, NUMBERS)
+        write_case(file, plane, ABOUT)
         write_holes(file, plane.holes)
         for name, size in sizes.items():
             write_index(file, name, size)
@@ -189,7 +198,7 @@ def read_moments(path: str | Path) -> Moments:
                 "take the torchliner that wrote it, or reduce the data again"
             )
         KIND.require(file, path)
-        about = read_case(file, KIND, NUMBERS, path)
+        about = {"start": 0.0, **read_case(file, KIND, ABOUT, path)}
         words = {key: about.pop(key) for key in ("velocity", "plan", "basis", "settings", "notes")}
         plan, basis, pitch = checked_head(words, path)
         shape = tuple(words["velocity"]["shape"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -94,6 +95,8 @@ class PressureRecord(Written, AtProbes):
                 _require_finite(tensor, label, self.name)
                 object.__setattr__(self, label, tensor)
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if not math.isfinite(self.start):
+            raise ValueError(f"{self.name}: start is {self.start:g} s; it must be finite")
         self._check_pressures()
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)

@@ -38,6 +38,7 @@ from torchliner.tdibc.tone_share import review_other_tones
 
 MOST_LINES = 200  # frequencies of a broadband map unless more are asked for
 LARGEST_MODEL_ERROR = 1e-3  # in R, of the interpolation over |v|
+ROUNDED = 1e-11  # below, it is of rounding
 DOUBTFUL_MODEL_ERROR = 1e-5  # that goes without a note, unless another tolerance is stated
 
 
@@ -146,7 +147,7 @@ def _review_basis(
         )
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
-    limit = chosen.tolerance or DOUBTFUL_MODEL_ERROR
+    limit = max(chosen.tolerance or DOUBTFUL_MODEL_ERROR, ROUNDED)
     if error <= limit:
         return error, []
     return error, [f"{text}, beyond {limit:g}: {remedy}"]
