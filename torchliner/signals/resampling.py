@@ -103,8 +103,11 @@ class Resampling:
         covariances = torch.stack([self._covariance(count, each) for each in different.tolist()])
         sums = forms(series, covariances.to(rho), which)
         power, square = sums[0] + sums[1], _square(sums)
-        shortest = self._covariance(count, SHORTEST_RUN)[None].to(rho)
-        short = _square(forms(series, shortest, torch.zeros_like(which)))
+        short, longer = square, (lengths > SHORTEST_RUN).nonzero()[:, 0]
+        if len(longer):
+            shortest = self._covariance(count, SHORTEST_RUN)[None].to(rho)
+            own = forms(series.index_select(1, longer), shortest, torch.zeros_like(longer))
+            short = square.index_copy(0, longer, _square(own))
         beyond = beyond_runs(rho, lengths)
         runs = count / lengths.to(torch.float64)
         return Scatter(
