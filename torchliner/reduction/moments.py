@@ -123,20 +123,25 @@ class Moments(Summarised):
         return found
 
     def require_speeds(self, liner: LinerModel) -> None:
-        """Refuse a liner that ends at a |v| below the speeds at which these moments ask for R.
+        """Refuse a liner that has no R at some of the speeds at which these moments ask for it.
 
         Raises:
-            ValueError: it does.
+            ValueError: it has none beyond its largest |v|.
         """
         top, basis = liner.speed_max, self.sums.basis
         if top is None or basis is None or float(basis.speeds.max()) <= top * (1 + 1e-9):
             return
-        kind = "any liner smooth in |v|" if isinstance(basis, Chebyshev) else "another table"
-        raise ValueError(
-            f"{self.plane.name} holds moments for {kind}, and {type(liner).__name__} is known up "
-            f"to {top:g} m/s alone: reduce the data again with this liner (--liner, "
-            "tl.moments(plane, liner))"
-        )
+        known = torch.tensor(liner.frequency_range or (1000.0,), dtype=torch.float64).mean()
+        try:
+            with torch.no_grad():
+                response_of(liner)(known[None], basis.speeds)
+        except ValueError as reason:
+            kind = "any liner smooth in |v|" if isinstance(basis, Chebyshev) else "another table"
+            raise ValueError(
+                f"{self.plane.name} holds moments for {kind}, and {type(liner).__name__} is known "
+                f"up to {top:g} m/s alone: reduce the data again with this liner (--liner, "
+                "tl.moments(plane, liner))"
+            ) from reason
 
     def error(self, liner: Any, frequency: Any = None) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest |v| of the data.
