@@ -38,7 +38,7 @@ from torchliner.tdibc.groups import Groups, Members
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 RECORDS = {"16 periods": 16, "100 periods": 100, "1 s": 1400}
-TRIALS = 500  # of one seed
+TRIALS, PROBES = 500, 8000  # of one seed: alone, and in averages
 STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 FASTEST = 10 * RMS  # 10 standard deviations: no record exceeds it
 WINDOWS = ("boxcar", "hann")
@@ -152,7 +152,7 @@ def coverage(
     A cell's mean admittance has the truth of its probes, which are alike in the mean.
     """
     average = AVERAGES.get(of)
-    at_once = TRIALS if average is None else 8000 // average.size
+    at_once = TRIALS if average is None else PROBES // average.size
     true = true_impedance(liner)
     inside, widths, runs = [], [], []
     samples = round(periods * RATE / FREQUENCY)

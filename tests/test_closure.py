@@ -299,6 +299,24 @@ def test_the_phase_is_of_one_clock(cut, tmp_path):
     assert "without phase" in tl.educe(elsewhere, MODEL, **TIGHT, pressure=record).closure.known
 
 
+def test_the_clock_does_not_change_how_far_a_level_is_known():
+    """A record that began earlier has its phase turned, and the interval of its level stays."""
+    draw = torch.Generator().manual_seed(3)
+    velocity, _ = square_wave(2.0, periods=60)
+    velocity = velocity + 0.3 * torch.randn(velocity.shape, generator=draw, dtype=torch.float64)
+    turn = 2 * math.pi * FREQUENCY / RATE * torch.arange(velocity.shape[-1], dtype=torch.float64)
+    pressure = 100 * torch.cos(turn) + 60 * torch.randn(len(turn), generator=draw).double()
+    options = {"edge": "wrap", "order": "velocity first"}
+    found = [
+        tl.educe(plane(velocity), MODEL, **options,
+                 pressure=facesheet_record(pressure.expand(3, -1), start=start)).closure.liner
+        for start in (0.0, -0.25 / FREQUENCY)
+    ]  # fmt: skip
+    for end in ("level", "level_low", "level_high"):
+        assert torch.allclose(*(getattr(each, end) for each in found), rtol=1e-9, equal_nan=True)
+    assert float((found[1].phase - found[0].phase)[1, 0] % 360) == pytest.approx(270, abs=1e-6)
+
+
 def test_the_command_takes_wall_pressures(capsys):
     """Of --in-situ, or of a file of their own."""
     path = str(DATA / "slit_n130_y2.5mm.h5")

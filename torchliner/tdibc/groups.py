@@ -105,23 +105,23 @@ class Groups:
         deviation = self.sums[:, : self.count] / self.sizes
         return deviation / admittance_slope(reflection_from_admittance(self.mean))
 
-    def bias(self, how: Resampling) -> Tensor:
-        """Of the mean admittance, (G, F).
+    def bias(self, scatter: Scatter) -> Tensor:
+        """Of the mean admittance, (G, F), from the scatter of ``series``.
 
         What lies beyond the shortest runs is that of a first-order process with the correlation of
         all members together: of each by itself it is generous by half in a record of 16 blocks, as
         suits a width, and a bias does not fall with the number of members.
         """
-        short = how.scatter(self.series).short
-        own = admittance_bias(reflection_from_admittance(self.mean), short)
+        own = admittance_bias(reflection_from_admittance(self.mean), scatter.short)
         rho = correlation_of(self.pairs, len(self.sums))
         beyond = beyond_runs(rho, torch.full_like(rho, SHORTEST_RUN))
         return beyond * (self.biases[: self.count] / self.sizes - own)
 
     def interval(self, how: Resampling) -> Interval:
         """Over time, (G, F); nan for a group without members, which has no mean."""
-        bias = self.bias(how)
-        found = how.over_time(self.series, reflection_from_admittance(self.mean - bias))
+        scatter = how.scatter(self.series)
+        bias = self.bias(scatter)
+        found = how.interval(scatter, reflection_from_admittance(self.mean - bias))
         found = self.with_bias(found, bias)
         # Not by a factor of nan or 1, which infinite bounds would not survive.
         return found.map(lambda value: torch.where(self.empty, torch.nan, value))

@@ -29,6 +29,7 @@ from torchliner.signals.bootstrap import common_run_length
 from torchliner.signals.resampling import Resampling
 from torchliner.tdibc.groups import Groups, Members
 from torchliner.tdibc.prepared import Prepared
+from torchliner.tdibc.reduced import window_of
 
 Series = dict[str, tuple[Tensor, Tensor]]  # by order: of R of liner (S, F) and cells (S, C, F)
 FEWEST_RUNS = 8  # below, an interval says little
@@ -196,7 +197,7 @@ def _few_runs(prepared: Prepared, found: Uncertainty) -> list[str]:
 def _long_window(prepared: Prepared) -> list[str]:
     """A running rms that hardly varies within the record says little of other records."""
     chosen, plane = prepared.chosen, prepared.plane
-    window = chosen.running_window or 1 / float(prepared.frequency.min())
+    window = window_of(chosen, prepared.frequency)
     if chosen.drive != "running-rms" or window <= LONGEST_WINDOW * plane.duration:
         return []
     return [
@@ -286,7 +287,7 @@ def _of_liner(groups: dict[str, Groups], how: Resampling, wide: int) -> Interval
     liner = groups["liner"]
     if not wide:
         return liner.interval(how).map(_only)
-    bias = liner.bias(how)
+    bias = liner.bias(how.scatter(liner.series))
     reflection = reflection_from_admittance(liner.mean - bias)
     tiled = how.over_tiles(groups["rows"].series, reflection[0], wide)
     return liner.with_bias(tiled.map(lambda value: value[None]), bias).map(_only)

@@ -122,7 +122,7 @@ def stated_pressure(
 
 def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
     plane, frequency = prepared.plane, prepared.frequency
-    turn = _turn(prepared, record)
+    turn, same_times = _turn(prepared, record)
     if record.facesheet is not None:
         signals, words = _cell_pressures(prepared, record), "the facesheet's pressure"
     elif record.microphones is not None and len(record.microphones) > 1:
@@ -132,16 +132,16 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
                 f"sound of {plane.name} comes from {plane.source_side}; give the facesheet's "
                 "pressure or microphones along the wall"
             )
-        return _of_waves(prepared, record, turn)
+        return _of_waves(prepared, record, turn, same_times)
     else:
         raise ValueError(
             f"{record.name} holds one microphone alone; closure needs the facesheet's pressure or "
             "two microphones"
         )
-    peak = 2 * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
-    peak, same_times = (peak, False) if turn is None else (turn * peak, True)
+    own = 2 * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
+    peak = turn * own
     cells = peak[1:].expand(prepared.cells.count, -1)
-    away = _away(prepared, signals, record.sampling_rate, peak)
+    away = _away(prepared, signals, record.sampling_rate, own)
     if away is not None:
         away = torch.cat([away[:, :1], away[:, 1:].expand(-1, prepared.cells.count, -1)], dim=1)
     words = f"{words} (rho c Z V, {'with' if same_times else 'without'} phase)"
@@ -150,14 +150,13 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
     )
 
 
-def _turn(prepared: Prepared, record: PressureRecord) -> Tensor | None:
-    """e^{j omega t} over the time from the record's first sample to the plane's, (F,): a phasor of
-    the record, seen from the plane's. None where they are not of the same times."""
+def _turn(prepared: Prepared, record: PressureRecord) -> tuple[Tensor, bool]:
+    """e^{j omega t} over the time from the record's first sample to the plane's, (F,), which makes
+    a phasor of the record one of the plane; whether they are of the same times."""
     plane = prepared.plane
     after = plane.start - record.start
-    if abs(record.duration / plane.duration - 1) >= SAME_TIMES or abs(after) >= plane.duration:
-        return None
-    return torch.exp(2j * torch.pi * prepared.frequency * after)
+    alike = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
+    return torch.exp(2j * torch.pi * prepared.frequency * (after if alike else 0.0)), alike
 
 
 def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
@@ -178,15 +177,16 @@ def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
     return torch.cat([mean, own.average(face, own.labels >= 0)])
 
 
-def _of_waves(prepared: Prepared, record: PressureRecord, turn: Tensor | None) -> KnownPressure:
+def _of_waves(
+    prepared: Prepared, record: PressureRecord, turn: Tensor, same_times: bool
+) -> KnownPressure:
     """Incident plus reflected wave at y = 0, from microphones in front of the surface."""
     frequency, rate = prepared.frequency, record.sampling_rate
     amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
     split, _, _ = split_waves(
         amplitude, record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach
     )
-    peak = 2 * split.sum(0)
-    peak, same_times = (peak, False) if turn is None else (turn * peak, True)
+    peak = 2 * turn * split.sum(0)
     words = (
         "the sum of incident and reflected wave from microphones (rho c Z V, "
         f"{'with' if same_times else 'without'} phase)"

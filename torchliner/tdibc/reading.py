@@ -27,6 +27,7 @@ from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.blocks import Blocks
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.prepared import Progress
+from torchliner.tdibc.reduced import window_of
 from torchliner.tdibc.review import review_cells, review_coherent, review_survey
 
 
@@ -119,7 +120,7 @@ def wanted_of(
         if several:
             tones = tuple(asked.frequency.tolist())
         harmonics = Harmonics.of(tones, rate)
-    running = chosen.running_window or 1 / float(asked.frequency.min())
+    running = window_of(chosen, asked.frequency)
     return Wanted(
         plan, _measured(plane, asked.frequency, chosen), record.weights(0, plane.samples), basis,
         plane.frequency, chosen.drive, chosen.mean, max(1, round(running * rate)), harmonics,

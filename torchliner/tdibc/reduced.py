@@ -65,10 +65,14 @@ def fitted(known: Moments, chosen: Choices, liner: LinerModel, frequency: Tensor
     return known
 
 
+def window_of(chosen: Choices, frequency: Tensor) -> float:
+    """Length of the running rms, s: as chosen, or a period of the lowest frequency asked for."""
+    return chosen.running_window or 1 / float(frequency.min())
+
+
 def with_window(chosen: Choices, frequency: Tensor) -> Choices:
     """With the length of the running rms that follows from the frequencies asked for, (F,)."""
-    window = chosen.running_window or 1 / float(frequency.min())
-    return dataclasses.replace(chosen, running_window=window)
+    return dataclasses.replace(chosen, running_window=window_of(chosen, frequency))
 
 
 def _require_walls(known: Moments, frequency: Tensor) -> None:
