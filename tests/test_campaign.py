@@ -283,6 +283,55 @@ def test_a_failing_unit_stops_no_other(capsys, campaign):
     assert (code, len(rows)) == (0, 12)
 
 
+@pytest.mark.filterwarnings("ignore:.*a weak second tone:torchliner.DataWarning")
+def test_moments_stand_for_a_plane(capsys, campaign, readings):
+    """A plane that is reduced already: no reading, the numbers of the plane, other facts about it;
+    done again when the file of moments changes."""
+    folder = campaign.parent
+    code, wanted, _ = done(capsys, campaign, "--output", folder / "whole")
+    pitch = tl.load_liner("polito").cell_pitch
+    tl.moments(tl.read_plane(folder / "b.h5"), cell_pitch=pitch).write(folder / "b.moments.h5")
+    campaign.write_text(TOML.replace('"a/*.h5", "b.h5"', '"b.moments.h5"').replace(
+        'liner = "polito"', 'liner = "polito"\nheight = 5e-3'))  # fmt: skip
+    readings.clear()
+    code, _, _ = done(capsys, campaign, "--dry-run")
+    code, rows, _ = done(capsys, campaign)
+    assert (code, readings) == (0, [])
+    own = [row for row in wanted if row["file"] == "b.h5"]
+    assert len(rows) == len(own) == 4
+    for mine, theirs in zip(rows, own, strict=True):
+        assert (mine["height"], mine["file"]) == (5e-3, "b.moments.h5")
+        for name in ("resistance", "reactance", "resistance_low", "reactance_high"):
+            assert mine[name] == pytest.approx(theirs[name], rel=1e-5)
+    assert not (folder / "c_results" / "moments").exists()
+    found = tl.read_map(folder / "c_results" / "maps" / f"{rows[0]['unit']}.h5")
+    assert [each["what"] for each in found.choices["inputs"]] == ["moments"]
+    code, again, _ = done(capsys, campaign)
+    assert again == rows
+    other = tl.read_plane(folder / "a" / "one.h5")
+    tl.moments(other, cell_pitch=pitch).write(folder / "b.moments.h5")
+    code, changed, _ = done(capsys, campaign)
+    assert (code, len(changed)) == (0, 4)
+    assert not {row["resistance"] for row in changed} & {row["resistance"] for row in rows}
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ("frequency = 1500.0", "reduced with 1400 Hz, and frequency = 1500 is stated: leave it"),
+        ('axes = ["t", "x"]', "which are read as they are: leave out axes"),
+    ],
+)
+def test_of_moments_no_tone_or_layout_is_stated(capsys, smallest, stated, words):
+    """Both were settled when the plane was reduced."""
+    plane = tl.read_plane(smallest.parent / "b.h5")
+    tl.moments(plane).write(smallest.parent / "b.h5")
+    smallest.write_text(smallest.read_text().replace("liner =", f"{stated}\nliner ="))
+    code, (row,), _ = done(capsys, smallest)
+    assert (code, row["status"]) == (1, "failed")
+    assert words in row["error"]
+
+
 def test_a_pressure_record_stands_beside(capsys, tmp_path):
     """In situ impedances in the map, closure in the index, pictures where they are asked for."""
     (tmp_path / "c.toml").write_text(f"""

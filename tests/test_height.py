@@ -445,3 +445,58 @@ def test_command_refuses(capsys, words, message):
     code, out, err = run(capsys, "height", *words, "--quiet")
     assert (code, out) == (BAD_INPUT, "")
     assert message in err
+
+
+def test_moments_stand_for_planes(planes, study, liner):
+    """From moments every number of the planes but velocity first over more than one probe."""
+    known = [tl.moments(plane, liner) for plane in planes]
+    with pytest.warns(tl.DataWarning, match="velocity first is known of its cells alone"):
+        found = study_heights(known, liner, **WHOLE)
+    assert found.lengths == study.lengths
+    for mine, wanted in zip(found.rows, study.rows, strict=True):
+        assert (mine.height, mine.probes, mine.windows) == (
+            wanted.height, wanted.probes, wanted.windows)  # fmt: skip
+        assert mine.probes_first == pytest.approx(wanted.probes_first, rel=1e-6)
+        if wanted.probes == 1:
+            assert mine.velocity_first == pytest.approx(wanted.velocity_first, rel=1e-6)
+        else:
+            assert math.isnan(mine.velocity_first.real)
+    for mine, wanted in zip(found.facts, study.facts, strict=True):
+        for order, value in wanted.impedance.items():
+            assert mine.impedance[order] == pytest.approx(value, rel=1e-6)
+        assert mine.imprint == wanted.imprint
+    assert recommend_height(found).heights == recommend_height(study).heights
+
+
+def test_moments_beside_a_plane(planes, study, liner):
+    """One height reduced, one not: each as by itself."""
+    found = study_heights([planes[0], tl.moments(planes[1], liner)], liner, **WHOLE)
+    high, low = (study.at_length(study.lengths[-1])[i] for i in (1, 0))
+    mine = found.at_length(found.lengths[-1])
+    assert mine[1].velocity_first == pytest.approx(high.velocity_first, rel=1e-6)
+    assert math.isnan(mine[0].velocity_first.real)
+    assert mine[0].probes_first == pytest.approx(low.probes_first, rel=1e-6)
+
+
+def test_command_takes_moments(capsys, tmp_path):
+    """The same answer as of the planes; what is unknown is '-' and null, and nothing is drawn."""
+    files = []
+    for path in G03:
+        files.append(str(tmp_path / f"{path[-8:-3]}.moments.h5"))
+        assert run(capsys, "reduce", path, "-o", files[-1], "--quiet")[0] == DONE
+    code, out, _ = run(capsys, "height", *G03, *SHORT, "--json")
+    wanted = json.loads(out)
+    code, out, err = run(
+        capsys, "height", *files, *SHORT, "--json", "--figure", str(tmp_path / "figures")
+    )
+    found = json.loads(out)
+    assert code == DONE, err
+    assert found["recommended_heights"] == wanted["recommended_heights"]
+    for mine, theirs in zip(found["rows"], wanted["rows"], strict=True):
+        assert mine["resistance, velocity first"] is None
+        assert mine["resistance, probes first"] == pytest.approx(
+            theirs["resistance, probes first"], rel=1e-5
+        )
+    assert (tmp_path / "figures" / "impedance_over_height.png").exists()
+    code, out, _ = run(capsys, "height", *files, *SHORT)
+    assert "nan" not in out

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import series_of
+from torchliner.reduction.moments import Moments
 
 ENDS = 1 << 20  # bytes at either end of a file that are looked at
 NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
@@ -25,6 +28,37 @@ def open_plane(path: str | Path, request: Mapping[str, Any] | None = None) -> Ve
         OSError, ValueError: as ``read_plane``.
     """
     return read_plane(Path(path).absolute(), lazy=True, **(request or {}))
+
+
+def open_moments(path: Path, request: Mapping[str, Any]) -> Moments | None:
+    """Moments that a plane was reduced to before; None of a file that is no such.
+
+    Raises:
+        OSError, ValueError: as ``read_moments``; a request, which is of planes alone.
+    """
+    if not holds_moments(path):
+        return None
+    if request:
+        raise ValueError(
+            f"{path} holds moments, which are read as they are: leave out {', '.join(request)}"
+        )
+    return read_moments(path)
+
+
+def with_case_facts(known: Moments, facts: Mapping[str, Any], name: str) -> Moments:
+    """Moments of a plane of which the campaign's file states more, called ``name``.
+
+    Raises:
+        ValueError: another tone than the one that their blocks were cut for.
+    """
+    tone, made = facts.get("frequency"), known.plane.frequency
+    if tone is not None and tone != made:
+        words = "no tone" if made is None else f"{made:g} Hz"
+        raise ValueError(
+            f"{name} holds moments that were reduced with {words}, and frequency = {tone:g} is "
+            "stated: leave it out, or name the plane that was reduced"
+        )
+    return dataclasses.replace(known, plane=dataclasses.replace(known.plane, **facts, name=name))
 
 
 def data_fingerprint(path: Path, request: Mapping[str, Any]) -> str:

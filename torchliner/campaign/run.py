@@ -20,6 +20,7 @@ from torchliner.campaign.index import (
     require_readable_index,
     write_index_files,
 )
+from torchliner.campaign.inputs import with_case_facts
 from torchliner.campaign.kept_parts import KeptParts
 from torchliner.campaign.lock import locked
 from torchliner.campaign.units import Unit, units_of
@@ -59,10 +60,10 @@ class Plan:
         """In words."""
         if unit.name in self.current:
             return "up to date"
-        return "from moments" if _moments_path(unit).exists() else "reads data"
+        return "from moments" if unit.moments.exists() else "reads data"
 
     @property
-    def to_read(self) -> dict[str, Unit]:
+    def to_read(self) -> dict[Path, Unit]:
         """A unit for each file of moments that is missing."""
         return {u.moments: u for u in self.units if self.state(u) == "reads data"}
 
@@ -134,7 +135,7 @@ def _reduced(
     if client is None:
 
         def reduce_now(unit: Unit) -> None:
-            if not _moments_path(unit).exists():
+            if not unit.moments.exists():
                 _reduce(unit, progress)
 
         yield reduce_now
@@ -157,7 +158,8 @@ def _reduce(
     unit: Unit, progress: Progress | None, client: Any = None, ahead: int | None = None
 ) -> None:
     """The moments of a unit's plane; parts stay until these are whole."""
-    path = _moments_path(unit)
+    path = unit.moments
+    assert unit.request is not None
     kept = KeptParts(path.with_suffix(".parts"))
     known = moments_in_slices(
         unit.plane(), unit.request, client=client, kept=kept, progress=progress, ahead=ahead
@@ -170,12 +172,8 @@ def _reduce(
 def _clear_parts(found: Plan) -> None:
     """Delete parts that no unfinished plane needs: of other choices, or left by a killed run."""
     for folder in found.units[0].campaign.output.glob("moments/*.parts") if found.units else ():
-        if folder.stem not in found.to_read:
+        if folder.with_suffix(".h5") not in found.to_read:
             KeptParts(folder).clear()
-
-
-def _moments_path(unit: Unit) -> Path:
-    return unit.campaign.output / "moments" / f"{unit.moments}.h5"
 
 
 def _rows_path(unit: Unit) -> Path:
@@ -199,25 +197,22 @@ def _educed(unit: Unit) -> Rows:
     """Map, lines, figures and rows of a unit; the rows last, which say that all is there."""
     start = time.perf_counter()
     output, case = unit.campaign.output, unit.case
-    known = read_moments(_moments_path(unit))
-    plane = dataclasses.replace(known.plane, **case.facts, name=case.shown)
+    known = with_case_facts(read_moments(unit.moments), case.facts, case.shown)
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
     frequency = list(unit.campaign.frequencies) or None
-    found: ImpedanceMap = educe(
-        dataclasses.replace(known, plane=plane), unit.model, frequency, pressure=pressure,
-        **unit.choices,
-    )  # fmt: skip
+    found: ImpedanceMap = educe(known, unit.model, frequency, pressure=pressure, **unit.choices)
     if pressure is not None:
-        (found,) = with_in_situ([found], [plane], pressure)
+        (found,) = with_in_situ([found], [known.plane], pressure)
+    what = "moments" if case.path == unit.moments else "velocity"
     kept = [each for each in found.choices["inputs"] if each["what"] not in ("velocity", "moments")]
-    found = with_choices(found, inputs=[input_file("velocity", case.path), *kept])
+    found = with_choices(found, inputs=[input_file(what, case.path), *kept])
     for folder in ("maps", "lines", "units"):
         (output / folder).mkdir(exist_ok=True)
     found.write(_map_path(unit))
     for i, f in enumerate(found.frequency.tolist()):
         impedance_along_x(found, i).write_csv(output / "lines" / f"{unit.name}_{f:.10g}Hz.csv")
     if unit.campaign.figures:
-        draw_pictures([found], [plane], output / "figures" / unit.name)
+        draw_pictures([found], [known.plane], output / "figures" / unit.name)
     rows = _map_rows(unit, found, time.perf_counter() - start)
     with written_whole(_rows_path(unit)) as temporary:
         temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")

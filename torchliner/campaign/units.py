@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.campaign.campaign_file import Campaign, Case
-from torchliner.campaign.inputs import data_fingerprint, digest, fingerprint, open_plane
+from torchliner.campaign.inputs import (
+    data_fingerprint,
+    digest,
+    fingerprint,
+    open_moments,
+    open_plane,
+    with_case_facts,
+)
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS, PHASE_RULES
@@ -34,8 +41,9 @@ class Unit:
         model: it.
         choices: of ``educe``.
         hash: of everything that its results depend on.
-        request: of the moments that it is educed from, which other units may share.
-        moments: their file's name, without ending.
+        request: of the moments that it is educed from, which other units may share; None where
+            moments are what the case names.
+        moments: their file.
         samples, bytes: of the plane's velocity.
     """
 
@@ -46,8 +54,8 @@ class Unit:
     model: LinerModel
     choices: Mapping[str, Any]
     hash: str
-    request: Request
-    moments: str
+    request: Request | None
+    moments: Path
     samples: int
     bytes: int
 
@@ -68,7 +76,12 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
     Raises:
         OSError, ValueError: the plane, a liner or a pressure record cannot be read.
     """
-    plane, data = stated_plane(case), data_fingerprint(case.path, case.request)
+    known = open_moments(case.path, case.request)
+    plane = (
+        stated_plane(case) if known is None
+        else with_case_facts(known, case.facts, case.shown).plane
+    )  # fmt: skip
+    data = data_fingerprint(case.path, case.request)
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
         raise ValueError(
@@ -84,15 +97,16 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
     for liner in case.liners or (plane.liner,):
         model, content = _loaded(liner)
         for choices, varied in campaign.choices:
-            request = _reduction(plane, model, asked, choices, order)
+            request = None if known else _reduction(plane, model, asked, choices, order)
             reduced = (data, sorted(case.request.items()), plane.frequency, _plain(request),
-                       content if request.liner else "", __version__)  # fmt: skip
+                       content if request and request.liner else "", __version__)  # fmt: skip
+            summed = campaign.output / "moments" / f"{case.name}-{digest(*reduced)}.h5"
             every = (reduced, facts, content, asked, sorted(choices.items()), beside,
                      campaign.figures)  # fmt: skip
             words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
             found.append(Unit(
                 "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words), case, campaign,
-                liner, model, choices, digest(*every), request, f"{case.name}-{digest(*reduced)}",
+                liner, model, choices, digest(*every), request, case.path if known else summed,
                 plane.samples, plane.velocity.dtype.itemsize * plane.samples * plane.probes,
             ))  # fmt: skip
     return found
@@ -119,8 +133,8 @@ def _reduction(
     return Request(None, frequency, model.cell_pitch, kept)
 
 
-def _plain(request: Request) -> Any:
-    return request.frequency, request.cell_pitch, sorted(request.choices.items())
+def _plain(request: Request | None) -> Any:
+    return request and (request.frequency, request.cell_pitch, sorted(request.choices.items()))
 
 
 def _loaded(liner: str) -> tuple[LinerModel, str]:

@@ -7,18 +7,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
-from torchliner.cli.files import only_liner, read_planes, show_results
+from torchliner.cli.files import only_liner, read_records, show_results
 from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 if TYPE_CHECKING:
     from torchliner.heights.study import HeightStudy
 
-CHOICES = ("phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory")
+CHOICES = (
+    "order",
+    "phase",
+    "drive",
+    "mean",
+    "edge",
+    "missing",
+    "allow_short",
+    "wall_filter",
+    "memory",
+)
 
 OPTIONS = {
     "": {
-        "planes PLANE ...": "plane files of one case, one a height",
+        "planes PLANE ...": "plane files of one case, or their moments, one a height",
         "--frequency HZ": "default: the tone of the files",
         "--lengths MM ...": "averaging, mm; default: a spacing, shares of a cell, cells, all",
         "--cell-pitch MM": "mm; default: the liner's",
@@ -40,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
 
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)
-    planes = read_planes(options.planes, options)
+    planes = read_records(options.planes, options)
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch

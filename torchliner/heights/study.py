@@ -22,13 +22,16 @@ from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, averaged_planes, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
+from torchliner.reduction.moments import Moments
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 
+Record = VelocityPlane | Moments
 Educe = Callable[[Sequence[VelocityPlane]], list[ImpedanceMap]]
+UNKNOWN = complex(math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class LengthRow:
     Args:
         height, length: m.  probes, windows: probes in a window, and windows.
         probes_first: 1/<Y> over windows, Y averaged over a window's probes.
-        velocity_first: the same, v averaged over a window's probes and then replayed.
+        velocity_first: the same, v averaged over a window's probes and then replayed; nan of
+            moments, but for windows of one probe.
         probes_first_spread, velocity_first_spread: standard deviation of R and of X over the
             windows; nan for one.
     """
@@ -91,7 +95,7 @@ class HeightStudy:
 
 
 def study_heights(
-    planes: Sequence[VelocityPlane], liner: Liner, frequency: float | None = None, *,
+    planes: Sequence[Record], liner: Liner, frequency: float | None = None, *,
     lengths: Sequence[float] | None = None, cell_pitch: float | None = None,
     flow: JetFlow | None = None, reference_phase: float | None = None,
     progress: Callable[[int], None] | None = None, **choices: Any,
@@ -101,7 +105,8 @@ def study_heights(
     Args:
         planes: of one case at different heights, each a line along x or a (z, x) plane with even
             spacing. Planes in files are read by slabs; the averaged velocities of one plane at
-            all lengths are held in memory, 256 MB at most (fewer windows beyond that).
+            all lengths are held in memory, 256 MB at most (fewer windows beyond that). Of the
+            ``Moments`` of a plane everything is known but velocity first at these lengths.
         liner: as for ``educe``; its ``cell_pitch``, ``surface_porosity`` and ``orifice_diameter``
             are used where it has them.
         frequency: Hz, one; default the planes' own tone.
@@ -111,6 +116,8 @@ def study_heights(
         reference_phase: rad, for ``phase="given"``.  progress: called with 1 per plane.
         choices: see ``torchliner.tdibc.choices.Choices``; tones only. A ``wall_filter`` acts on
             the averages over probes.
+    Returns:
+        Rows by height and length, facts by height.
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies, or
             lengths that do not fit.
@@ -118,7 +125,9 @@ def study_heights(
         DataWarning: what is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
     """
-    ordered, model = planes_by_height(planes), as_liner(liner)
+    model, stated = as_liner(liner), [_stated(each) for each in planes]
+    records = {id(plane): each for plane, each in zip(stated, planes, strict=True)}
+    ordered = planes_by_height(stated)
     wanted = _one_frequency(ordered, frequency)
     pitch = model.cell_pitch if cell_pitch is None else cell_pitch
     if pitch is not None:
@@ -130,18 +139,24 @@ def study_heights(
     if chosen.incident is not None:
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
-    def educe(some: Sequence[VelocityPlane], order: str = ORDERS[0]) -> list[ImpedanceMap]:
+    def educe(some: Sequence[Record], order: str = ORDERS[0]) -> list[ImpedanceMap]:
         return [
             replay(ready).map(chosen.phase, reference_phase)
             for ready in prepare(some, model, wanted, replace(chosen, order=order))
         ]
 
-    maps, rows = educe(ordered, chosen.order), []
-    for plane, grid, seen in zip(ordered, grids, maps, strict=True):
-        rows += _rows_of(plane, grid, long, seen, educe)
+    given = [records[id(plane)] for plane in ordered]
+    maps, rows = educe(given, chosen.order), []
+    for record, grid, seen in zip(given, grids, maps, strict=True):
+        rows += _rows_of(record, grid, long, seen, educe)
         if progress is not None:
             progress(1)
     notes, facts = [note for seen in maps for note in seen.notes], []
+    notes += [
+        f"{each.plane.name} holds moments: velocity first is known of its cells alone, not over "
+        "averaging lengths, for which v itself is averaged; name the plane that was reduced"
+        for each in given if isinstance(each, Moments)
+    ]  # fmt: skip
     for plane, seen in zip(ordered, maps, strict=True):
         one, unknown = facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
         facts.append(one)
@@ -154,6 +169,10 @@ def study_heights(
         *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
         tuple(notes), ordered[0].source_side,
     )  # fmt: skip
+
+
+def _stated(record: Record) -> VelocityPlane:
+    return record.plane if isinstance(record, Moments) else record
 
 
 def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> float:
@@ -201,26 +220,37 @@ def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[fl
 
 
 def _rows_of(
-    plane: VelocityPlane, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe
+    record: Record, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe
 ) -> list[LengthRow]:
     """One plane at every averaging length, for which it is read once."""
-    shape = (grid.rows, grid.columns)
-    used = torch.isfinite(seen.reflection[..., 0].real).cpu().reshape(shape)
+    plane, shape = _stated(record), (grid.rows, grid.columns)
+    reflection = seen.reflection[..., 0].detach().cpu().reshape(shape)
+    used = torch.isfinite(reflection.real)
     cut = [windows_of(grid, length, used, plane.samples * len(lengths)) for length in lengths]
-    rows = []
-    for length, windows, averaged in zip(
-        lengths, cut, educe(averaged_planes(plane, cut)), strict=True
-    ):
-        probes = windows.mean(seen.averaged_admittance[..., 0].detach().cpu().reshape(shape))
-        velocity = admittance_from_reflection(averaged.reflection[..., 0].detach().cpu())
-        (z_probes, s_probes), (z_velocity, s_velocity) = _average(probes), _average(velocity)
-        rows.append(
-            LengthRow(
-                plane.height or 0.0, length, windows.width * windows.height, windows.count,
-                z_probes, z_velocity, s_probes, s_velocity,
-            )
-        )  # fmt: skip
-    return rows
+    replies: list[Tensor | None]
+    if isinstance(record, Moments):
+        replies = [each.mean(reflection) if each.width * each.height == 1 else None for each in cut]
+    else:
+        replies = [found.reflection[..., 0] for found in educe(averaged_planes(plane, cut))]
+    over_probes = seen.averaged_admittance[..., 0].detach().cpu().reshape(shape)
+    return [
+        LengthRow(
+            plane.height or 0.0, length, windows.width * windows.height, windows.count,
+            *_averages(windows.mean(over_probes), reply),
+        )
+        for length, windows, reply in zip(lengths, cut, replies, strict=True)
+    ]  # fmt: skip
+
+
+def _averages(
+    over_probes: Tensor, reply: Tensor | None
+) -> tuple[complex, complex, complex, complex]:
+    """Of both orders, then the spreads, from Y and R of windows."""
+    velocity, spread = UNKNOWN, UNKNOWN
+    if reply is not None:
+        velocity, spread = _average(admittance_from_reflection(reply.detach().cpu()))
+    probes, between = _average(over_probes)
+    return probes, velocity, between, spread
 
 
 def _average(admittance: Tensor) -> tuple[complex, complex]:
@@ -228,7 +258,7 @@ def _average(admittance: Tensor) -> tuple[complex, complex]:
     known = admittance.reshape(-1)
     known = known[torch.isfinite(known.real)]
     impedance = impedance_from_admittance(known)
-    spread = complex(math.nan, math.nan)
+    spread = UNKNOWN
     if len(known) > 1:
         spread = complex(float(impedance.real.std()), float(impedance.imag.std()))
     return complex(mean_impedance(known)), spread

@@ -75,7 +75,10 @@ def imprint_over_height(study: HeightStudy) -> Curves:
 def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = None) -> Figure:
     """R and X over height: admittance over probes, and velocity first at several lengths."""
     figure, panels = impedance_panels(3.2, "$y$ (mm)")
-    lengths = study.lengths[1:]
+    lengths = tuple(
+        length for length in study.lengths[1:]
+        if any(row.velocity_first == row.velocity_first for row in study.at_length(length))
+    )  # fmt: skip
     if len(lengths) > MOST_LENGTHS:
         keep = np.unique(np.linspace(0, len(lengths) - 1, MOST_LENGTHS).round().astype(int))
         lengths = tuple(lengths[i] for i in keep)

@@ -124,8 +124,8 @@ class Table:
 
 
 def format_complex(value: complex | None) -> str:
-    """'0.168-0.066j'; no zero has a minus; '-' for None."""
-    if value is None:
+    """'0.168-0.066j'; no zero has a minus; '-' if unknown."""
+    if value is None or value != value:
         return "-"
     real, imaginary = (round(part, 3) + 0.0 for part in (value.real, value.imag))
     return f"{real:.3f}{imaginary:+.3f}j"
