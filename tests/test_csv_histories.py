@@ -167,6 +167,56 @@ def test_decimal_commas(tmp_path):
     assert np.allclose(found.T, VALUES[..., 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("separator", ["\t", "  ", ";"])
+@pytest.mark.parametrize("heading", [True, False])
+def test_decimal_commas_between_blanks(tmp_path, separator, heading):
+    """As cells that hold one comma and no point can be nothing else; the first row is whole."""
+    values = np.round(VALUES[..., 1], 3)
+    values[0] = 0
+    lines = [line.replace(".", ",") for line in rows(separator, 1e6, values=values)]
+    top = [names(separator, "time [us]")] if heading else []
+    path = write(tmp_path / "v.txt", *top, *lines)
+    asked = PlaneRequest(velocity_units=None if heading else "m/s", sampling_rate=1 / STEP)
+    assert np.allclose(opened(FORMAT, path, asked), values.T, atol=1e-6)
+
+
+def test_commas_part_integers(tmp_path):
+    """A comma before a blank, or two in a cell, are no decimal marks."""
+    for separator in (", ", ","):
+        lines = [separator.join(map(str, (i, 1, 2))) for i in range(9)]
+        path = write(tmp_path / "v.csv", "time [s], a [m/s], b [m/s]", *lines)
+        assert opened(FORMAT, path, PlaneRequest())[:, 0].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("heading", "row", "message"),
+    [
+        ("time [s],a [m/s],b [m/s]", "{},1,,", "names 3 columns, .* first row holds 2 numbers"),
+        ("time [s]\ta [m/s]", "{}\t1.5\t2", "names 2 columns, .* first row holds 3 numbers"),
+        ("time [s],iter,a", "{},1,2", "column 'iter' counts and is no velocity"),
+        ('"Time","U:0","U:1"', "{},1,2", "column 'U:0' is a component of a vector"),
+    ],
+)
+def test_columns_are_probes_or_refused(tmp_path, heading, row, message):
+    """Also where nothing says how many points there are."""
+    path = write(tmp_path / "v.csv", heading, *(row.format(i) for i in range(9)))
+    with pytest.raises(ValueError, match=rf"v\.csv.*{message}"):
+        FORMAT.open(path, PlaneRequest(velocity_units="m/s", sampling_rate=1e3))
+
+
+def test_each_column_of_a_list_has_its_unit(tmp_path):
+    """x in m and z in mm; a unit above one column is that of all."""
+    path = write(tmp_path / "v.csv", names(), *rows())
+    for units in (("m", "mm", "mm"), ("mm", "", "")):
+        factors = [1e3 if unit == "mm" or not units[1] else 1 for unit in units]
+        head = " ".join(f"{a} [{u}]" if u else a for a, u in zip("xyz", units, strict=True))
+        lines = [" ".join(f"{n:.9g}" for n in point * factors) for point in POINTS]
+        points = write(tmp_path / "points.txt", head, *lines)
+        found = FORMAT.open(path, PlaneRequest(normal="y", points=points))
+        assert np.allclose(found.x, X)
+        assert np.allclose(found.z, Z)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -57,8 +57,21 @@ def test_probes_become_the_grid_they_form(tmp_path):
     assert plane.provenance["normal_coordinate"] == pytest.approx(1e-3)
     turned = FORMAT.open(path, PlaneRequest(normal="-y")).load().velocity
     assert np.array_equal(turned, -plane.load().velocity)
-    along = FORMAT.open(path, PlaneRequest(normal="x")).load().velocity  # points in z alone
-    assert along.shape == (12, 9)
+    side = probes(tmp_path / "side" / "U", points=POINTS[:, [1, 0, 2]])
+    along = FORMAT.open(side, PlaneRequest(normal="x")).load().velocity.numpy()
+    assert np.allclose(along, VALUES[..., 0].T.reshape(3, 4, 9), atol=1e-7)
+
+
+def test_points_at_several_heights_are_no_plane(tmp_path):
+    """One above another they are refused; on a slope they are told of."""
+    with pytest.raises(ValueError, match=r"9 of 12 points stand above .* x = 0 to 0\.03 m"):
+        FORMAT.open(probes(tmp_path / "U"), PlaneRequest(normal="x"))
+    twice = np.concatenate([POINTS[:6], POINTS[:6] + np.array([0, 1e-3, 0])])
+    with pytest.raises(ValueError, match=r"6 of 12 points stand above .* y = 0\.001 to 0\.002 m"):
+        FORMAT.open(probes(tmp_path / "two" / "U", points=twice), UP)
+    slope = POINTS + np.outer(POINTS[:, 0], [0, 0.01, 0])
+    with pytest.warns(DataWarning, match=r"stand at y = .* of which a plane has one"):
+        FORMAT.open(probes(tmp_path / "slope" / "U", points=slope), UP)
 
 
 def test_slabs_are_the_whole_and_travel(tmp_path):

@@ -173,6 +173,35 @@ def test_upward_air_velocity_has_y_across_the_duct():
     same_plane(tl.VelocityPlane.from_xarray(side, normal="z"))
 
 
+@pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components"])
+def test_components_are_no_probes(name):
+    """An axis of components is refused beside x and alone, unless the user says what it is."""
+    data = dataset().rename(z=name).drop_vars(name)
+    for each in (data, data.isel(x=0, drop=True)):
+        with pytest.raises(ValueError, match=rf"axis {name} of 3, which may be the components"):
+            tl.VelocityPlane.from_xarray(each, normal="y")
+    same_rows = tl.VelocityPlane.from_xarray(data, axes=("time", "z", "x"))
+    assert same_rows.probe_shape == (3, 4)
+
+
+@pytest.mark.parametrize("name", ["height", "level", "lev", "depth", "wall_distance"])
+def test_heights_are_no_rows(name):
+    """One plane has one: several are refused, a single one passes."""
+    data = dataset().rename(z=name)
+    for each in (data, data.isel(x=0, drop=True)):
+        with pytest.raises(ValueError, match=f"axis {name} of 3: {name} is the height"):
+            tl.VelocityPlane.from_xarray(each, normal="y")
+    assert tl.VelocityPlane.from_xarray(data.isel({name: [1]})).probe_shape == (4,)
+
+
+def test_the_axis_beside_x_is_called_z_or_placed():
+    """Any other name is refused, unless a coordinate z lies along it."""
+    data = dataset().rename(z="row").drop_vars("row")
+    with pytest.raises(ValueError, match="axes row, x, and which runs across the duct is not said"):
+        tl.VelocityPlane.from_xarray(data)
+    same_plane(tl.VelocityPlane.from_xarray(data.assign_coords(z=("row", Z, {"units": "m"}))))
+
+
 def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
     """Schema, fluid, references and attributes: nothing is lost in any kind of file."""
     wanted = tl.VelocityPlane(

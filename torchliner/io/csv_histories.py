@@ -38,6 +38,8 @@ UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)
 LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
+COUNTER = re.compile(r"(iter|iterations?|(time ?)?steps?|cycles?|frames?)\b.*", re.IGNORECASE)
+VECTOR = re.compile(r"(.*):(\d|magnitude)", re.IGNORECASE)
 SAME_RATE = 0.01  # by which a stated rate may differ from that of times with a unit
 
 
@@ -88,6 +90,7 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     units = {found[1].lower(): found[2] for line in heading if (found := UNIT.match(line))}
     labels = next((cells for line in reversed(heading) if (cells := LABEL.findall(line))
                    and cells[0][0].lower() in TIMES), [])  # fmt: skip
+    _require_columns(heading, width, path)
     stated = {a or b for _, a, b in labels[1:]} - {""} or {units.get("velocity", "")} - {""}
     if len(stated) > 1:
         raise ValueError(f"{path}: columns are in {', '.join(sorted(stated))}; one unit is needed")
@@ -111,6 +114,35 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
         points, request, lambda axis: source, len(rows), rate, path=path, variable=name,
         component=component_of(name), factor=factor, start=start, format="time histories",
     )  # fmt: skip
+
+
+def _require_columns(heading: Sequence[str], width: int, path: Path) -> None:
+    """Columns that a heading parts as cells are must be those of the rows, and velocities of
+    probes.
+
+    Raises:
+        ValueError: more or fewer; a counter; components of a vector.
+    """
+    line = next((each for each in reversed(heading) if each.lower().lstrip('"').startswith(TIMES)),
+                "")  # fmt: skip
+    mark = next((each for each in "\t;," if each in line), None)
+    names = [each.strip('" ') for each in line.split(mark)]
+    if mark is not None and names[-1:] == [""]:
+        names.pop()
+    if mark is not None and len(names) != width:
+        raise ValueError(
+            f"{path}: its heading names {len(names)} columns, {', '.join(names[:4])} ..., and its "
+            f"first row holds {width} numbers; leave empty columns out, and write decimals with "
+            "points, or commas between semicolons or tabs"
+        )
+    for name in names[1:]:
+        if COUNTER.fullmatch(name):
+            raise ValueError(f"{path}: its column {name!r} counts and is no velocity; leave it out")
+        if VECTOR.fullmatch(name):
+            raise ValueError(
+                f"{path}: its column {name!r} is a component of a vector; leave the one along the "
+                "wall normal alone for each probe"
+            )
 
 
 def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tuple[float, float]:
@@ -204,7 +236,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     """
     words = request.axes if request.axes is not None else tuple(AXES)
     axes = [word.strip() for word in (words.split(",") if isinstance(words, str) else words)]
-    unit = None
+    unit, own = None, {}
     if path.suffix.lower() in ARRAY_ENDINGS:
         values = read_array(path).astype(float)
     else:
@@ -215,13 +247,16 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
                 unit = found[2]
             elif {word for word, _ in named} >= set("xz"):
                 axes = [word for word, _ in named]
-                unit = next((each for _, each in named if each), unit)
+                own = {word: each for word, each in named if each}
         values = rows.numbers(0, len(rows), rows.width, range(rows.width), np.float64)
     if values.ndim != 2 or values.shape[1] != len(axes) or sorted(axes) != list(AXES):
         raise ValueError(f"{path} has shape {values.shape} and columns {', '.join(axes)}; one row "
                          "a point of x, y, z is needed, another order is named above them or by "
                          "axes=('x', 'z', 'y') (--axes x,z,y)")  # fmt: skip
-    return values[:, [axes.index(axis) for axis in AXES]] * _length(unit, request, path)
+    # A unit above one column alone is that of all, as where it stands in a line of its own.
+    units = {axis: own.get(axis) or unit or next(iter(own.values()), None) for axis in AXES}
+    factors = [_length(units[axis], request, path) for axis in AXES]
+    return values[:, [axes.index(axis) for axis in AXES]] * factors
 
 
 FORMAT = PlaneFormat(

@@ -18,7 +18,8 @@ from torchliner.io.axes import (
     read_case,
     read_clock,
 )
-from torchliner.io.cf import VELOCITY, find_axes, find_coordinates, find_velocity, sign_of
+from torchliner.io.cf import VELOCITY, find_velocity, sign_of
+from torchliner.io.cf_axes import find_axes, find_coordinates
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
 from torchliner.io.hdf5_velocity import H5Velocity
 from torchliner.io.holes import stored_holes

@@ -121,6 +121,35 @@ def wall_normal(
     return axis, sign
 
 
+def require_one_height(points: np.ndarray, axis: int, label: str) -> None:
+    """Refuse points that stand one above another.
+
+    Args:
+        points: m, (N, 3).
+        axis: of the wall normal.
+        label: for messages.
+    Raises:
+        ValueError: they do.
+    Warns:
+        DataWarning: they stand at several heights, none above another, as on a curved wall.
+    """
+    height, near = points[:, axis], SAME * np.abs(points).max()
+    low, high = height.min(), height.max()
+    if high - low <= near:
+        return
+    (_, column), (rows, row) = (_levels(points[:, i], near) for i in range(3) if i != axis)
+    place = column * len(rows) + row
+    order = np.lexsort((height, place))
+    above = (np.diff(place[order]) == 0) & (np.diff(height[order]) > near)
+    span = f"{AXES[axis]} = {low:.6g} to {high:.6g} m along the wall normal"
+    if above.any():
+        raise ValueError(
+            f"{label}: {int(above.sum())} of {len(points)} points stand above others, {span}; a "
+            "plane has one height: write the points of one height alone"
+        )
+    tell(f"{label}: the points stand at {span}, of which a plane has one", depth=3)
+
+
 def grid_order(
     x: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray | None, np.ndarray, np.ndarray] | None:
@@ -219,8 +248,8 @@ def plane_at(
         start: time of the first sample, s.
         about: what else provenance says.
     Raises:
-        ValueError: as ``wall_normal``; no points, coordinates that are not finite or too large; one
-            sample.
+        ValueError: as ``wall_normal`` and ``require_one_height``; no points, coordinates that are
+            not finite or too large; one sample.
     """
     label = f"{path}:/{variable}"
     if not len(points) or samples < 2:
@@ -231,6 +260,7 @@ def plane_at(
                          "coordinates that are not finite")  # fmt: skip
     require_plausible(points, "length", f"{label}: points")
     axis, sign = wall_normal(points, request, label, component, facing)
+    require_one_height(points, axis, label)
     x, z = (points[:, i] for i in range(3) if i != axis)
     source, shape, order = source_of(axis), (len(points),), None
     grid = grid_order(x, z)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,10 @@ from torchliner.file_checks import require_memory, require_regular
 BLOCK = 1 << 24  # bytes looked through at a time
 TOKEN = 64  # bytes of the longest first number
 SPACES = bytes.maketrans(b"(){}\t\r,;", b" " * 8)
-COMMAS = bytes.maketrans(b"(){}\t\r,;", b" " * 6 + b". ")  # decimal commas between semicolons
+COMMAS = bytes.maketrans(b"(){}\t\r,;", b" " * 6 + b". ")  # decimal commas
+SAMPLE = 1 << 16  # bytes of rows that the decimal mark is looked for in
+EXPONENT = rb"([eE][+-]?\d+)?"
+COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?%b|nan|inf)" % EXPONENT, re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -182,8 +186,8 @@ def index_rows(path: Path, whole: bool = False) -> TextRows:
             f"goes on; it is left out, {len(rows)} rows remain",
             depth=2,
         )
-    sample = bytes_at(path, *(int(n) for n in (rows[0][0], min(rows[0][1] - rows[0][0], BLOCK))))
-    marks = COMMAS if b";" in sample and b"," in sample else SPACES
+    end = next((e for _, e, _ in reversed(rows) if e - rows[0][0] <= SAMPLE), rows[0][1])
+    marks = COMMAS if _has_decimal_commas(bytes_at(path, rows[0][0], end - rows[0][0])) else SPACES
     time = np.array(first)
     if marks == COMMAS:
         time = np.array([number_of(bytes_at(path, b, TOKEN).translate(COMMAS).split(None, 1)[0])[0]
@@ -193,6 +197,15 @@ def index_rows(path: Path, whole: bool = False) -> TextRows:
         (path,), np.zeros(len(rows), np.int64), begins, ends, lines, time,
         last_digit(time, digits), tuple(heading), marks,
     )  # fmt: skip
+
+
+def _has_decimal_commas(text: bytes) -> bool:
+    """Whether commas of some rows are decimal marks: there are semicolons beside them, or blanks or
+    tabs part cells of which none has a point or more than one comma."""
+    if b"," not in text or b";" in text:
+        return b"," in text
+    cells = text.split()
+    return len(cells) > len(text.splitlines()) and all(map(COMMA_CELL.fullmatch, cells))
 
 
 def last_digit(values: np.ndarray, digits: int) -> float:
