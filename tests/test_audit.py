@@ -361,3 +361,13 @@ def test_moments_are_audited_as_far_as_they_go(planes, onera):
     assert "without the rows of other windows" in found.skipped["window"]
     assert "alternating sign" in found.skipped["sampling rate"]
     assert "phase rules" in tl.audit(tl.moments(plane, liner), liner).skipped["phase rule"]
+
+
+@pytest.mark.parametrize("order", ["coherent first", "velocity first"])
+def test_a_stated_oncoming_rms_is_of_the_base(order):
+    """It enters the coherent order alone, and lengths, which are of other orders, do without."""
+    plane, liner = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5"), tl.load_liner("lbm_slit")
+    found = tl.audit(plane, liner, order=order, oncoming_rms=1.0)
+    wanted = tl.educe(plane, liner, oncoming_rms=1.0).of_liner(order)[0]
+    assert found.base == pytest.approx(complex(wanted), rel=1e-6)
+    assert any(row.factor == "averaging length" for row in found.rows)

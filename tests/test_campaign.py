@@ -315,6 +315,25 @@ def test_moments_stand_for_a_plane(capsys, campaign, readings):
     assert not {row["resistance"] for row in changed} & {row["resistance"] for row in rows}
 
 
+def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
+    """What was stated of a plane is not kept with its moments, which are not read again."""
+    text = smallest.read_text()
+    wanted = done(capsys, smallest, "--output", smallest.parent / "fresh")[1]
+    for facts in ("height = 5e-3", 'source_side = "upstream"\nmach = 0.3\nincident_level = 103'):
+        smallest.write_text(text.replace("liner =", f"{facts}\nliner ="))
+        (row,) = done(capsys, smallest)[1]
+        assert row["hash"] != wanted[0]["hash"]
+    readings.clear()
+    smallest.write_text(text)
+    (row,) = done(capsys, smallest)[1]
+    assert {**row, "seconds": 0} == {**wanted[0], "seconds": 0}
+    assert not readings
+    maps = [tl.read_map(next((smallest.parent / name / "maps").glob("*.h5")))
+            for name in ("fresh", "c_results")]  # fmt: skip
+    for name in ("mach", "height", "source_side", "notes"):
+        assert getattr(maps[0], name) == getattr(maps[1], name)
+
+
 @pytest.mark.parametrize(
     ("stated", "words"),
     [

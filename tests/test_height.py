@@ -500,3 +500,13 @@ def test_command_takes_moments(capsys, tmp_path):
     assert (tmp_path / "figures" / "impedance_over_height.png").exists()
     code, out, _ = run(capsys, "height", *files, *SHORT)
     assert "nan" not in out
+
+
+def test_a_stated_oncoming_rms_is_of_the_coherent_order(planes, study, liner):
+    """The rows by length, which are of the others, stay."""
+    found = study_heights(planes, liner, oncoming_rms=0.5, **WHOLE)
+    for mine, other in zip(found.rows, study.rows, strict=True):
+        assert mine.probes_first == pytest.approx(other.probes_first, rel=1e-9)
+        assert mine.velocity_first == pytest.approx(other.velocity_first, rel=1e-9)
+    mine, other = (each.facts[0].impedance["coherent first"] for each in (found, study))
+    assert mine != other

@@ -324,6 +324,32 @@ def test_realisations_of_tones_differ_in_phase(slit):
 # Bad input.
 
 
+@pytest.mark.filterwarnings("ignore:kernel 'least-squares' is not:torchliner.DataWarning")
+def test_what_is_sent_beside_counts_whether_it_is_read_or_not():
+    """The kernel stands for the liner all over the signal: reading less changes nothing."""
+    liner, sent = tl.load_liner("onera"), tl.Tones([1400.0, 5600.0], [0.3, 1.0])
+    both = tl.ir_tdibc(liner, 150, sent)
+    alone = tl.ir_tdibc(liner, 150, sent, frequency=1400.0)
+    exact = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, kernel="periodic")
+    assert complex(alone.impedance[0, 0]) == pytest.approx(complex(both.impedance[0, 0]), rel=1e-9)
+    assert complex(alone.impedance[0, 0]) == pytest.approx(complex(exact.impedance[0, 0]), rel=0.1)
+
+
+def test_a_recording_outside_the_band_is_told_of(slit):
+    """Of a recording the band is not known; its offset moves no wave."""
+    time = torch.arange(4800, dtype=torch.float64) / 48e3
+    tone = torch.cos(2 * torch.pi * 1400 * time)
+    hum = torch.cos(2 * torch.pi * 100 * time)
+    with pytest.warns(tl.DataWarning, match=r"50 % of the energy .* near 100 Hz, is sent outside"):
+        tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 48e3), frequency=1400.0)
+    plain, offset = (
+        tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 48e3), frequency=1400.0) for more in (0, 3)
+    )
+    assert complex(offset.impedance[0, 0]) == pytest.approx(
+        complex(plain.impedance[0, 0]), rel=1e-9
+    )
+
+
 @pytest.mark.parametrize(
     ("level", "incident", "options", "message"),
     [
@@ -345,9 +371,11 @@ def test_realisations_of_tones_differ_in_phase(slit):
         (130, 1400.0, {"band": (2000.0, 3000.0)}, "1400 Hz is outside the kernel's band"),
         (130, 1400.0, {"running_window": 0.01}, "is of the drive 'running-rms'"),
         (130, 1400.0, {"running_window": 1.0, "drive": "running-rms"}, "49000 samples; the record"),
-        (130, tl.Recorded(torch.zeros(999), 3e4), {"frequency": 900}, "is 0 throughout"),
+        (130, tl.Recorded(torch.zeros(999), 3e4), {"frequency": 900}, "is one value throughout"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900}, "is one value throughout"),
+        (130, tl.Tones([900.0, 1400.0], [1, 0]), {"frequency": 1400}, "1400 Hz is not in tones"),
         (130, tl.Recorded(torch.ones(999), 3e4), {}, "states no frequencies; give frequency="),
-        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "kernel": "periodic"},
+        (130, tl.Recorded(torch.arange(999.0), 3e4), {"frequency": 900, "kernel": "periodic"},
          "needs a signal that repeats"),
         (130, tl.Recorded(torch.ones(9), 3e4), {"frequency": 900}, "has 9 samples .* kernel 301"),
         (130, tl.Recorded(torch.ones(999), 3e4), {"sampling_rate": 4e4}, "sampled at 30000 Hz"),

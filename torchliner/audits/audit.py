@@ -229,7 +229,7 @@ class _Work:
         cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
         averaged = averaged_planes(plane, cut)
         self.readings += 1
-        rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0])
+        rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0], oncoming_rms=None)
         small = prepare(averaged, ready.liner, ready.frequency, rules, basis=self.basis)
         for share, each in zip(shares, small, strict=True):
             found = replay(each).map("averaged")

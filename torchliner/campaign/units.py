@@ -27,6 +27,7 @@ from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.requested import Request
 from torchliner.version import __version__
 
+SUMMED = ("frequency",)  # facts that moments depend on
 REDUCED = (*SETTINGS, "phase", "missing", "allow_short", "device", "dtype", "memory")
 
 
@@ -60,8 +61,10 @@ class Unit:
     bytes: int
 
     def plane(self) -> VelocityPlane:
-        """Its velocity still in the file."""
-        return stated_plane(self.case)
+        """Its velocity still in the file, and stated of it what moments depend on: the other facts
+        may change while the moments stay."""
+        facts = {name: self.case.facts[name] for name in SUMMED if name in self.case.facts}
+        return stated_plane(dataclasses.replace(self.case, facts=facts))
 
 
 def stated_plane(case: Case) -> VelocityPlane:
@@ -98,7 +101,7 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
         model, content = _loaded(liner)
         for choices, varied in campaign.choices:
             request = None if known else _reduction(plane, model, asked, choices, order)
-            reduced = (data, sorted(case.request.items()), plane.frequency, _plain(request),
+            reduced = (data, sorted(case.request.items()), SUMMED, plane.frequency, _plain(request),
                        content if request and request.liner else "", __version__)  # fmt: skip
             summed = campaign.output / "moments" / f"{case.name}-{digest(*reduced)}.h5"
             every = (reduced, facts, content, asked, sorted(choices.items()), beside,

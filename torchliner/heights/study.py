@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -139,16 +140,17 @@ def study_heights(
     if chosen.incident is not None:
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
-    def educe(some: Sequence[Record], order: str = ORDERS[0]) -> list[ImpedanceMap]:
+    def educe(some: Sequence[Record], how: Choices) -> list[ImpedanceMap]:
         return [
-            replay(ready).map(chosen.phase, reference_phase)
-            for ready in prepare(some, model, wanted, replace(chosen, order=order))
+            replay(ready).map(how.phase, reference_phase)
+            for ready in prepare(some, model, wanted, how)
         ]
 
+    averaged = partial(educe, how=replace(chosen, order=ORDERS[0], oncoming_rms=None))
     given = [records[id(plane)] for plane in ordered]
-    maps, rows = educe(given, chosen.order), []
+    maps, rows = educe(given, chosen), []
     for record, grid, seen in zip(given, grids, maps, strict=True):
-        rows += _rows_of(record, grid, long, seen, educe)
+        rows += _rows_of(record, grid, long, seen, averaged)
         if progress is not None:
             progress(1)
     notes, facts = [note for seen in maps for note in seen.notes], []

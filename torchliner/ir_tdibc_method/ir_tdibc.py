@@ -26,6 +26,7 @@ from torchliner.ir_tdibc_method.stated import (
     driving_window,
     grid_of,
     read_at,
+    review_band,
 )
 from torchliner.ir_tdibc_method.stepping import AboveTable, Progress
 from torchliner.ir_tdibc_method.ways import WAYS, Answer, Case, Way
@@ -67,7 +68,7 @@ def ir_tdibc(
         liner: a model; its fluid gives rho c, air at 20 C where it states none.
         level: dB re 20 uPa rms of the whole incident wave, one or several, at most 200.
         incident: Hz of a tone or of several, or ``Tones``, ``BandNoise``, ``Sweep``, ``Recorded``
-            (scaled to the level; a recording is sent once, after silence).
+            (scaled to the level; a recording is sent once, after silence, without its mean).
         frequency: Hz, where Z is read; default the tones, or eight in the signal's band.
         kernel: ``least-squares``, causal, fitted on ``band``; ``causal``, eqs (3.1)-(3.3) to the
             letter, whose dropped taps take up to a third of the resistance; ``periodic``, the
@@ -79,7 +80,8 @@ def ir_tdibc(
             whole periods of tones.
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
-        band: Hz, of the kernel; default 300-3500, or wider to hold what is read.
+        band: Hz, of the kernel; default 300-3500, or wider to hold the signal's own band, of a
+            recording what is read; energy that is sent outside is told of.
         after: s, length of the kernel.  segment: s, of the spectra of what is no tone.
         progress: called with numbers of steps done, of 2 n in all (``periodic``: records).
     Raises:
@@ -106,9 +108,11 @@ def ir_tdibc(
     rms = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.density * fluid.sound_speed)
     case = Case(
         model, grid_of(model, velocity_max), (rms[:, None, None] * unit).flatten(0, 1),
-        not isinstance(signal, Recorded), rate, read, band_of(model, kernel, band, read, rate),
-        after, driving_window(drive, signal, running_window, rate, n), progress,
+        not isinstance(signal, Recorded), rate, read,
+        band_of(model, kernel, band, read, signal, rate), after,
+        driving_window(drive, signal, running_window, rate, n), progress,
     )  # fmt: skip
+    review_band(kernel, case.band, signal, unit[0], rate)
     answer = _answered(case, way, levels)
     sent, reflected = answer.motion.incident, answer.motion.reflected
     cut = {"window": "boxcar"} if isinstance(signal, Tones) else {"segment": min(segment, n / rate)}

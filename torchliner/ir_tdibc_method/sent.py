@@ -113,9 +113,13 @@ def unit_records(signal: Any, realisations: int, samples: int, rate: float) -> T
             "tones have more"
         )
     draws = torch.stack([_drawn(signal, i).sampled(samples, rate) for i in range(realisations)])
+    if isinstance(signal, Recorded):  # whose mean is an offset: it moves no wave
+        draws = draws - draws.mean(1, keepdim=True)
     size = draws.square().mean(1, keepdim=True).sqrt()
-    if not bool((size > 0).all()):
-        raise ValueError(f"{signal.label} is 0 throughout; there is no wave to scale to a level")
+    if not bool((size > 1e-12 * draws.abs().max()).all()):
+        raise ValueError(
+            f"{signal.label} is one value throughout; there is no wave to scale to a level"
+        )
     return draws / size
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_positive
+from torchliner.checks import frequency_tensor, real_tensor, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.ir_tdibc_method.fixed_point import spectrum_of
 from torchliner.ir_tdibc_method.ways import WAYS
 from torchliner.liners.model import LinerModel
 from torchliner.replay.kernels import BAND
@@ -17,6 +18,7 @@ from torchliner.replay.levels import VelocityGrid
 from torchliner.replay.waves import Tones
 
 FASTEST = 20.0  # m/s, top of the table; of 164 dB at a wall that lets all through
+UNHEARD = 0.01  # of a wave's energy, that may be sent where no kernel is fitted
 LOUDEST = 200.0  # dB; above, a pressure is meant
 
 
@@ -38,17 +40,17 @@ def checked_levels(level: Any) -> Tensor:
 
 def read_at(signal: Any, frequency: Any, rate: float) -> Tensor:
     """Where Z is read, Hz, (F,)."""
-    if frequency is None and isinstance(signal, Tones):
-        return frequency_tensor(signal.frequency, rate)
+    known = signal.frequency[signal.amplitude != 0] if isinstance(signal, Tones) else None
+    if frequency is None and known is not None and len(known):
+        return frequency_tensor(known, rate)
     if frequency is None:
         if signal.band is None:
             raise ValueError(f"{signal.label} states no frequencies; give frequency=, in Hz")
         frequency = torch.linspace(signal.band[0], signal.band[1], 10, dtype=torch.float64)[1:-1]
     read = frequency_tensor(frequency, rate)
     low, high = signal.band or (0.0, math.inf)
-    known = signal.frequency if isinstance(signal, Tones) else None
     for f in read.tolist():
-        absent = known is not None and not bool((known - f).abs().min() < 1e-6 * f)
+        absent = known is not None and not bool(((known - f).abs() < 1e-6 * f).any())
         if absent or not low * (1 - 1e-6) <= f <= high * (1 + 1e-6):
             raise ValueError(f"frequency {f:g} Hz is not in {signal.label}; R is not known there")
     return read
@@ -85,17 +87,17 @@ def driving_window(drive: str, signal: Any, seconds: float | None, rate: float, 
 
 
 def band_of(
-    model: LinerModel, kernel: str, band: tuple[float, float] | None, read: Tensor, rate: float
-) -> tuple[float, float]:
-    """Where the kernel stands for the liner, Hz.
+    model: LinerModel, kernel: str, band: tuple[float, float] | None, read: Tensor, signal: Any,
+    rate: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Where the kernel stands for the liner, Hz: by default all over the signal's band, since what
+    is sent there moves |v| whether it is read or not.
 
     Raises:
         ValueError: it does not hold what is read; the liner is not known where the kernel needs it.
     """
-    low, high = band or (
-        min(BAND[0], 0.9 * float(read.min())),
-        max(BAND[1], 1.1 * float(read.max())),
-    )
+    lowest, highest = signal.band or (float(read.min()), float(read.max()))
+    low, high = band or (min(BAND[0], 0.9 * lowest), max(BAND[1], 1.1 * highest))
     high = min(high, 0.49 * rate)
     for f in read.tolist():
         if not low <= f <= high:
@@ -110,3 +112,25 @@ def band_of(
             f"{needed[0]:g}-{needed[1]:g} Hz: take 'least-squares' with band= within the table"
         )
     return low, high
+
+
+def review_band(
+    kernel: str, band: tuple[float, float], signal: Any, wave: Tensor, rate: float
+) -> None:
+    """Say how much of the wave (n,) is sent where the kernel does not stand for the liner.
+
+    Warns:
+        DataWarning: more than 1 % of its energy.
+    """
+    low, high = WAYS[kernel].needed(band, rate)
+    frequency, power = spectrum_of(wave, rate)
+    outside = (frequency < low * (1 - 1e-6)) | (frequency > high * (1 + 1e-6))
+    share = float(power[outside].sum() / power.sum())
+    if share > UNHEARD:
+        most = float(frequency[outside][power[outside].argmax()])
+        tell(
+            f"{100 * share:.3g} % of the energy of {signal.label}, most of it near {most:.4g} Hz, "
+            f"is sent outside {low:g}-{high:g} Hz, where kernel {kernel!r} is not the liner's "
+            "response; it moves |v| and so Z everywhere: widen band=, or filter the wave",
+            depth=3,
+        )
