@@ -13,6 +13,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.duct.presets import duct_names, duct_text, load_duct
 from torchliner.duct.tables import impedance_along
+from torchliner.liners.catalogue import preset_text
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]
 MESH = ["--mesh", "10"]  # mm; without the second mesh, for speed
@@ -397,3 +398,13 @@ def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 2
     assert "u.toml exists; it is not overwritten" in capsys.readouterr().err
     assert (tmp_path / "u.toml").read_text() == "edited"
+
+
+@pytest.mark.filterwarnings("always::torchliner.DataWarning")
+def test_a_liner_in_another_gas_is_told_of(tmp_path, capsys):
+    """Its own gas gives Z, the duct's the field: as ``educe`` says of a plane."""
+    hot = tmp_path / "hot.toml"
+    hot.write_text(f"{preset_text('polito')}\n[fluid]\nsound_speed = 434.0\ndensity = 0.75\n")
+    main(["duct", "solve", "b2a", "--liner", str(hot), *SMALL, *MESH, "--quiet"])
+    err = capsys.readouterr().err
+    assert "sound speed is 434 m/s in the liner and 343.2 m/s in duct b2a" in err

@@ -538,8 +538,8 @@ def test_in_situ_records_are_matched_by_case():
     options = {"models": [("vena_contracta",)], "allow_short": True}
     liner = tl.load_liner("lbm_orifice_coarse")
     found = tl.identify(runs, liner, "in-situ", pressure=records, **options)
-    wanted = [complex(tl.in_situ(record, interval=None, allow_short=True).liner_impedance[0])
-              for record in reversed(records)]  # fmt: skip
+    methods = [tl.in_situ(each, interval=None, allow_short=True) for each in reversed(records)]
+    wanted = [complex(each.liner_impedance_pressure_first[0]) for each in methods]
     assert [row.true for row in found.best.rows] == pytest.approx(wanted)
     with pytest.raises(ValueError, match=r"t00_130.* has no in situ impedance: .* not one case"):
         tl.identify(runs, liner, "in-situ", pressure=records[:2], **options)

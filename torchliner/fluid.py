@@ -9,6 +9,7 @@ from torchliner.checks import make_plain, require_positive
 GAS_CONSTANT_AIR = 287.05  # J/(kg K)
 SUTHERLAND_VISCOSITY = 1.458e-6  # kg/(m s sqrt(K)), U.S. Standard Atmosphere 1976
 SUTHERLAND_TEMPERATURE = 110.4  # K
+FLUID_TOLERANCE = 1e-3  # by which two gases may differ without a word
 
 
 @dataclass(frozen=True)
@@ -84,3 +85,17 @@ class Fluid:
     def characteristic_impedance(self) -> float:
         """rho c, rayl (Pa s/m)."""
         return self.density * self.sound_speed
+
+
+def gas_warnings(liner: Fluid, around: Fluid, name: str) -> list[str]:
+    """What a liner's gas and that around it, of ``name``, state differently."""
+    pairs = (
+        ("sound speed", liner.sound_speed, around.sound_speed, "m/s"),
+        ("density", liner.density, around.density, "kg/m3"),
+    )
+    return [
+        f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
+        f"{name}; the liner's is used for the model (liner.replace(fluid=...) takes another)"
+        for label, mine, theirs, unit in pairs
+        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
+    ]

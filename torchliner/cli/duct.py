@@ -120,9 +120,14 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
     """All patches lined alike, by Z(f) of a liner at |v| = speed, m/s."""
+    from torchliner.checks import tell
+    from torchliner.fluid import gas_warnings
     from torchliner.liners.catalogue import load_liner
 
-    walls = load_liner(name).impedance(setup.frequency, speed)
+    liner = load_liner(name)
+    if liner.fluid is not None:
+        tell(gas_warnings(liner.fluid, setup.fluid, f"duct {setup.name}"))
+    walls = liner.impedance(setup.frequency, speed)
     sound = {**setup.facts["sound"], "impedance": None, "liner": name, "speed": speed}
     facts = {**setup.facts, "sound": sound}
     patches = len(setup.case.liner)

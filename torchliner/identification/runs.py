@@ -206,7 +206,7 @@ def _in_situ(ready: Sequence[Prepared], records: Any) -> list[Tensor]:
                 continue
             short = one.chosen.allow_short
             beside = in_situ(record, one.frequency, interval=None, allow_short=short)
-            found.append(beside.liner_impedance)
+            found.append(beside.liner_impedance_pressure_first)
             break
         else:
             if "in situ" not in plane.reference:

@@ -2,9 +2,11 @@ r"""Where the sound's energy goes: plane-like mode in and out of the duct, and i
 
 A plane wave of amplitude a carries (1 +- M)^2 |a|^2 H/(2 rho c) with and against the flow; the wall
 takes half the integral of Re(p w*), p = (T + E) eta the pressure and w = 2 eta - p, in p's units,
-the velocity of its face (``walls.py``). Without flow what goes in comes out or is taken. With flow
-the mean flow may give or take energy: the difference of the balance, which may be negative. A
-passive wall that lets out more than comes in says that a wave grew.
+the velocity of its face (``walls.py``). With slip eta follows from p and not from a = T eta: T is
+the transport of the hydrodynamic wave, whose inverse grows with the liner's length without bound.
+Without flow what goes in comes out or is taken. With flow the mean flow may give or take energy:
+the difference of the balance, which may be negative. A passive wall that lets out more than comes
+in says that a wave grew.
 """
 
 from __future__ import annotations
@@ -61,9 +63,7 @@ def energy_balance(swept: SweptDuct, waves: Tensor, wall: Wall | None) -> Energy
     if wall is not None:
         arriving = (swept.response.wall @ waves[..., None])[..., 0]
         pressure = arriving + waves[..., 2:-2]
-        eta = arriving
-        if wall.arrive is not None:
-            eta = torch.linalg.solve(wall.arrive, arriving[..., None])[..., 0]
+        eta = arriving if wall.arrive is None else wall.of_pressure(pressure)
         widths = torch.as_tensor(mesh.lined_widths).to(swept.basis.weights)
         weights = torch.outer(widths, swept.basis.weights).flatten() / mesh.case.height
         power = (pressure * (2 * eta - pressure).conj()).real

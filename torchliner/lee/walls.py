@@ -38,10 +38,12 @@ class Wall:
     Args:
         send: E as blocks of the lined columns, (..., F, C, n, n), or whole, (..., F, W, W).
         arrive: T, (..., F, W, W), or None for 1.
+        inner: n.
     """
 
     send: Tensor
     arrive: Tensor | None = None
+    inner: int = 0
 
     def waves(self, eta: Tensor) -> Tensor:
         """x = E eta, (..., F, W)."""
@@ -49,6 +51,16 @@ class Wall:
             return (self.send @ eta[..., None])[..., 0]
         blocks = eta.reshape(*eta.shape[:-1], *self.send.shape[-3:-1])
         return (self.send @ blocks[..., None])[..., 0].flatten(-2)
+
+    def of_pressure(self, pressure: Tensor) -> Tensor:
+        """eta of p = (T + E) eta = (1 + R) eta, (..., F, W), column by column; where Z = 0, and so
+        p = 0, the least."""
+        assert self.arrive is not None
+        n = self.inner
+        whole = (self.send + self.arrive).unflatten(-2, (-1, n)).unflatten(-1, (-1, n))
+        blocks = whole.diagonal(dim1=-4, dim2=-2).movedim(-1, -3)  # (..., F, C, n, n)
+        columns = pressure.unflatten(-1, (-1, n))[..., None]
+        return (torch.linalg.pinv(blocks) @ columns)[..., 0].flatten(-2)
 
     def after(self, response: Tensor) -> Tensor:
         """response E for (F, rows, W): (..., F, rows, W)."""
@@ -68,12 +80,12 @@ class Wall:
             for part in (self.send, self.arrive)
         ]  # fmt: skip
         assert parts[0] is not None
-        return Wall(parts[0], parts[1])
+        return Wall(parts[0], parts[1], self.inner)
 
     def select(self, chosen: slice) -> Wall:
         """Some of the items along the first axis."""
         arrive = None if self.arrive is None else self.arrive[chosen]
-        return Wall(self.send[chosen], arrive)
+        return Wall(self.send[chosen], arrive, self.inner)
 
 
 def wall_of(
@@ -97,7 +109,7 @@ def wall_of(
     one = torch.eye(whole.shape[-1], dtype=blocks.dtype, device=blocks.device)
     share = (slip_mach / (2j * k))[:, None, None]
     arrive = one + share * (_downwind_derivative(mesh, basis).to(blocks) @ (one - whole))
-    return Wall(one + whole - arrive, arrive)
+    return Wall(one + whole - arrive, arrive, basis.count)
 
 
 def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS
+from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
@@ -19,7 +20,6 @@ from torchliner.tdibc.choices import Choices
 FEWEST_WEIGHTS = 2  # samples under the window that count
 WHOLE_PERIOD_TOLERANCE = 1e-6
 FEWEST_SAMPLES_PER_PERIOD = 8.0
-FLUID_TOLERANCE = 1e-3
 SAME_MACH = 0.01
 EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
@@ -132,19 +132,7 @@ def review_model(plane: VelocityPlane, liner: LinerModel) -> list[str]:
             f"mach is {stated.value:g} in the liner and {plane.mach:g} in {plane.name}; the "
             "liner's is used for the model: state the flow's there"
         )
-    if gas is None:
-        return notes
-    pairs = (
-        ("sound speed", gas.sound_speed, plane.fluid.sound_speed, "m/s"),
-        ("density", gas.density, plane.fluid.density, "kg/m3"),
-    )
-    return notes + [
-        f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
-        f"{plane.name}; the liner's is used for the model (liner.replace(fluid=plane.fluid) "
-        "takes the data's)"
-        for label, mine, theirs, unit in pairs
-        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
-    ]
+    return notes if gas is None else notes + gas_warnings(gas, plane.fluid, plane.name)
 
 
 def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
