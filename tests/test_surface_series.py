@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -37,6 +38,7 @@ from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.surface_frames import Surface
 from torchliner.io.vtk_files import parse_vtk
 from torchliner.io.vtk_series import FORMAT as SERIES
+from torchliner.records.origin import series_of
 
 SAMPLES = SHARED / "data/openfoam/vtk_series"
 STATED = PlaneRequest(normal="y", velocity_units="m/s", length_units="m", sampling_rate=1 / STEP)
@@ -209,6 +211,114 @@ def test_faults_of_a_series(tmp_path):
     (tmp_path / "other_01.vtp").write_bytes(raw.replace(b"PolyData", b"MultiBlock"))
     with pytest.raises(ValueError, match=r"other_01.vtp is VTK data of type 'MultiBlock'"):
         SERIES.open(tmp_path / "other_00.vtp", STATED).load()
+
+
+def images(folder, names, times=None, about=""):
+    """Images of 4 x 3 points, whose values are their places in the list of names."""
+    folder.mkdir(exist_ok=True)
+    for i, name in enumerate(names):
+        time = "" if times is None else (
+            '<FieldData><DataArray type="Float64" Name="TimeValue" format="ascii">'
+            f"{times[i]!r}</DataArray></FieldData>")  # fmt: skip
+        (folder / f"{name}.vti").write_text(
+            '<VTKFile type="ImageData"><ImageData WholeExtent="0 3 0 0 0 2" Origin="0 0.001 -0.005"'
+            f' Spacing="0.01 1 0.005" {about}>{time}<Piece Extent="0 3 0 0 0 2"><PointData>'
+            '<DataArray type="Float32" Name="U" NumberOfComponents="3" format="ascii">'
+            f"{f'0 {i} 0 ' * 12}</DataArray></PointData></Piece></ImageData></VTKFile>"
+        )
+    return folder
+
+
+def order(path, request=STATED):
+    """Places in the list of names, in the order of time."""
+    return SERIES.open(path, request).load().velocity[0, 0].tolist()
+
+
+@pytest.mark.parametrize("names", [
+    [f"plane_{i * 1e-4:.6g}" for i in range(1, 25)],
+    [f"plane_{i / 10:.1f}" for i in range(5, 15)],
+    [f"plane_{i * 1e-5:.5e}" for i in range(5, 15)],
+    [f"y1.{i}" for i in range(8, 12)],
+    [f"plane_{i}" for i in (1000, 1033, 1071, 1100)],
+])  # fmt: skip
+def test_frames_are_in_the_order_of_their_numbers(tmp_path, names):
+    """A decimal, as of a time, is one number; a count of uneven steps may be of even times."""
+    images(tmp_path, names)
+    for path in (tmp_path, tmp_path / f"{names[0]}.vti", tmp_path / f"{names[-1]}.vti"):
+        assert order(path) == [*range(len(names))]
+        assert path == tmp_path or len(series_of(path)) == len(names)
+
+
+def test_counts_behind_a_number_and_a_point(tmp_path):
+    """Two planes that are numbered are two series, not decimals of one."""
+    images(tmp_path, [f"y{n}.{i:03d}" for n in (1, 2) for i in range(5)])
+    assert order(tmp_path / "y2.003.vti") == [5, 6, 7, 8, 9]
+    assert order(tmp_path, replace(STATED, group="y1.")) == [0, 1, 2, 3, 4]
+
+
+WITHOUT = [i for i in range(20) if i not in (7, 8)]
+
+
+@pytest.mark.parametrize(("names", "times", "message"), [
+    ([f"p_{i:03d}" for i in WITHOUT], None, "2 frames are missing, the first of numbers 7, 8;"),
+    ([f"p_{10 * i}" for i in WITHOUT], None, "2 frames are missing, the first of numbers 70, 80;"),
+    ([f"p_{i / 10:g}" for i in WITHOUT], None, "names lacks 2 frames.* after sample 6"),
+    (["p_1", "p_01", "p_2"], None, "p_(1|01).vti and p_(1|01).vti have one number"),
+    ([f"p_{i}" for i in range(18)], WITHOUT, "times lacks 2 frames.* after sample 6"),
+    ([f"p_{i}" for i in range(3)], [0, 2, 1], "times is out of order: sample 2"),
+])  # fmt: skip
+def test_a_stated_rate_closes_no_gap(tmp_path, names, times, message):
+    """Times are tested whatever they count, or numbers where no times are stated."""
+    images(tmp_path, names, times)
+    with pytest.raises(ValueError, match=message):
+        SERIES.open(tmp_path, STATED)
+
+
+def test_times_of_another_unit_tell_the_start(tmp_path):
+    """Of ms where the rate is stated: they count evenly, whatever they count."""
+    images(tmp_path, [f"p_{i}" for i in range(3)], [5.0, 5.01, 5.02])
+    plane = SERIES.open(tmp_path / "p_1.vti", STATED)
+    assert (plane.sampling_rate, plane.start) == (1 / STEP, pytest.approx(5e-3))
+
+
+def test_a_turned_image(tmp_path):
+    """Its points are where vtk has them."""
+    turned = 'Direction="0 0 1 0 1 0 -1 0 0"'
+    path = images(tmp_path, ["p_0", "p_1"], about=turned) / "p_0.vti"
+    wanted = pyvista.read(path).points
+    found = parse_vtk(path).surface().points
+    assert np.allclose(found, wanted)
+    assert np.ptp(found[:, 2]) == pytest.approx(0.03)
+
+
+def test_a_collection_is_xml(tmp_path):
+    """Entries in remarks are none; a collection that was broken off is an error."""
+    images(tmp_path, "abc")
+    rows = [f'<DataSet timestep="{i * STEP:.8g}" file="{n}.vti"/>\n' for i, n in enumerate("abc")]
+    text = '<VTKFile type="Collection"><Collection>\n{}</Collection></VTKFile>'
+    path = tmp_path / "a.pvd"
+    path.write_text(text.format("".join(rows[:2]) + f"<!-- {rows[2]} -->"))
+    assert order(path) == [0, 1]
+    path.write_text(text.format("".join(rows))[:-30])
+    with pytest.raises(ValueError, match=r"a.pvd is no whole XML: .*; .*write it again"):
+        SERIES.open(path, STATED)
+    rows[2] = rows[2].replace("2e-05", "4e-05")
+    path.write_text(text.format("".join(rows)))
+    with pytest.raises(ValueError, match=r"a.pvd, times is not uniform|lacks"):
+        SERIES.open(path, STATED)
+    path.rename(tmp_path / "a.pvtp").write_text(text.replace("Collection", "PPolyData"))
+    with pytest.raises(ValueError, match=r"a.pvtp lists the pieces of a frame.*merge them"):
+        SERIES.open(tmp_path / "a.pvtp", STATED)
+
+
+@pytest.mark.parametrize("ending", [".vtu", ".vtk"])
+def test_pixels_are_rectangles(tmp_path, ending):
+    """Their corners stand row by row, not around them."""
+    mesh = pyvista.ImageData(dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005))
+    mesh = mesh.cast_to_unstructured_grid()
+    assert set(mesh.celltypes) == {8}
+    _, area = parse_vtk(save(mesh, tmp_path / f"a{ending}")).surface().faces("mesh")
+    assert np.allclose(area, 5e-5)
 
 
 def foam(folder, kind, faces=False):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -139,6 +140,56 @@ def test_frames_of_other_points(tmp_path):
         file["VTKHDF/Steps/PartOffsets"][4:] = 1
     with pytest.raises(ValueError, match=r"frame 4 has 11 points, the first 12"):
         FORMAT.open(path, STATED)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_faces_behind_other_cells(tmp_path, given):
+    """Values on cells are those of vertices, lines, faces and strips, in this order."""
+    path = store(tmp_path / "a.vtkhdf", values="faces")
+    with h5py.File(path, "r+") as file:
+        group = file["VTKHDF"]
+        for name, count in (("Vertices", 2), ("Lines", 1)):
+            group[f"{name}/NumberOfCells"][0] = count
+        values = np.full((9, 9, 3), 7.0)
+        values[:, 3:] = VALUES[:, :6]
+        for name in ("CellData/U", "Steps/CellDataOffsets/U"):
+            del group[name]
+        group["CellData/U"] = values.reshape(-1, 3)
+        if given:
+            group["Steps/CellDataOffsets/U"] = 9 * np.arange(9)
+    assert np.allclose(opened(FORMAT, path, STATED), WANTED["faces"], atol=1e-6)
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/Strips/NumberOfCells"][0] = 1
+    with pytest.raises(ValueError, match=r"has 1 triangle strips.*triangulate"):
+        FORMAT.open(path, STATED)
+
+
+def test_pixels(tmp_path):
+    """Corners of VTK's pixels stand row by row."""
+    path = store(tmp_path / "a.vtkhdf", "UnstructuredGrid", "faces")
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/Types"][:] = 8
+        file["VTKHDF/Connectivity"][:] = QUADS[:, [0, 1, 3, 2]].reshape(-1)
+    assert np.allclose(FORMAT.open(path, STATED).area, 5e-5)
+
+
+@pytest.mark.parametrize(("times", "message"), [
+    ([0, 1, 2, 3, 6, 7, 8, 9, 10], "lacks 2 frames.* after sample 3"),
+    ([0, 1, 2, 2, 3, 4, 5, 6, 7], "is out of order: sample 3"),
+    ([0, 2, 1, 3, 4, 5, 6, 7, 8], "is out of order: sample 2"),
+    ([8, 7, 6, 5, 4, 3, 2, 1, 0], "does not increase"),
+])  # fmt: skip
+def test_a_stated_rate_excuses_no_times(tmp_path, times, message):
+    """Whatever steps count, they count it evenly: the first tells the start."""
+    path = store(tmp_path / "a.vtkhdf")
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/Steps/Values"][:] = 5 + 0.01 * np.arange(9)  # ms
+    stated = replace(STATED, sampling_rate=1e5)
+    assert FORMAT.open(path, stated).start == pytest.approx(5e-3)
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/Steps/Values"][:] = times
+    with pytest.raises(ValueError, match=rf"Steps/Values {message}"):
+        FORMAT.open(path, stated)
 
 
 @pytest.mark.slow

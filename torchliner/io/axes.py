@@ -5,13 +5,14 @@ from __future__ import annotations
 from contextvars import ContextVar
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import h5py
 import numpy as np
 from torch import Tensor
 
 from torchliner.fluid import Fluid
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.hdf5 import (
     factor_to,
     get_dataset,
@@ -32,7 +33,6 @@ from torchliner.units import si_factor
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 # Epoch of the clock read last, and its first time after that, s; who joins files asks for it.
 CLOCK: ContextVar[tuple[str, Fraction] | None] = ContextVar("CLOCK", default=None)
-UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
 FLUID = numbers(FLUID_UNITS)
@@ -189,55 +189,6 @@ def read_clock(
     if stated is not None and not unit:
         return stated, len(time), 0.0
     return rate, len(time), first
-
-
-def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
-    """Sampling rate of time stamps, Hz.
-
-    Args:
-        time: s.
-        name: of the times, for messages.
-        exact: s, by which stamps are rounded.
-    Raises:
-        ValueError: they are not finite, out of order, or not uniform; frames are missing.
-    """
-    if not np.isfinite(time).all():
-        raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
-    time = time.astype(np.float64)
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    if step <= 0:
-        raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s")
-    error = np.abs(time - (time[0] + step * np.arange(len(time))))
-    if error.max() > UNIFORMITY * step + min(exact, step / 4):
-        _say_what_is_uneven(time, name, step, error.max() / step)
-    return float(1 / step)
-
-
-def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) -> NoReturn:
-    """Frames out of order, missing, or times that waver."""
-    steps = np.diff(time)
-    back = int(np.argmin(steps))
-    if steps[back] <= 0:
-        raise ValueError(
-            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "
-            f"before it at {time[back]:.9g} s; sort the frames, or give the runs as files of their "
-            "own, which are joined"
-        )
-    usual = float(np.median(steps))
-    lost = np.rint(steps / usual).astype(int) - 1
-    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
-        at = int(lost.argmax())
-        raise ValueError(
-            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
-            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
-            f"sample {at}; restore them, or read the stretches between the gaps with start and stop"
-        )
-    worst = int(np.abs(steps - step).argmax())
-    raise ValueError(
-        f"{name} is not uniform: stamps are off by up to {error:.3g} sampling intervals "
-        f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
-        f"{step:.6g} s on average. Resample the data to uniform times first"
-    )
 
 
 def axis_names(dataset: h5py.Dataset, label: str) -> list[str]:

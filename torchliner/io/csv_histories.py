@@ -18,7 +18,7 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.file_checks import naming
 from torchliner.io.arrays import read_array
-from torchliner.io.axes import uniform_rate
+from torchliner.io.clocks import clock_of
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import (
     AXES,
@@ -80,7 +80,7 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
             where the times have no unit; ``normal``.
     Raises:
         ValueError: a unit is missing; another number of points than columns; as ``index_rows``,
-            ``uniform_rate`` and ``plane_at``.
+            ``clock_of`` and ``plane_at``.
     """
     with naming(path):
         rows = index_rows(path)
@@ -153,17 +153,15 @@ def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tupl
         raise ValueError(f"{path}: its times have no unit; write 'time [s]' above them, or state "
                          "sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     factor = si_factor("time", unit, f"{path}: time") if unit else 1.0
-    found = uniform_rate(rows.first * factor, f"{path}, time", rows.rounding * factor)
-    first, rate = float(rows.first[0] * factor), request.sampling_rate
-    if rate is None:
-        return found, first
-    if not unit:  # Whatever the times count, they count it evenly.
-        return rate, first * found / rate
-    if abs(found / rate - 1) > SAME_RATE:
-        raise ValueError(f"{path}: its times are at {found:.6g} Hz, sampling_rate states "
-                         f"{rate:.6g} Hz; leave it out, or correct the unit of the times, {unit}"
+    stated = request.sampling_rate
+    rate, start = clock_of(
+        rows.first * factor, f"{path}, time", None if unit else stated, rows.rounding * factor
+    )
+    if stated is not None and abs(rate - stated) > SAME_RATE * stated:
+        raise ValueError(f"{path}: its times are at {rate:.6g} Hz, sampling_rate states "
+                         f"{stated:.6g} Hz; leave it out, or correct the unit of the times, {unit}"
                          )  # fmt: skip
-    return rate, first
+    return stated or rate, start
 
 
 def _points_of(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.io.axes import uniform_rate
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import component_of, named, plane_at
 from torchliner.io.text_rows import TextRows, bytes_at, index_rows, number_of

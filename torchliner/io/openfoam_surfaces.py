@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from torchliner.file_checks import require_regular
-from torchliner.io.axes import uniform_rate
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import named
 from torchliner.io.surface_frames import (

@@ -21,7 +21,7 @@ from scipy.io import netcdf_file
 
 from torchliner.checks import tell
 from torchliner.file_checks import naming, require_memory
-from torchliner.io.axes import uniform_rate
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.hdf5 import open_file
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import AXES, all_rows, component_of, named, plane_at

@@ -18,6 +18,7 @@ from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
 USUAL = re.compile(r"(?:U|u|v|[Vv]elocity|VELOCITY|vel)(?:[_:]?[xyz])?|[XYZxyz]_?[Vv]elocity")
+PIXEL = 8  # VTK_PIXEL, a rectangle
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,21 @@ def unpack_faces(flat: np.ndarray, count: int, label: str) -> tuple[np.ndarray, 
         raise ValueError(f"{label}: {len(flat)} numbers are not {count} faces, each the number of "
                          "its corners and these")  # fmt: skip
     return np.delete(flat, heads), np.cumsum(flat[heads])
+
+
+def in_circles(corners: np.ndarray, ends: np.ndarray, kinds: np.ndarray | None) -> np.ndarray:
+    """Corners in order around each face: those of VTK's pixels stand row by row.
+
+    Args:
+        corners, ends: as of ``Surface``.
+        kinds: VTK's number of the kind of each cell, (F,).
+    """
+    if kinds is None or not (kinds == PIXEL).any():
+        return corners
+    last = ends[kinds == PIXEL] - 1
+    found = corners.copy()
+    found[last - 1], found[last] = corners[last], corners[last - 1]
+    return found
 
 
 def read_whole(path: Path) -> bytes:

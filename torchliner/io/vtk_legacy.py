@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.io.surface_frames import Frame, FrameArray, Surface, unpack_faces
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles, unpack_faces
 from torchliner.io.text_rows import parse_vectors
-from torchliner.io.vtk_xml import grid_points
+from torchliner.io.vtk_xml import image_points
 
 TYPES = {"char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
          "unsigned_int": "u4", "vtktypeint64": "i8", "long": "i8", "vtkidtype": "i8",
@@ -32,6 +32,7 @@ class LegacyFile:
         self.arrays: dict[str, FrameArray] = {}
         self.points: Numbers | None = None
         self.faces: dict[str, Callable[[], tuple[np.ndarray, np.ndarray]]] = {}
+        self.kinds: Numbers | None = None
         self.grid: dict[str, list[str]] = {}
         self.time: float | None = None
         self.on_faces, self.count = False, 0
@@ -107,7 +108,7 @@ class LegacyFile:
     def _pass_over(self, words: list[str]) -> None:
         """What says nothing of places and velocity."""
         if words and words[0].upper() == "CELL_TYPES":
-            self.numbers(int(words[1]), 1, "int")
+            self.kinds = self.numbers(int(words[1]), 1, "int")
         elif words and words[0].upper() == "LOOKUP_TABLE" and len(words) > 2:
             self.numbers(int(words[2]), 4, "unsigned_char" if self.binary else "float")
         elif words and words[0].upper() == "METADATA":
@@ -142,7 +143,11 @@ class LegacyFile:
             return self._image()
         points = self.points(None).astype(np.float64)
         faces = self.faces.get("POLYGONS", self.faces.get("CELLS"))
-        return Surface(points) if faces is None else Surface(points, *faces())
+        if faces is None:
+            return Surface(points)
+        corners, ends = faces()
+        kinds = None if self.kinds is None else _whole(self.kinds)
+        return Surface(points, in_circles(corners, ends, kinds), ends)
 
     def _image(self) -> Surface:
         """Points of a uniform grid."""
@@ -156,7 +161,8 @@ class LegacyFile:
         if {len(size), len(start), len(step)} != {3} or np.prod(size) > len(self.raw):
             raise ValueError(f"{self.path}: DIMENSIONS, ORIGIN and SPACING of three axes are "
                              "needed")  # fmt: skip
-        return Surface(start + step * grid_points(np.zeros(3, int), size.astype(int) - 1))
+        last = size.astype(int) - 1
+        return Surface(image_points(np.zeros(3, int), last, start, step, np.eye(3)))
 
 
 def _whole(read: Numbers) -> np.ndarray:

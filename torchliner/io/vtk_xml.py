@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.file_checks import require_memory
-from torchliner.io.surface_frames import Frame, FrameArray, Surface
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles
 from torchliner.io.text_rows import parse_vectors
 
 KINDS = ("PolyData", "UnstructuredGrid", "StructuredGrid", "ImageData")
@@ -233,9 +233,11 @@ def _surface(file: XmlFile, count: dict[bool, list[int]]) -> Surface:
     """Points and faces of all pieces."""
     if file.kind == "ImageData":
         low, high = _extent(file)
-        start, step = (np.array([float(n) for n in file.about_kind.get(name, usual).split()])
-                       for name, usual in (("Origin", "0 0 0"), ("Spacing", "1 1 1")))  # fmt: skip
-        return Surface(start + step * grid_points(low, high))
+        about = (("Origin", "0 0 0"), ("Spacing", "1 1 1"), ("Direction", "1 0 0 0 1 0 0 0 1"))
+        return Surface(image_points(low, high, *(
+            np.array([float(n) for n in file.about_kind.get(name, usual).split()])
+            for name, usual in about
+        )))  # fmt: skip
     points = _stacked(file, "Points", count[False], 3)
     cells = "Polys" if file.kind == "PolyData" else "Cells"
     if file.kind == "StructuredGrid" or not sum(count[True]):
@@ -246,7 +248,8 @@ def _surface(file: XmlFile, count: dict[bool, list[int]]) -> Surface:
     for i, (offsets, nodes) in enumerate(pairs):
         end = file.values(offsets, count[True][i]).astype(np.int64)
         node = file.values(nodes, int(end[-1])).astype(np.int64) if len(end) else end
-        corners.append(node + first[i])
+        kinds = [file.values(each, len(end)) for each in file.of(cells, "types")[i : i + 1]]
+        corners.append(in_circles(node, end, kinds[0] if kinds else None) + first[i])
         ends.append(end + done)
         done += len(node)
     if not corners:
@@ -260,7 +263,17 @@ def _stacked(file: XmlFile, section: str, counts: list[int], width: int) -> np.n
     return np.concatenate([file.values(part, n, width) for part, n in pairs]).astype(np.float64)
 
 
-def grid_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Indices along x, y, z of the points of a grid, x running fastest, (N, 3)."""
+def image_points(
+    low: np.ndarray, high: np.ndarray, origin: np.ndarray, spacing: np.ndarray,
+    direction: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Points of a uniform grid, x running fastest, (N, 3).
+
+    Args:
+        low, high: first and last index along its axes.
+        origin, spacing: (3,).
+        direction: cosines of its axes, one a column, row by row, (9,).
+    """
     axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes[::-1], indexing="ij")[::-1], -1).reshape(-1, 3)
+    places = np.stack(np.meshgrid(*axes[::-1], indexing="ij")[::-1], -1).reshape(-1, 3)
+    return origin + (spacing * places) @ direction.reshape(3, 3).T

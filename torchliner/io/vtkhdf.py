@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from torchliner.file_checks import require_memory
-from torchliner.io.axes import uniform_rate
+from torchliner.io.clocks import clock_of
 from torchliner.io.hdf5 import get_dataset, get_group, is_there, open_file, text_attribute
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import (
@@ -28,13 +28,16 @@ from torchliner.io.point_layout import (
     velocity_factor,
 )
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
-from torchliner.io.surface_frames import Frame, FrameArray, Surface, pick_array
-from torchliner.io.vtk_xml import grid_points
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles, pick_array
+from torchliner.io.text_rows import last_digit
+from torchliner.io.vtk_xml import image_points
 from torchliner.records import VelocityPlane
 
 KINDS = ("ImageData", "PolyData", "UnstructuredGrid")
 TOGETHER = 16  # frames of a vector that are read at once, of which one component is kept
-POLYGONS = 2  # of the four kinds of cells of PolyData, in the order of Steps
+CELLS = ("Vertices", "Lines", "Polygons", "Strips")  # of PolyData, in the order of their values
+Rows = tuple[int, int, int]  # of values in a frame: those of points or faces, before and after them
+POLYGONS = CELLS.index("Polygons")
 
 
 @dataclass
@@ -88,7 +91,7 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
     Args:
         path: file.
         request: units of length and velocity, which VTK does not state; ``sampling_rate``
-            overrides the times of the steps, which are taken as s.
+            where the times of the steps are not in s.
     Raises:
         OSError, ValueError: as ``open_file``; another type of data; no steps; frames of other
             points; a frame that reaches beyond its array; as ``pick_array`` and ``plane_at``.
@@ -119,10 +122,14 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
             ).faces(str(path))  # fmt: skip
         else:
             points, area = surface.points * length, None
-        rows = 1 if grid else count[array.on_faces]
-        offsets = np.arange(len(time)) * rows
+        rows, before, after = (1, 0, 0) if grid else count[array.on_faces]
+        if after:
+            raise ValueError(f"{path}:/VTKHDF has {after} triangle strips, whose values are not "
+                             "read: triangulate the surface")  # fmt: skip
+        offsets = np.arange(len(time)) * (before + rows)
         if is_there(steps, f"{section}Offsets", path) and name in steps[f"{section}Offsets"]:
             offsets = whole(steps[f"{section}Offsets"], name).astype(np.int64).reshape(-1)
+        offsets = offsets + before
         data = get_dataset(group[section], name, path)
         values = array.count if grid else rows
         if len(offsets) != len(time) or offsets.min() < 0 or offsets.max() + rows > len(data):
@@ -134,12 +141,13 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
                              f"{'faces' if array.on_faces else 'points'}")  # fmt: skip
         require_stored(data, f"{path}:{data.name}", path)
     vectors = array.components == 3
-    rate = request.sampling_rate or uniform_rate(time, f"{path}:/VTKHDF/Steps/Values")
+    rate, start = clock_of(time, f"{path}:/VTKHDF/Steps/Values", request.sampling_rate,
+                           last_digit(time, 7))  # fmt: skip
     return plane_at(
         points, request,
         lambda axis: Steps(path, f"{section}/{name}", offsets, rows, axis if vectors else None),
         len(time), rate, path=path, variable=f"VTKHDF/{section}/{name}", factor=factor, area=area,
-        component=None if vectors else component_of(name), start=float(time[0]),
+        component=None if vectors else component_of(name), start=start,
         dtype=torch.float64 if array.wide else torch.float32, format=f"VTKHDF {kind}",
     )  # fmt: skip
 
@@ -167,7 +175,7 @@ def _arrays(group: h5py.Group, path: Path, grid: bool) -> dict[str, FrameArray]:
     return found
 
 
-def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, int]]:
+def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, Rows]]:
     """Points of a uniform grid."""
     extent, origin, spacing = (np.asarray(group.attrs.get(name, ())).reshape(-1)
                                for name in ("WholeExtent", "Origin", "Spacing"))  # fmt: skip
@@ -180,39 +188,44 @@ def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, int]]:
     if min(sizes) < 1:
         raise ValueError(f"{path}:/VTKHDF has WholeExtent {extent}, which is upside down")
     require_memory(24.0 * sizes[0] * sizes[1] * sizes[2], f"{path}:/VTKHDF: points of its grid")
-    return Surface(origin + (spacing * grid_points(low, high)) @ turn.reshape(3, 3).T), {}
+    return Surface(image_points(low, high, origin, spacing, turn)), {}
 
 
 def _mesh(
     group: h5py.Group, steps: h5py.Group, whole: Callable[..., Any], path: Path, kind: str,
     frames: int,
-) -> tuple[Surface, dict[bool, int]]:  # fmt: skip
-    """Points and faces of the first frame, and how many of both each has.
+) -> tuple[Surface, dict[bool, Rows]]:  # fmt: skip
+    """Points and faces of the first frame, and the values of each in all frames.
 
     Raises:
         ValueError: a later frame has others.
     """
     cells = get_group(group, "Polygons", path) if kind == "PolyData" else group
-    numbers = {False: whole(group, "NumberOfPoints").reshape(-1).astype(np.int64),
-               True: whole(cells, "NumberOfCells").reshape(-1).astype(np.int64)}  # fmt: skip
+    homes = {"faces": group} if cells is group else {
+        each.lower(): get_group(group, each, path) for each in CELLS if is_there(group, each, path)
+    }  # fmt: skip
+    numbers = {name: whole(each, "NumberOfCells").reshape(-1).astype(np.int64)
+               for name, each in homes.items()}  # fmt: skip
+    numbers["points"] = whole(group, "NumberOfPoints").reshape(-1).astype(np.int64)
+    size = dict.fromkeys(("vertices", "lines", "strips"), 0)
     first, parts = np.zeros(frames, np.int64), np.ones(frames, np.int64)
     if is_there(steps, "PartOffsets", path):
         first = whole(steps, "PartOffsets").reshape(-1).astype(np.int64)
     if is_there(steps, "NumberOfParts", path):
         parts = whole(steps, "NumberOfParts").reshape(-1).astype(np.int64)
     if len(first) != frames or len(parts) != frames or (parts != 1).any() or (
-        not 0 <= first.min() <= first.max() < len(numbers[False])
+        not 0 <= first.min() <= first.max() < len(numbers["points"])
     ):  # fmt: skip
         raise ValueError(f"{path}:/VTKHDF has frames of {parts.max()} parts; one part each is "
                          "read: merge the blocks")  # fmt: skip
-    for of_faces, each in numbers.items():
+    for name, each in numbers.items():
         counts = each[first.clip(max=len(each) - 1)]
         if (counts != counts[0]).any():
             at = int((counts != counts[0]).argmax())
-            raise ValueError(f"{path}:/VTKHDF: frame {at} has {counts[at]} "
-                             f"{'faces' if of_faces else 'points'}, the first {counts[0]}; a plane "
-                             "has the same at all times")  # fmt: skip
-    points, faces = (int(numbers[key][first[0]]) for key in (False, True))
+            raise ValueError(f"{path}:/VTKHDF: frame {at} has {counts[at]} {name}, the first "
+                             f"{counts[0]}; a plane has the same at all times")  # fmt: skip
+        size[name] = int(counts[0])
+    points, faces = size["points"], size["faces" if cells is group else "polygons"]
 
     def begin(name: str) -> int:
         if not is_there(steps, name, path):
@@ -232,8 +245,13 @@ def _mesh(
         at = begin("ConnectivityIdOffsets")
         corners = read_values(get_dataset(cells, "Connectivity", path), f"{path}: Connectivity",
                               path, slice(at, at + int(ends[-1]))).astype(np.int64)  # fmt: skip
-        surface = Surface(surface.points, corners, ends[1:])
-    return surface, {False: points, True: faces}
+        kinds = None
+        if is_there(cells, "Types", path):
+            at = begin("CellOffsets")
+            kinds = read_values(cells["Types"], f"{path}: Types", path, slice(at, at + faces))
+        surface = Surface(surface.points, in_circles(corners, ends[1:], kinds), ends[1:])
+    return surface, {False: (points, 0, 0),
+                     True: (faces, size["vertices"] + size["lines"], size["strips"])}  # fmt: skip
 
 
 FORMAT = PlaneFormat(

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import torch
 
+from torchliner.records.numbered_files import numbered_series
 from torchliner.version import __version__
 
 BLOCK, BLOCKS = 1 << 20, 32
@@ -32,7 +33,6 @@ KINDS = {  # in words
     BLOCKWISE: f"SHA-256 of size and {BLOCKS} blocks of 1 MiB spread over the content",
 }
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
-DIGITS = "0123456789"
 SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
 MOST_FILES = 20_000  # of a folder that is looked through to see whether it is still the same
 MOST_READ = 1 << 32  # bytes that are read to see whether they are still the same
@@ -49,9 +49,8 @@ def series_of(path: Path) -> list[Path]:
         named = [(a or b).decode() for a, b in NAMED.findall(path.read_bytes())]
         found = {each for name in named if (each := path.parent / name).is_file()}
     else:
-        stem = path.stem.rstrip(DIGITS)
-        found = {each for each in path.parent.iterdir()
-                 if each.suffix == path.suffix and each.stem.rstrip(DIGITS) == stem}  # fmt: skip
+        series = numbered_series(path.parent, (path.suffix,)).values()
+        found = {each for files in series if path in files for each in files}
     return sorted({path} | found)
 
 

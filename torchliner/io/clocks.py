@@ -1,0 +1,80 @@
+"""Clocks from time stamps: uniform, and what a stated rate makes of them."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+
+from torchliner.checks import require_positive
+
+UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
+
+
+def clock_of(
+    time: np.ndarray, name: str, stated: float | None, exact: float = 0.0
+) -> tuple[float, float]:
+    """Sampling rate, Hz, and time of the first of uniform stamps, s.
+
+    Args:
+        time, name, exact: as for ``uniform_rate``.
+        stated: Hz, by the user, of stamps without a unit: whatever they count, they count it
+            evenly; None: they are in s.
+    Raises:
+        ValueError: as ``uniform_rate``; the stated rate is none.
+    """
+    found, first = uniform_rate(time, name, exact), float(time[0])
+    if stated is None:
+        return found, first
+    require_positive(f"{name}: sampling_rate (Hz)", stated)
+    return stated, first * found / stated
+
+
+def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
+    """Sampling rate of time stamps, Hz.
+
+    Args:
+        time: s.
+        name: of the times, for messages.
+        exact: s, by which stamps are rounded.
+    Raises:
+        ValueError: they are not finite, out of order, or not uniform; frames are missing.
+    """
+    if not np.isfinite(time).all():
+        raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    time = time.astype(np.float64)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    if step <= 0:
+        raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s; "
+                         "correct the times, or the order of the samples")  # fmt: skip
+    error = np.abs(time - (time[0] + step * np.arange(len(time))))
+    if error.max() > UNIFORMITY * step + min(exact, step / 4):
+        _say_what_is_uneven(time, name, step, error.max() / step)
+    return float(1 / step)
+
+
+def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) -> NoReturn:
+    """Frames out of order, missing, or times that waver."""
+    steps = np.diff(time)
+    back = int(np.argmin(steps))
+    if steps[back] <= 0:
+        raise ValueError(
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "
+            f"before it at {time[back]:.9g} s; sort the frames, or give the runs as files of their "
+            "own, which are joined"
+        )
+    usual = float(np.median(steps))
+    lost = np.rint(steps / usual).astype(int) - 1
+    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        at = int(lost.argmax())
+        raise ValueError(
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
+            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
+            f"sample {at}; restore them, or keep one stretch between the gaps"
+        )
+    worst = int(np.abs(steps - step).argmax())
+    raise ValueError(
+        f"{name} is not uniform: stamps are off by up to {error:.3g} sampling intervals "
+        f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
+        f"{step:.6g} s on average. Resample the data to uniform times first"
+    )
