@@ -400,11 +400,10 @@ def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert (tmp_path / "u.toml").read_text() == "edited"
 
 
-@pytest.mark.filterwarnings("always::torchliner.DataWarning")
 def test_a_liner_in_another_gas_is_told_of(tmp_path, capsys):
     """Its own gas gives Z, the duct's the field: as ``educe`` says of a plane."""
     hot = tmp_path / "hot.toml"
     hot.write_text(f"{preset_text('polito')}\n[fluid]\nsound_speed = 434.0\ndensity = 0.75\n")
-    main(["duct", "solve", "b2a", "--liner", str(hot), *SMALL, *MESH, "--quiet"])
+    main(["duct", "solve", "b2a", "--liner", str(hot), *SMALL, *MESH])
     err = capsys.readouterr().err
     assert "sound speed is 434 m/s in the liner and 343.2 m/s in duct b2a" in err
