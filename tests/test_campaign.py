@@ -334,6 +334,15 @@ def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
         assert getattr(maps[0], name) == getattr(maps[1], name)
 
 
+def test_a_series_is_one_plane(tmp_path):
+    """However many of its frames a pattern matches."""
+    for name in ("a_1.vti", "a_2.vti", "a_3.vti", "b_1.vti", "b_2.vti"):
+        (tmp_path / name).touch()
+    (tmp_path / "c.toml").write_text('[[planes]]\nfiles = ["a*.vti", "b_2.vti"]\n')
+    found = read_campaign(tmp_path / "c.toml")
+    assert [case.path.name for case in found.cases] == ["a_1.vti", "b_2.vti"]
+
+
 @pytest.mark.parametrize(
     ("stated", "words"),
     [

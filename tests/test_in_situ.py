@@ -114,6 +114,18 @@ def test_cells_have_their_own_backplate(how):
     assert abs(complex(found.liner_impedance_pressure_first[0]) - 1 / (0.5 + 1j)) < 1e-11
 
 
+def test_probes_in_another_order_than_the_cells_are_told_of():
+    """The rows of a backplate are of cells in rising x, whatever the order of the probes."""
+    x, face = [0.001, 0.004, 0.007, 0.011, 0.014, 0.017], [1.0] * 3 + [2.0] * 3
+    wanted = tl.in_situ(record_of(face, [1.0, 0.5], x=x, cell_pitch=0.01), interval=None)
+    turned = record_of(face[::-1], [1.0, 0.5], x=x[::-1], cell_pitch=0.01)
+    with pytest.warns(
+        tl.DataWarning, match="rows of the backplate are taken as the cells in risin"
+    ):
+        found = tl.in_situ(turned, interval=None)
+    assert torch.equal(found.cell_impedance, wanted.cell_impedance)
+
+
 def test_points_of_no_cell_are_nan():
     """A probe labelled -1 has no impedance and spoils no average."""
     unit = standing_wave(1.0, 1.0)

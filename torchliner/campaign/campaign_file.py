@@ -17,6 +17,7 @@ from torchliner import ranges
 from torchliner.campaign.inputs import NAMED
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES
+from torchliner.records.origin import series_of
 from torchliner.tdibc.choices import Choices
 from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validated
 
@@ -171,7 +172,7 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     target = Path(output or folder / (table.output or f"{path.stem}_results"))
     found = [
         (match, each) for each in table.planes for pattern in each.files
-        for match in _without(_matches(folder, pattern, path), target)
+        for match in _one_a_series(_without(_matches(folder, pattern, path), target))
     ]  # fmt: skip
     paths = [match for match, _ in found]
     twice = next((p for p in paths if paths.count(p) > 1), None)
@@ -221,6 +222,17 @@ def _matches(folder: Path, pattern: str, path: Path) -> list[Path]:
 def _without(found: list[Path], output: Path) -> list[Path]:
     """Planes but for what earlier runs have written."""
     return [each for each in found if not each.absolute().is_relative_to(output.absolute())]
+
+
+def _one_a_series(found: list[Path]) -> list[Path]:
+    """Planes, of which a file of a series stands for all of it."""
+    kept: list[Path] = []
+    covered: set[Path] = set()
+    for each in found:
+        if each not in covered:
+            kept.append(each)
+            covered |= set(series_of(each))
+    return kept
 
 
 def _seen_from(folder: Path, path: Path) -> str:

@@ -160,6 +160,13 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     if rows == 1:
         return cells, torch.where(stray < 0, -1, 0)
     if rows == cells.count:
+        first = [int((cells.labels == cell).nonzero()[0]) for cell in range(cells.count)]
+        if record.probe_cell is None and first != sorted(first):
+            tell(
+                f"{record.name}: the rows of the backplate are taken as the cells in rising z, "
+                "then x, in which order the facesheet probes do not come; state probe_cell if the "
+                "backplate is in the probes' order"
+            )
         return cells, cells.labels
     if rows == record.probes:
         return cells, torch.where(stray < 0, -1, torch.arange(rows))

@@ -37,8 +37,9 @@ class PressureRecord(Written, AtProbes):
 
     Args:
         facesheet: Pa, on the surface, (..., T) with probe axes (z, x), (x) or (probe).
-        backplate: Pa, at the cavity bottom: (T,) one for all probes, (C, T) one per cell, or of the
-            facesheet's shape, one per probe.
+        backplate: Pa, at the cavity bottom: (T,) one for all probes, (C, T) one per cell, by the
+            numbers of ``probe_cell``, else in rising z, then x, or of the facesheet's shape, one
+            per probe.
         sampling_rate: Hz.
         x, z: coordinates of the facesheet probes, m, as in ``VelocityPlane``.
         cavity_depth: H, m, from the mouth of the cavity to the backplate.
