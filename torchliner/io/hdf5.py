@@ -49,7 +49,8 @@ def hold_open(path: str | Path) -> h5py.File:
         kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
         if isinstance(error, PermissionError):
             kind = "cannot be read"
-        raise OSError(f"{path} {kind}: {error}") from error
+        remedy = "; copy it again, or write it anew" if kind == "is truncated" else ""
+        raise OSError(f"{path} {kind}: {error}{remedy}") from error
 
 
 def _opened(path: Path, **settings: Any) -> h5py.File:
