@@ -21,6 +21,7 @@ from torchliner.signals.bootstrap import (
     neighbour_correlation,
     replicate_covariance,
     run_lengths,
+    runs_laid,
     student_quantile,
     tile_moments,
 )
@@ -76,6 +77,27 @@ def test_covariance_is_that_of_every_replicate():
     square = (series * (covariance @ series)).sum(0)
     torch.testing.assert_close(power.real, away.abs().square().mean(0), rtol=1e-12, atol=0)
     torch.testing.assert_close(square, away.square().mean(0), rtol=1e-11, atol=1e-15)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 32])
+def test_covariance_is_that_of_runs_laid_out(count):
+    """For any length of a run; and any weights."""
+    for length in range(1, count + 1):
+        weights = noise(count, seed=length).real
+        laid = runs_laid(weights, length)
+        expected = laid.mean(1)
+        wanted = torch.einsum("jis,jit->st", laid, laid) / laid.shape[1] - expected.T @ expected
+        torch.testing.assert_close(
+            replicate_covariance(weights, length), wanted, rtol=0, atol=1e-14 * count
+        )
+
+
+def test_covariance_of_as_many_segments_as_ten_minutes_hold():
+    """Laid out, its runs would take 6 GB; a constant series scatters by nothing."""
+    found = replicate_covariance(equal(1200), 2)
+    assert float((found @ torch.ones(1200, dtype=torch.float64)).abs().max()) < 1e-15
+    white = float(found.diagonal().sum() * 1200)
+    assert white == pytest.approx(1.0, abs=0.01)
 
 
 def test_many_draws_tend_to_the_covariance():

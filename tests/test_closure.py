@@ -378,6 +378,83 @@ def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
     assert plain_line(line)["closure"]["rows"][0]["verdict"]
 
 
+def rough_station(seed: int, noise: float = 3.0, **about):
+    """A tone under noise of every frequency, and a reference on the clock of its arrivals."""
+    phase = about.pop("phase", 0.3)
+    record = station(seed, seconds=0.3, rms=0.0, phase=phase, **about)
+    rough = torch.from_numpy(np.random.default_rng(seed).normal(size=record.bursts))
+    record = dataclasses.replace(record, wall_normal=record.wall_normal + noise * rough)
+    times = np.arange(16_000) / 40e3
+    loud = np.cos(2 * np.pi * record.frequency * times + phase)
+    return record, tl.ReferenceChannel(loud, 40e3)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize("referred", [False, True])
+def test_stations_scatter_as_their_closure_says(onera, referred):
+    """In 40 draws of noise three times the tone, with and without a reference."""
+    levels, errors = [], []
+    for seed in range(40):
+        record, loud = rough_station(seed, incident_level=140.0, source_side="normal")
+        reference = loud if referred else None
+        gap = tl.educe_bursts([record], onera, reference=reference, segment=0.04).closure.liner
+        levels.append(float(gap.level[0, 0]))
+        errors.append(float(gap.level_high - gap.level_low) / 2 / 1.96)
+    assert np.mean(errors) == pytest.approx(np.std(levels, ddof=1), rel=0.3)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize(("side", "level"), [("normal", 139.5), ("upstream", 137.2)])
+def test_stations_without_a_common_clock_do_not_close_by_their_phases(onera, side, level):
+    """Each begins at any phase of the generator: at normal incidence, where all count, nothing is
+    compared; along the liner sizes are; a reference channel gives the phases back."""
+    about = {"incident_level": level, "source_side": side}
+    starts = np.random.default_rng(5).uniform(0, 2 * np.pi, 6)
+    on_one, on_own, channels = [], [], []
+    for seed in range(6):
+        on_one.append(rough_station(seed, 0.3, **about)[0])
+        record, loud = rough_station(seed, 0.3, phase=starts[seed], **about)
+        on_own.append(record)
+        channels.append(loud)
+    wanted = tl.educe_bursts(on_one, onera, segment=0.04).closure
+    assert "mean size" not in wanted.known
+    referred = tl.educe_bursts(on_own, onera, segment=0.04, reference=channels).closure
+    assert float(referred.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
+    line = tl.educe_bursts(on_own, onera, segment=0.04)
+    if side == "normal":
+        assert line.closure is None
+        assert "without a reference channel the phases of V at the stations" in line.closure_words
+        assert "Give a reference channel, or count the times of" in line.closure_words
+        one = tl.educe_bursts(on_own[:1], onera, segment=0.04).closure
+        assert float(one.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.5)
+    else:
+        assert "mean size of V, as the phases of the stations disagree" in line.closure_words
+        assert float(line.closure.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
+        torch.testing.assert_close(line.closure.cells.level, wanted.cells.level, atol=0.5, rtol=0)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_noise_alone_sets_no_clocks_apart(onera):
+    """Phases of stations on one clock scatter by a quarter of a radian here."""
+    about = {"incident_level": 130.0, "source_side": "normal", "tone": 0.2}
+    for first in range(0, 40, 8):
+        records = [rough_station(first + i, **about)[0] for i in range(8)]
+        assert tl.educe_bursts(records, onera, segment=0.04).closure is not None
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_a_level_is_that_of_the_stated_tone(onera):
+    """Closure of a line is checked there, and nowhere else."""
+    record = station(0, incident_level=130.0, source_side="upstream")
+    alone = tl.educe_bursts([record], onera, segment=0.04).closure
+    both = tl.educe_bursts([record], onera, [1000.0, 1500.0], segment=0.04).closure
+    assert both.liner.level[0, 0].isnan()
+    torch.testing.assert_close(both.liner.level[0, 1], alone.liner.level[0, 0])
+    other = tl.educe_bursts([record], onera, 1000.0, segment=0.04)
+    assert other.closure is None
+    assert "nothing is known at the frequencies asked for" in other.closure_words
+
+
 def test_values_beside_are_compared_in_their_joint_interval(capsys):
     """In situ with pressure first differs from velocity first by what a subtraction says."""
     options = ["--in-situ", str(DATA / "pressure_n130.h5"), "--quiet", "--json"]

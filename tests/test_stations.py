@@ -122,6 +122,25 @@ def test_only_the_tone_is_corrected(onera):
     assert found.reflection.shape[-1] == 2
 
 
+def test_the_tone_is_corrected_whatever_is_asked_for(onera):
+    """It drives |v| at every frequency: 1000 Hz is the same with and without 1500 Hz beside it."""
+    record = station(0, rate=12e3, tone=3.0, rms=0.3)
+    alone = educed([record], onera, frequency=1000.0)
+    both = educed([record], onera, frequency=[FREQUENCY, 1000.0])
+    assert float((alone.reflection[..., 0] - both.reflection[..., 1]).abs().max()) < 1e-12
+    assert alone.corrected.tolist() == [[False]]
+    assert any("the stated tone of 1500 Hz, of which linear reconstruction leaves 0.7" in note
+               for note in alone.station_notes[0])  # fmt: skip
+    as_is = educed([record], onera, frequency=1000.0, correction="none")
+    assert float((as_is.impedance - alone.impedance).abs()) > 0.05
+    sparse = station(3, rate=2500.0, seconds=1.0)
+    low = {"frequency": 500.0, "flagged": "use", "segment": 0.2}
+    with pytest.raises(ValueError, match=r"The stated tone of 1500 Hz is corrected whatever is "
+                       r"asked for; correction='none' leaves it"):  # fmt: skip
+        educed([sparse], onera, **low)
+    assert not bool(educed([sparse], onera, correction="none", **low).corrected)
+
+
 def test_flagged_stations_are_never_used_in_silence(onera):
     """Excluded from the average by default, used or refused if asked."""
     good, bad = station(0), station(1)
@@ -187,6 +206,13 @@ def test_overlap_and_window_are_free(onera):
                            r"overlap of 0\.5 take 0\.45 s.*shorten the segment"),
         ({"overlap": 1.0}, "overlap is 1; it is a share of a segment"),
         ({"overlap": -0.1}, "overlap is -0.1"),
+        ({"overlap": 0.9999}, r"s0: 0\.3999 s hold 8\.998e\+04 segments of 0\.04 s with an overlap "
+                              r"of 0\.9999 \(limit: 5000\)\. Lower the overlap, or lengthen"),
+        ({"order": "coherent first", "oncoming_rms": 1.0}, "order is 'coherent first'; it is for "
+                                                           "planes.*leave order out"),
+        ({"oncoming_rms": 1.0}, "oncoming_rms is 1.0; it is for planes"),
+        ({"resample": "time-span"}, "resample is 'time-span'; it is for planes"),
+        ({"missing": "exclude"}, "missing is 'exclude'; it is for planes"),
         ({"segment": 0.0}, r"segment \(s\) is 0; it must be finite and above 0"),
         ({"method": "cubic"}, "unknown method 'cubic'"),
         ({"correction": "tones"}, "unknown correction 'tones' .did you mean 'tone'"),

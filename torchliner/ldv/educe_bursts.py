@@ -37,6 +37,7 @@ Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
 SHARED = ("frequency", "goodrich")  # tensors that are those of the whole line
 LISTS = ("names", "flags", "dropped", "station_notes")
+ONE_PLACE = {"order": ORDERS[0], "oncoming_rms": None, "resample": "time", "missing": "refuse"}
 PADDED = ("reflection", "segment_start")  # nan for the segments that a shorter station lacks
 
 
@@ -58,7 +59,8 @@ def educe_bursts(
         reference: channel that carries the phase of the sound, one for all or one a station in the
             order of ``stations``, or functions that read it for a station. With it the coherence
             of v is that with the reference, ``self-consistent`` takes the part of v that follows
-            it, and ``given`` its phase.
+            it, and ``given`` its phase. Without it closure of the line needs times that count from
+            the same instant of the sound's generator at all stations.
         reference_phase: psi, rad, for ``phase="given"``, one for all or one a station in the order
             of ``stations``: x(t) = cos(2 pi f t + psi) on the clock of the arrivals, or, with a
             reference, ahead of it by psi.
@@ -200,8 +202,13 @@ def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
     rest = {key: value for key, value in choices.items() if key not in names}
     if rest.get("incident") is not None:
         raise ValueError("stations of bursts are educed for tones; leave incident out")
-    # A station is one place: the coherent velocity of its cell is not known.
-    return station_choices, Choices(**{"order": ORDERS[0], **rest})
+    for name, only in ONE_PLACE.items():
+        if rest.setdefault(name, only) not in (only, "auto"):
+            raise ValueError(
+                f"{name} is {rest[name]!r}; it is for planes. A station is one place without "
+                f"neighbours, and bursts without a value are dropped: leave {name} out"
+            )
+    return station_choices, Choices(**{**rest, "order": ORDERS[0]})
 
 
 def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:

@@ -21,8 +21,9 @@ class StationChoices:
             ``band-limited``; see ``torchliner.signals.arrivals``.
         grid_rate: Hz; default ``derived_rate`` of each station.
         band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
-        correction: what is put back of what the reconstruction took from the tone: ``tone``, its
-            line; ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the paper).
+        correction: what is put back of what the reconstruction took from the stated tone, whatever
+            is asked for, else from a single frequency asked for: ``tone``, its line;
+            ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the paper).
         segment: s (the paper: 1).
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or

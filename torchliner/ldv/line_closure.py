@@ -2,7 +2,13 @@ r"""Closure of a line of stations: see ``torchliner.tdibc.closure``; a station i
 
 The stations were measured one after another, so that Z and V of a station share no blocks of time:
 the interval adds their standard errors as independent ones. V errs by
-:math:`\\sqrt{(1-\\gamma^2)/(2 n \\gamma^2)}` of itself, from its coherence over n segments.
+:math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its coherence over n pieces of two
+periods.
+
+V of the line is a mean of phasors: with a reference channel they are relative to it, without one
+the times of all stations must count from one instant of the generator. If they do not, the mean of
+V is less than its mean size by more than noise and ``closure_limit`` allow. Sound along the line
+then has the mean size, which needs no clock; at normal incidence nothing is compared.
 """
 
 from __future__ import annotations
@@ -11,17 +17,24 @@ import dataclasses
 import math
 
 import torch
-from scipy.special import ndtri
+from scipy.special import chdtri, ndtri
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records import Closure, Gap, ImpedanceLine, Interval
 from torchliner.records.closure import gap_of
+from torchliner.reduction.coherence import PERIODS_PER_SEGMENT
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.closure import turned_back
 from torchliner.tdibc.known_pressure import INCIDENT, stated_pressure
 
-PER_COHERENCE = 2.0  # periods of a segment behind the coherence without a reference
+CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
+
+NO_CLOCK = (
+    "not checked: without a reference channel the phases of V at the stations disagree, its mean "
+    "is {:.2f} of its mean size (on one clock {:.2f} at least). Give a reference channel, or count "
+    "the times of all stations from one instant of the generator"
+)
 
 
 def with_line_closure(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
@@ -34,23 +47,30 @@ def with_line_closure(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
 
 def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
     """Of the average, and of each station, against the stated level; or why there is none."""
-    known = stated_pressure(line, line.frequency, None)
+    known = stated_pressure(line, line.frequency, line.choices.get("tone"))
     if isinstance(known, str) or line.average is None:
         return known if isinstance(known, str) else "not checked: the line has no average"
     kind, words, pressure = known
     moved = kind == INCIDENT
     error = _velocity_error(line)
-    used, count = line.used, int(line.used.sum())
-    turns = torch.ones_like(line.velocity_amplitude)
+    used, count, own = line.used, int(line.used.sum()), line.velocity_amplitude
+    turns = torch.ones_like(own)
     if not moved:
-        turns = turned_back(line.x, torch.where(used[:, None], line.velocity_amplitude, 0),
-                            line.frequency, float(line.fluid.sound_speed))  # fmt: skip
-    mean = (turns * line.velocity_amplitude)[used].mean(0)
-    spread = (line.velocity_amplitude.abs() * error)[used].square().sum(0).sqrt() / count
+        turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency,
+                            float(line.fluid.sound_speed))  # fmt: skip
+    share, least = _shares((turns * own)[used], error[used], choices.closure_limit)
+    apart = (share < least) & ~pressure.isnan() & (not line.choices.get("referred", False))
+    if bool(apart.any()):
+        if moved:
+            return NO_CLOCK.format(float(share[apart]), float(least[apart]))
+        words = f"{words}, mean size of V, as the phases of the stations disagree"
+        turns = torch.where(apart, own.conj() / own.abs().clamp(min=1e-300), turns)
+    mean = (turns * own)[used].mean(0)
+    spread = (own.abs() * error)[used].square().sum(0).sqrt() / count
     everywhere = [
         (line.average.impedance[None], mean[None], (spread / mean.abs())[None],
          line.average.interval, line.y[used].nanmean()[None]),
-        (line.impedance, line.velocity_amplitude, error, line.interval, line.y),
+        (line.impedance, own, error, line.interval, line.y),
     ]  # fmt: skip
     gaps = []
     for z, velocity, of_velocity, interval, y in everywhere:
@@ -71,15 +91,22 @@ def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
     )  # fmt: skip
 
 
+def _shares(velocity: Tensor, error: Tensor, limit: float) -> tuple[Tensor, Tensor]:
+    """Of the mean size of V, (N, F), in the size of its mean: what there is, and the least on one
+    clock, where noise of relative standard error ``error`` and ``limit`` dB are allowed, (F,)."""
+    count, size = len(velocity), velocity.abs()
+    noise = (size * error.clamp(max=1).square()).mean(0) / 2 / size.mean(0)
+    noise = noise * float(chdtri(max(1, count - 1), CHANCE)) / count
+    return velocity.mean(0).abs() / size.mean(0), (1 - noise) / 10 ** (limit / 20)
+
+
 def _velocity_error(line: ImpedanceLine) -> Tensor:
     """Standard error of the size of V over itself, (N, F)."""
-    segments = line.segments[:, None].to(torch.float64)
-    if not line.choices.get("referred", False):
-        start = torch.nan_to_num(line.segment_start, nan=-math.inf).amax(1, keepdim=True)
-        length = start - line.segment_start[:, :1] + float(line.choices["segment"])
-        segments = (length * line.frequency / PER_COHERENCE).clamp(min=1)
+    start = torch.nan_to_num(line.segment_start, nan=-math.inf).amax(1, keepdim=True)
+    length = start - line.segment_start[:, :1] + float(line.choices["segment"])
+    pieces = (length * line.frequency / PERIODS_PER_SEGMENT).clamp(min=1)
     coherence = line.coherence.clamp(min=1e-12, max=1.0)
-    return ((1 - coherence) / (2 * segments * coherence)).sqrt()
+    return ((1 - coherence) / (2 * pieces * coherence)).sqrt()
 
 
 def _ends(

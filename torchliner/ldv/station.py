@@ -96,7 +96,10 @@ def educe_station(
         interval=interval and Interval(*(value[None] for value in vars(interval).values())),
         names=(record.title or record.name,), flags=(flags,), dropped=(dict(kept.dropped),),
         station_notes=(notes,), goodrich=goodrich_of(ready),
-        choices=_facts(ready, station_choices, choices, tone is not None),
+        choices={
+            **_facts(ready, station_choices, choices), "referred": tone is not None,
+            "tone": record.frequency,
+        },
         **{key: getattr(record, key) for key in CASE},
     )  # fmt: skip
 
@@ -145,12 +148,10 @@ def _warnings_of(
     return notes
 
 
-def _facts(
-    ready: Prepared, station_choices: StationChoices, choices: Choices, referred: bool
-) -> dict[str, Any]:
+def _facts(ready: Prepared, station_choices: StationChoices, choices: Choices) -> dict[str, Any]:
     """Every choice; what differs from station to station is in the line itself."""
     facts = facts_of(ready, choices.phase)
     for key in ("velocity_max", "samples", "sampling_rate", "source", "data"):
         facts.pop(key)
     restored = {"interval": choices.interval, "wall_filter": choices.wall_filter}
-    return {**facts, **restored, **station_choices.describe(), "referred": referred}
+    return {**facts, **restored, **station_choices.describe()}

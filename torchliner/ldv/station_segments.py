@@ -13,16 +13,17 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, DataWarning, real_tensor
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.records import BurstRecord, ReferenceChannel, VelocityPlane
-from torchliner.reduction.coherence import PERIODS_PER_SEGMENT
+from torchliner.reduction.coherence import segment_periods
 from torchliner.replay.edges import Record
 from torchliner.signals.arrivals import GridSignal, onto_grid
-from torchliner.signals.attenuation import REMEDY, ToneAttenuation, tone_attenuation
+from torchliner.signals.attenuation import DAMPED, REMEDY, ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
 from torchliner.signals.segments import segment_starts
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.transfer import transfer_function
 
 FEWEST_SEGMENTS = 2
+MOST_SEGMENTS = 5000  # 200 MB, the covariance of their mean
 MOST_POINTS = 3e7  # 240 MB of a station
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 
@@ -70,15 +71,30 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
             frequency=record.frequency or float(frequency.max()), band=choices.band_limit,
             name=record.name,
         )  # fmt: skip
-        factors = tone_attenuation(
-            record.arrival_time, frequency, method=choices.method, band=choices.band_limit,
-            grid=signal.grid, name=record.name,
-        )  # fmt: skip
+        tones = _with_tone(record, frequency, choices)
+        try:
+            factors = tone_attenuation(
+                record.arrival_time, tones, method=choices.method, band=choices.band_limit,
+                grid=signal.grid, name=record.name,
+            )  # fmt: skip
+        except ValueError as error:
+            if float(tones.max()) == float(frequency.max()):
+                raise
+            raise ValueError(
+                f"{error}. The stated tone of {tones[-1]:g} Hz is corrected whatever is asked for; "
+                "correction='none' leaves it as it is"
+            ) from None
     notes = (*record.notes, *signal.notes, *factors.notes)
-    corrected = _is_tone(record, frequency) & (choices.correction != "none")
+    corrected = _is_tone(record, tones) & (choices.correction != "none")
     if bool(corrected.any()):
         signal = _corrected(record, signal, factors, corrected, choices)
         notes = tuple(note for note in notes if REMEDY not in note)
+        left = float(factors.factor[0, -1].abs())
+        if len(tones) > len(frequency) and left < DAMPED:
+            notes += (
+                f"the stated tone of {tones[-1]:g} Hz, of which {choices.method} reconstruction "
+                f"leaves {left:.3f}, is corrected: it drives |v| at all frequencies",
+            )
     rate = signal.grid.rate
     starts, length = segment_starts(signal.grid.samples, 0, choices.segment, rate, choices.overlap)
     if len(starts) < FEWEST_SEGMENTS:
@@ -95,11 +111,14 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         displacement_thickness=record.displacement_thickness, name=record.name,
     )  # fmt: skip
     begin = signal.grid.start + torch.tensor(starts, dtype=torch.float64) / rate
-    return Segments(plane, signal, begin, hop, factors.factor[0], corrected, notes)
+    asked = slice(0, len(frequency))
+    return Segments(
+        plane, signal, begin, hop, factors.factor[0, asked], corrected[asked], notes
+    )  # fmt: skip
 
 
 def _require_enough(record: BurstRecord, choices: StationChoices) -> None:
-    """Two segments, a grid that fits into memory, no gap longer than a segment."""
+    """Two segments, no more and a grid no finer than memory holds, no gap longer than a segment."""
     lasts = float(record.arrival_time[-1] - record.arrival_time[0])
     needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - choices.overlap)) * choices.segment
     if lasts < needed or record.bursts < 2:
@@ -107,6 +126,13 @@ def _require_enough(record: BurstRecord, choices: StationChoices) -> None:
             f"{record.name}: {record.bursts} bursts over {lasts:.4g} s; two segments of "
             f"{choices.segment:g} s with an overlap of {choices.overlap:g} take {needed:.4g} s. "
             "Measure longer, or shorten the segment"
+        )
+    count = 1 + (lasts - choices.segment) / ((1 - choices.overlap) * choices.segment)
+    if count > MOST_SEGMENTS:
+        raise ValueError(
+            f"{record.name}: {lasts:.4g} s hold {count:.4g} segments of {choices.segment:g} s with "
+            f"an overlap of {choices.overlap:g} (limit: {MOST_SEGMENTS}). Lower the overlap, or "
+            "lengthen the segment"
         )
     points = lasts * (choices.grid_rate or 0.0)
     if points > MOST_POINTS:
@@ -122,6 +148,15 @@ def _require_enough(record: BurstRecord, choices: StationChoices) -> None:
             f"{float(record.arrival_time[longest]):.6g} s on, longer than a segment of "
             f"{choices.segment:g} s, which would be made up; cut the record there"
         )
+
+
+def _with_tone(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> Tensor:
+    """The frequencies asked for, and after them the stated tone, which is corrected in any case: it
+    drives |v| at all of them."""
+    tone = record.frequency
+    if tone is None or choices.correction == "none" or bool(_is_tone(record, frequency).any()):
+        return frequency
+    return torch.cat([frequency, frequency.new_tensor([tone])])
 
 
 def _is_tone(record: BurstRecord, frequency: Tensor) -> Tensor:
@@ -157,7 +192,8 @@ class ReferenceTone:
 
     Args:
         amplitude: of the reference in each segment, phase at the segment's first sample, (S, F).
-        response: H1 from the reference to v, over pieces of two periods, (F,).
+        response: H1 from the reference to v, over pieces of ``segment_periods`` of each frequency,
+            (F,).
         coherence: squared, of the two, (F,); 0 where the reference is 0 throughout.
     """
 
@@ -190,14 +226,17 @@ def reference_tone(
     values = reference.at(grid.times)
     segments = values.unfold(0, cut.plane.samples, cut.hop)
     weights = record.weights(0, record.samples)
-    found = transfer_function(
-        values, cut.signal.values, frequency, grid.rate,
-        segment=PERIODS_PER_SEGMENT / float(frequency.min()),
-    )  # fmt: skip
+    found = [
+        transfer_function(
+            values, cut.signal.values, frequency[i : i + 1], grid.rate,
+            segment=segment_periods(f, cut.plane.frequency, grid.samples * f / grid.rate) / f,
+        )
+        for i, f in enumerate(frequency.tolist())
+    ]  # fmt: skip
     return ReferenceTone(
         tone_amplitudes(segments, frequency, grid.rate, weights),
-        found.response,
-        torch.nan_to_num(found.coherence, nan=0.0),
+        torch.cat([each.response for each in found]),
+        torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0),
     )
 
 

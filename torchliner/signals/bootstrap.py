@@ -115,10 +115,31 @@ def runs_laid(weights: Tensor, length: int) -> Tensor:
 
 def replicate_covariance(weights: Tensor, length: int) -> Tensor:
     """C, (S, S): series^H C series is E|d|^2 of the replicates' deviation d from their mean, and
-    series^T C series E[d^2]; arguments as for ``runs_laid``."""
-    laid = runs_laid(weights, length)
-    expected = laid.mean(1)
-    return torch.einsum("jis,jit->st", laid, laid) / laid.shape[1] - expected.T @ expected
+    series^T C series E[d^2]; arguments as for ``runs_laid``.
+
+    Its S^3/b numbers need not be laid out: a run joins blocks less than b apart, and in the mean
+    over all starts blocks b or more from both ends are alike."""
+    count = len(weights)
+    runs, starts = -(-count // length), count - length + 1
+    of_run = torch.nn.functional.pad(weights, (0, runs * length - count)).reshape(runs, length)
+    products = of_run.T @ of_run / starts
+    covariance = torch.zeros(count, count, dtype=weights.dtype)
+    for apart in range(length):
+        across = _at_all_starts(products.diagonal(apart)[None], starts)[0]
+        covariance.diagonal(apart).copy_(across)
+        covariance.diagonal(-apart).copy_(across)
+    ends = min(starts, length)
+    expected = _at_all_starts(of_run, ends) / starts
+    blocks = torch.arange(count)
+    place = blocks.clamp(max=ends - 1) + (blocks - (starts - 1)).clamp(min=0)
+    return covariance.sub_((expected.T @ expected)[place[:, None], place])
+
+
+def _at_all_starts(rows: Tensor, starts: int) -> Tensor:
+    """Sum of each row (N, L) laid at 0, 1, .. starts - 1: (N, L + starts - 1)."""
+    ones = torch.ones(1, 1, starts, dtype=rows.dtype)
+    kernels = rows.flip(1)[:, None]
+    return torch.nn.functional.conv1d(ones, kernels, padding=rows.shape[1] - 1)[0]
 
 
 def tile_moments(series: Tensor, weights: Tensor, lengths: tuple[int, int]) -> tuple[Tensor, ...]:
