@@ -142,7 +142,7 @@ def test_truncated_and_other_files_are_refused(clean, tmp_path):
     """Cut off, no HDF5, a plane; and a window without a name cannot be written."""
     path = tmp_path / "m.h5"
     path.write_bytes(clean[: len(clean) // 2])
-    with pytest.raises(OSError, match="is truncated: .*; copy it again, or write it anew"):
+    with pytest.raises(OSError, match=r"is truncated: .*; copy it again, or write it anew"):
         tl.read_moments(path)
     path.write_text("moments")
     with pytest.raises(OSError, match="is not an HDF5"):
