@@ -319,6 +319,15 @@ def test_numbers_of_the_case_as_attributes():
     data.attrs = {"frequency": "1.4 kHz", "mach": 0.3}
     found = tl.VelocityPlane.from_xarray(data)
     assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid())
+    beside = data.assign(frequency=((), 1.4, {"units": "kHz"}), height=((), 2.0, {"units": "mm"}))
+    assert tl.VelocityPlane.from_xarray(beside).height == 2e-3
+    for owner in (beside, beside.v):
+        owner.attrs["height"] = "1.5 mm"
+        with pytest.raises(
+            ValueError, match=r"attribute 'height' is 0.0015 m, the .* is 0.002; corr"
+        ):
+            tl.VelocityPlane.from_xarray(beside)
+        del owner.attrs["height"]
     data.attrs["frequency"] = "high"
     with pytest.raises(ValueError, match="attribute 'frequency' is 'high'; a number is needed"):
         tl.VelocityPlane.from_xarray(data)
