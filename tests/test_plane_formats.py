@@ -319,6 +319,7 @@ def test_numbers_of_the_case_as_attributes():
     data.attrs = {"frequency": "1.4 kHz", "mach": 0.3}
     found = tl.VelocityPlane.from_xarray(data)
     assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid())
+    assert found.name == "xarray:/v"
     beside = data.assign(frequency=((), 1.4, {"units": "kHz"}), height=((), 2.0, {"units": "mm"}))
     assert tl.VelocityPlane.from_xarray(beside).height == 2e-3
     for owner in (beside, beside.v):

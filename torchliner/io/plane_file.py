@@ -110,9 +110,9 @@ def plane_from(
     case = read_case(file, KIND, _single(file, ours), path, ours)
     if group.name != "/":
         case |= read_variables(group, _single(group, ours), path)
-    for name, (number, label) in _attributes(file, dataset, path).items():
+    for name, (number, words) in _attributes(file, dataset, path).items():
         if not math.isclose(case.setdefault(name, number), number, rel_tol=SAME):
-            raise ValueError(f"{label} is {number:.9g} {UNITS[name]}, the variable {name} is "
+            raise ValueError(f"{words} is {number:.9g} {UNITS[name]}, the variable {name} is "
                              f"{case[name]:.9g}; correct one of them")  # fmt: skip
     return VelocityPlane(
         stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request) * factor),

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import require_memory
+from torchliner.file_checks import Unwritten, require_memory
 
 NUMBERS = "fiu"  # kinds of dtype
 
@@ -171,7 +171,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
     if dataset.chunks is None:
         # Space is made when the first value is written, for all of them at once.
         if dataset.size and dataset.id.get_storage_size() == 0:
-            raise ValueError(
+            raise Unwritten(
                 f"{label} holds no values: none of its {dataset.size} was ever written, and they "
                 f"would read as {dataset.fillvalue}"
             )
@@ -184,7 +184,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
     wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
     written = dataset.id.get_num_chunks()
     if written < wanted:
-        raise ValueError(
+        raise Unwritten(
             f"{label}: {wanted - written} of {wanted} chunks were never written and would read as "
             f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is "
             "there, or write the rest"
