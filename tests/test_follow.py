@@ -7,7 +7,9 @@ import json
 import math
 import subprocess
 import sys
+import time
 
+import h5py
 import numpy as np
 import pytest
 import torch
@@ -213,6 +215,78 @@ def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, word
     other.write(tmp_path / "v2.h5")
     with pytest.raises(ValueError, match=rf"v2\.h5.*{words}"):
         list(frames.new())
+
+
+def dated(plane, path, epoch=0.0):
+    """A plane in a file whose times count from so many s after a date."""
+    plane.write(path)
+    with h5py.File(path, "r+") as file:
+        file["time"][()] -= epoch
+        file["time"].attrs["units"] = f"seconds since 2024-01-01 00:00:{epoch:09.6f}"
+
+
+def test_files_are_joined_as_read_plane_joins_them(tmp_path, velocity):
+    """By dates and not numbers, within 0.1 of a sample; an overlap has one value."""
+    frames = Frames(tmp_path)
+    dated(piece(velocity, 0, 900), tmp_path / "v1.h5")
+    dated(piece(velocity, 900, 1700), tmp_path / "v2.h5", epoch=0.02)
+    assert sum(each.samples for each in frames.new()) == 1700
+    early, late = velocity.clone(), velocity.clone()
+    early[:, 800:900] += 1
+    late[:, 1650:1700] += 1
+    for plane, words in (
+        (dataclasses.replace(piece(velocity, 1700, 2000), start=1700.45 / RATE), "1700.45 samplin"),
+        (piece(velocity, 1742, 2000), "42 samples are missing between .*v2.h5.* and .*v3.h5"),
+        (piece(early, 800, 2000), "share 100 samples but not their values"),
+        (piece(late, 800, 2000), "share 800 samples but not their values"),
+        (piece(late, 1600, 2000), "share 100 samples but not their values"),
+    ):
+        dated(plane, tmp_path / "v3.h5", epoch=0.01)
+        with pytest.raises(ValueError, match=rf"v3.h5 does not join .*{words}"):
+            list(frames.new())
+        with pytest.raises(ValueError, match=words):
+            tl.read_plane(tmp_path / "v*.h5")
+    dated(piece(velocity, 800, 2000), tmp_path / "v3.h5", epoch=0.01)
+    with pytest.warns(tl.DataWarning, match="begins 900 samples before the end"):
+        (last,) = frames.new()
+    assert torch.equal(last.velocity, velocity[:, 1700:2000])
+
+
+NO_PLANES = {
+    "words": (b"one\ntwo\nthree\n", "of no format of planes"),
+    "a page": (b"# A plane\n\nIt has\nno numbers.\n", "no row of numbers"),
+    "other numbers": ({"a": ("kg", [1.0, 2.0])}, "no velocity above a wall"),
+}
+BEGUN = {
+    "empty": b"",
+    "no header yet": bytes(3000),
+    "half": b"\x89HDF\r\n\x1a\n" + bytes(40),
+    "heading": b"# Probe 0 (0 0 0)\n# Time\n",
+    "one time": {"wall_normal_velocity": ("m/s", [[1.0, 2.0]]), "time": ("s", [0.0])},
+}
+
+
+@pytest.mark.parametrize("name", [*NO_PLANES, *BEGUN])
+@pytest.mark.parametrize("age", [0, 60])
+def test_what_is_no_plane_is_refused_at_once(tmp_path, name, age):
+    """But waited for where it has just changed, or is the beginning of a plane."""
+    content, words = NO_PLANES.get(name, (BEGUN.get(name), ""))
+    path, sleep = tmp_path / "plane.h5", Solver()
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        with h5py.File(path, "w") as file:
+            for key, (unit, values) in content.items():
+                file[key] = values
+                file[key].attrs["units"] = unit
+    now = time.time()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "time", lambda: now + age)
+        with pytest.raises((OSError, ValueError), match=rf"plane.h5.*{words}"):
+            follow(
+                Following(path, tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep
+            )
+    assert sleep.looks == (0 if age and name in NO_PLANES else 3)
 
 
 def test_what_is_there_twice_counts_once(tmp_path, velocity):

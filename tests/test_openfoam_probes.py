@@ -113,6 +113,17 @@ def test_restarts_are_one_record(tmp_path):
         opened(FORMAT, tmp_path, PlaneRequest(variable="T", normal="y"))
 
 
+def test_all_of_an_overlap_is_compared(tmp_path):
+    """One sample of 120 that differs is found."""
+    values = np.tile(VALUES, (20, 1, 1))
+    probes(tmp_path / "0/U", values[:150])
+    changed = values[30:].copy()
+    changed[2] += 0.25
+    probes(tmp_path / "3e-04/U", changed, first=30)
+    with pytest.raises(ValueError, match=r"begins 120 samples before .* at 0.00032 s .*0\.25"):
+        opened(FORMAT, tmp_path)
+
+
 def test_probes_outside_the_mesh_are_left_out(tmp_path):
     values = VALUES.copy()
     values[:, 3] = -1e300

@@ -11,6 +11,7 @@ import pandas
 import pytest
 import torch
 import xarray
+import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import netcdf_file
@@ -97,6 +98,96 @@ def test_packed_shorts_with_a_fill_value_are_unpacked(tmp_path, kind):
         assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
         wanted = np.moveaxis(data.v.values, 0, -1)
         assert np.nanmax(np.abs(found.numpy() - wanted)) < 6e-4
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("mark", [{"_FillValue": -2}, {"valid_range": [0, 60000]}])
+def test_unsigned_numbers_in_signed_shorts(tmp_path, kind, mark):
+    """``_Unsigned``: what is stored above 32767 is no negative number, nor are its marks."""
+    stored = np.rint((VALUES + 4) * 8000).astype("u2")
+    stored[7, 1, 2] = 65534
+    data = dataset(attrs={"_Unsigned": "true", "scale_factor": 1.25e-4, "add_offset": -4.0})
+    data["v"] = data.v.copy(data=stored.view("i2")).assign_attrs(
+        {key: np.array(value, "i8").astype("i2")[()] for key, value in mark.items()}
+    )
+    path = written(data, tmp_path, kind)
+    wanted = np.moveaxis(np.where(stored == 65534, np.nan, VALUES), 0, -1)
+    for lazy in (False, True):
+        found = tl.read_plane(path, lazy=lazy).load().velocity.numpy()
+        assert np.allclose(found, wanted, atol=7e-5, equal_nan=True)
+
+
+@pytest.mark.parametrize("kind", ["i2", "i4", "f4", "f8"])
+@pytest.mark.parametrize("name", ["v", "time"])
+def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind, name):
+    """netCDF-3 without ``_FillValue``: nan in the velocity, an error in the times."""
+    path = tmp_path / "a.nc"
+    fill = {"i2": -32767, "i4": -2147483647}.get(kind, 9.9692099683868690e36)  # netcdf.h
+    with netcdf_file(path, "w") as file:
+        file.createDimension("time", None)
+        file.createDimension("x", 4)
+        file.createVariable("time", kind if name == "time" else "f4", ["time"]).units = "ms"
+        file.createVariable("v", kind if name == "v" else "f4", ["time", "x"]).units = "m/s"
+        file.variables["v"].scale_factor = 1.0
+        values = {"time": np.arange(30.0), "v": np.ones((30, 4))}
+        values[name][20:] = fill
+        for each, stored in values.items():
+            file.variables[each][:] = stored
+    if name == "time":
+        with pytest.raises(ValueError, match=r"a.nc:/time holds 10 values not finite"):
+            tl.read_plane(path)
+        return
+    found = tl.read_plane(path).velocity
+    assert (found[:, :20] == 1).all()
+    assert found[:, 20:].isnan().all()
+
+
+def store(path, version, fill=0, **arrays):
+    """A store written through zarr itself: arrays, and how many of their values; (time, x)."""
+    group = zarr.open_group(path, mode="w", zarr_format=version)
+    for name, (values, count) in arrays.items():
+        dims, unit = {"time": (["time"], "s"), "x": (["x"], "m")}.get(name, (["time", "x"], "m/s"))
+        words = {"dimension_names": dims} if version == 3 else {}
+        array = group.create_array(name, shape=values.shape, dtype=values.dtype, fill_value=fill,
+                                   chunks=(10, *values.shape[1:]), **words)  # fmt: skip
+        array.attrs.update({"units": unit, **({} if words else {"_ARRAY_DIMENSIONS": dims})})
+        array[:count] = values[:count]
+    return path
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_store_that_fills_with_0(tmp_path, version):
+    """Zeros that were written are zeros, also at the first time; chunks that were not are none."""
+    v = np.where(VALUES[:, 0] > 0, VALUES[:, 0], 0)
+    whole = {"time": (np.arange(30) / RATE, 30), "x": (X, 4), "v": (v, 30)}
+    path = tmp_path / "a.zarr"
+    found = tl.read_plane(store(path, version, **whole))
+    assert np.array_equal(found.velocity.numpy(), v.T)
+    for name, count, words in (
+        ("v", 20, "1 of 3 chunks were never written and would read as 0.0, .*: samples 20 to 29"),
+        ("v", 0, "3 of 3 chunks .*: samples 0 to 29. .* write_empty_chunks=True"),
+        ("time", 20, "1 of 3 chunks .*: values 20 to 29"),
+        ("x", 0, "1 of 1 chunks .*: values 0 to 3"),
+    ):
+        broken = whole | {name: (whole[name][0], count)}
+        with pytest.raises(ValueError, match=rf"a.zarr:/{name}: {words}"):
+            tl.read_plane(store(path, version, **broken))
+    missing = tl.read_plane(store(path, version, fill=np.nan, **whole | {"v": (v, 20)}))
+    assert missing.velocity[:, 20:].isnan().all()
+    alone = tl.read_plane(
+        store(path, version, **whole | {"x": (np.zeros(1), 1), "v": (v[:, :1], 30)})
+    )
+    assert alone.x.tolist() == [0.0]
+
+
+def test_packed_zeros_of_an_old_store_are_missing(tmp_path):
+    """xarray stores a stated ``_FillValue`` of 0 as zarr's own."""
+    data = dataset()
+    data.v[7, 1, 2] = np.nan
+    data.v.encoding = {"dtype": "i2", "scale_factor": 1e-3, "add_offset": 9.0, "_FillValue": 0}
+    data.to_zarr(tmp_path / "a.zarr", consolidated=False, zarr_format=2)
+    found = tl.read_plane(tmp_path / "a.zarr").velocity
+    assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
 
 
 def test_long_records_keep_their_times(monkeypatch):
@@ -228,6 +319,16 @@ def test_numbers_of_the_case_as_attributes():
     data.attrs = {"frequency": "1.4 kHz", "mach": 0.3}
     found = tl.VelocityPlane.from_xarray(data)
     assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid())
+    assert found.name == "xarray:/v"
+    beside = data.assign(frequency=((), 1.4, {"units": "kHz"}), height=((), 2.0, {"units": "mm"}))
+    assert tl.VelocityPlane.from_xarray(beside).height == 2e-3
+    for owner in (beside, beside.v):
+        owner.attrs["height"] = "1.5 mm"
+        with pytest.raises(
+            ValueError, match=r"attribute 'height' is 0.0015 m, the .* is 0.002; corr"
+        ):
+            tl.VelocityPlane.from_xarray(beside)
+        del owner.attrs["height"]
     data.attrs["frequency"] = "high"
     with pytest.raises(ValueError, match="attribute 'frequency' is 'high'; a number is needed"):
         tl.VelocityPlane.from_xarray(data)
@@ -345,7 +446,7 @@ def test_a_truncated_netcdf3_file_is_named(tmp_path, keep):
     path = written(dataset(), tmp_path, "netcdf3")
     whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True)
     path.write_bytes(whole[: int(keep * len(whole))])
-    with pytest.raises((OSError, ValueError), match=r"a.data (is truncated|is damaged)|a.data:"):
+    with pytest.raises(OSError, match=r"a.data is truncated"):
         tl.read_plane(path)
     with pytest.raises(OSError, match=r"a.data:/v cannot be read from .* the file ends"):
         lazy.read(0, 30)

@@ -380,6 +380,44 @@ def test_faults_of_openfoam_surfaces(tmp_path):
         FOAM.open(foam(tmp_path / "b", "raw"), PlaneRequest())
 
 
+@pytest.mark.parametrize("faces", [False, True])
+def test_rows_of_raw_surfaces_stand_where_they_say(tmp_path, faces):
+    """A restart on other cores writes them in another order; points that move are refused."""
+    folder = foam(tmp_path / "planes", "raw", faces)
+    wanted = opened(FOAM, folder)
+    for number, path in enumerate(sorted(folder.glob("*/*"))[4:]):
+        head, rows = path.read_text().split("U_z\n")
+        rows = np.random.default_rng(number).permutation(rows.splitlines())
+        path.write_text(head + "U_z\n" + "\n".join(rows) + "\n")
+    assert np.array_equal(opened(FOAM, folder), wanted)
+    row = rows[2].split()
+    path.write_text(path.read_text().replace(rows[2], " ".join([row[0], "0.0011", *row[2:]])))
+    with pytest.raises(
+        ValueError, match=rf"{path}, row 3, is at \({row[0]} 0.0011 .* is \({row[0]} 0.001 "
+    ):
+        opened(FOAM, folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("points", "(0.03 0.001 0.005)", "(0.031 0.001 0.005)"),
+        ("faces", "4(0 1 5 4)", "4(4 0 1 5)"),
+    ],
+)
+def test_meshes_of_later_times_are_the_first(tmp_path, name, old, new):
+    """Compared as numbers, whatever their digits."""
+    folder = foam(tmp_path / "planes", "foam", faces=True)
+    path = folder / "0.00104/top" / name
+    wanted, text = opened(FOAM, folder), path.read_text()
+    path.write_text(text.replace(" ", "  ").replace("0.02", "0.0200"))
+    assert np.array_equal(opened(FOAM, folder), wanted)
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=r"0.00104/top has other points or faces .*/0.001/top"):
+        opened(FOAM, folder)
+
+
 def test_one_value_for_all(tmp_path):
     """A uniform field of foamFile."""
     folder = foam(tmp_path / "planes", "foam")

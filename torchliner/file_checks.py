@@ -22,6 +22,10 @@ DAMAGE = (LookupError, AttributeError, ArithmeticError, NameError, EOFError, Run
           tokenize.TokenError)  # fmt: skip
 
 
+class Unwritten(ValueError):
+    """A file lacks samples, which may be written yet."""
+
+
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:
     """A block that reads a file: whatever fails there is an error that names the file.

@@ -6,7 +6,8 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,13 @@ from torch import Tensor
 
 from torchliner.campaign.inputs import open_plane
 from torchliner.checks import tell
+from torchliner.file_checks import DAMAGE, Unwritten
+from torchliner.io.axes import CLOCK
+from torchliner.io.plane_join import Clock, compare, on_one_clock, refuse_gap
+from torchliner.io.planes import HEAD, format_of
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.records.same_case import require_same_probes
 from torchliner.reduction.moments import Moments
 from torchliner.reduction.sources import in_full_precision
 from torchliner.signals.bootstrap import can_resample
@@ -26,7 +30,7 @@ from torchliner.tdibc.growing import GrowingMoments
 from torchliner.tdibc.requested import without_velocity
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
-ROUNDED = 1e-4  # of a rate that follows from times
+SETTLED = 5.0  # s without a change, after which nobody is in the middle of one
 
 
 @dataclass(frozen=True)
@@ -66,8 +70,10 @@ class Frames:
         self.error: Exception | None = None
         self._done: dict[Path, int] = {}  # samples taken of each file
         self._heads: dict[Path, Tensor] = {}  # first sample of each
-        self._like: VelocityPlane | None = None
-        self._next = 0.0  # time of the next sample, s
+        self._places: dict[Path, int] = {}  # of that sample in the whole
+        # The first file and the longest, whose rate is the best known, without the open files, by
+        # which HDF5 would not see that they grow.
+        self._known: dict[Path, tuple[VelocityPlane, Clock]] = {}
 
     @property
     def liner(self) -> str:
@@ -82,8 +88,8 @@ class Frames:
         """What has come since, piece by piece, with all that is stated of the plane.
 
         Raises:
-            OSError, ValueError: a file cannot be read that others follow; one became shorter or
-                other; a later one is of other probes, or does not go on where the last one ended.
+            OSError, ValueError: a file cannot be read that others follow, or is no plane; one
+                became shorter or other; a later one does not join, as ``join_planes`` has it.
         Warns:
             DataWarning: samples are there twice; those of the later file are left out.
         """
@@ -93,7 +99,7 @@ class Frames:
             try:
                 plane = open_plane(path)
             except (OSError, ValueError) as error:
-                if path != files[-1]:
+                if path != files[-1] or not (seen or may_heal(path, error)):
                     raise
                 self.error = error
                 return
@@ -101,47 +107,80 @@ class Frames:
                 raise OSError(f"{path} had {seen} samples and has {plane.samples}; it was replaced")
             if path in self._heads and not torch.equal(self._heads[path], _head(plane)):
                 raise OSError(f"{path} begins with other values than before; it was replaced")
+            clock = CLOCK.get()
             if path not in self._heads:
-                seen = self._joined(plane, path)
+                seen = self._joined(plane, clock, path)
                 self._heads[path] = _head(plane)
+            self._known[path] = without_velocity(plane), clock
+            longest = max(self._known, key=lambda each: self._known[each][0].samples)
+            kept = (next(iter(self._known)), longest)
+            self._known = {each: self._known[each] for each in kept}
             rows = max(1, PIECE_VALUES // plane.probes)
             for begin in range(seen, plane.samples, rows):
                 slab = plane.read(begin, min(begin + rows, plane.samples))
                 velocity = slab.T.reshape(*plane.probe_shape, -1)
                 about = {key: value for key, value in vars(plane).items() if key != "velocity"}
                 self._done[path] = begin + len(slab)
-                self._next = plane.start + self._done[path] / plane.sampling_rate
                 yield VelocityPlane(velocity, **about | {"streamwise": None})
 
-    def _joined(self, plane: VelocityPlane, path: Path) -> int:
-        """Samples of a new file that are known already."""
-        first = self._like
-        if first is None:
-            # Without the open file, by which HDF5 would not see that it grows.
-            self._like, self._next = without_velocity(plane), plane.start
-            return 0
-        require_same_probes(first, plane)
-        if not math.isclose(first.sampling_rate, plane.sampling_rate, rel_tol=ROUNDED):
+    def _joined(self, plane: VelocityPlane, clock: Clock, path: Path) -> int:
+        """Samples of a new file that are known already; as ``read_plane`` joins files."""
+        try:
+            known = self._placed(plane, clock, path)
+        except ValueError as error:
             raise ValueError(
-                f"{path} is sampled at {plane.sampling_rate:.6g} Hz and {first.name} at "
-                f"{first.sampling_rate:.6g} Hz; files of one plane share their rate"
-            )
-        known = round((self._next - plane.start) * plane.sampling_rate)
-        if not 0 <= known < plane.samples:
-            raise ValueError(
-                f"{path} goes from {plane.start:g} to {plane.start + plane.duration:g} s, and the "
-                f"next sample is that of {self._next:g} s: "
-                + ("samples are missing between" if known < 0 else "it holds nothing new")
-                + "; files are taken in the order of their names, and their times go on"
-            )
+                f"{path} does not join the files before it in the order of their names: {error}"
+            ) from error
         if known:
             tell(f"{path} begins {known} samples before the end of the file before; they are left "
                  "out")  # fmt: skip
         return known
 
+    def _placed(self, plane: VelocityPlane, clock: Clock, path: Path) -> int:
+        """The same, after the place of the file is found and what it shares compared."""
+        planes, clocks = zip(*self._known.values(), (plane, clock), strict=True)
+        pieces, rate = on_one_clock(planes, clocks)
+        (zero, first), (place, new) = pieces[0], pieces[-1]
+        place -= zero
+        ends = {each: self._places[each] + count for each, count in self._done.items()}
+        end = max(ends.values(), default=place)
+        if end - place >= plane.samples:
+            raise ValueError(
+                f"it goes from {new.start:g} to {new.start + new.duration:g} s, and the next "
+                f"sample is that of {first.start + end / rate:g} s: it holds nothing new"
+            )
+        for other in [each for each in ends if ends[each] > place or ends[each] == end < place]:
+            begin = self._places[other]
+            old = replace(open_plane(other), start=first.start + begin / rate)
+            if end < place:
+                refuse_gap(old, new, place - end, rate)
+            if ends[other] > place:
+                two = (old, new) if begin <= place else (new, old)
+                compare(*two, abs(place - begin))
+        self._places[path] = place
+        return end - place
+
 
 def _head(plane: VelocityPlane) -> Tensor:
     return plane.read(0, 1).clone().nan_to_num()
+
+
+def may_heal(path: Path, error: Exception) -> bool:
+    """Whether a file that cannot be opened may be one that somebody still writes: it is not there,
+    empty, or has just changed; it lacks samples; or its format is known and it ends too early. What
+    a check refuses, and what no format knows, stays so."""
+    if isinstance(error, FileNotFoundError | Unwritten) or not path.is_file():
+        return True
+    status = path.stat()
+    if time.time() - max(status.st_mtime, status.st_ctime) < SETTLED:
+        return True
+    if isinstance(error, ValueError):
+        return isinstance(error.__cause__, DAMAGE)
+    with suppress(OSError):
+        format_of(path)
+        return True
+    with path.open("rb") as file:
+        return not any(file.read(HEAD))  # a library has left place for its header
 
 
 def _natural(path: Path) -> list[Any]:

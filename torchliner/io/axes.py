@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from torch import Tensor
 
+from torchliner.file_checks import Unwritten
 from torchliner.fluid import Fluid
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.hdf5 import (
@@ -167,7 +168,7 @@ def read_clock(
     """
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
-        raise ValueError(f"{name} has shape {shape}; a list of at least two times is needed")
+        raise Unwritten(f"{name} has shape {shape}; a list of at least two times is needed")
     unit, _, epoch = (text_attribute(group[key], "units") or "").partition(" since ")
     if epoch or (stated is not None and not unit):
         # Dates are far from their epoch; what counts is how far they are from each other.

@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 
+from torchliner.file_checks import Unwritten
 from torchliner.io.cf_axes import UPWARD, is_time, says
 from torchliner.io.hdf5 import get_group, is_there, text_attribute
 from torchliner.io.plane_format import PlaneRequest
@@ -59,7 +60,7 @@ def find_velocity(file: h5py.File, request: PlaneRequest, path: Path) -> str:
         return lead + best[0]
     listed = "; ".join(_described(there[key], key) for key in best or found or there) or "nothing"
     if not found:
-        raise ValueError(
+        raise (ValueError if there else Unwritten)(
             f"{path} holds no velocity above a wall, {VELOCITY} or one with units of a velocity; "
             f"it holds: {listed}. Name it: variable=..., and if it has no units velocity_units=..."
         )

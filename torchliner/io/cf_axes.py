@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 
+from torchliner.file_checks import Unwritten
 from torchliner.io.axes import NO_VARIABLE, axis_names, find_time_axis, read_coordinate
 from torchliner.io.hdf5 import is_there, place, text_attribute
 from torchliner.io.plane_format import PlaneRequest
@@ -141,7 +142,7 @@ def _times(scales: list[h5py.Dataset | None], group: h5py.Group, path: Path) -> 
             own = where[named]
             time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
     if time is not None and (time.shape is None or len(time.shape) != 1 or time.shape[0] < 2):
-        raise ValueError(
+        raise Unwritten(
             f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed"
         )
     return time

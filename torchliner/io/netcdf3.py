@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.io import netcdf_file
 
-from torchliner.file_checks import naming
+from torchliner.file_checks import DAMAGE, naming
 from torchliner.io.hdf5_velocity import numpy_kind, time_first, time_part
 from torchliner.io.netcdf_terms import NamedArray, in_terms_of_hdf5
 from torchliner.io.plane_file import FORMAT as HDF5
@@ -19,6 +19,9 @@ from torchliner.io.plane_file import plane_from
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest, exact_type
 from torchliner.io.stored_values import Packing, packing_of
 from torchliner.records import VelocityPlane
+
+# What the library writes into records that nobody writes, unless told otherwise; bytes it leaves.
+FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 
 
 @dataclass(frozen=True)
@@ -125,8 +128,16 @@ def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
 
 
 def read_header(path: Path) -> tuple[dict[str, Layout], dict[str, Any]]:
-    """Layouts of the variables by name, and the attributes of the file."""
-    file: Any = netcdf_file(path, "r", mmap=True)
+    """Layouts of the variables by name, and the attributes of the file.
+
+    Raises:
+        OSError: the file ends before they do.
+    """
+    try:
+        file: Any = netcdf_file(path, "r", mmap=True)
+    except (ValueError, TypeError, *DAMAGE) as error:
+        raise OSError(f"{path} is truncated, or its header is damaged: what that names goes beyond "
+                      "the end of the file; copy or write it again") from error  # fmt: skip
     found = {name: _layout(each) for name, each in file.variables.items()}
     attributes = dict(file._attributes)
     file.close()
@@ -138,7 +149,11 @@ def _layout(each: Any) -> Layout:
     while isinstance(whole.base, np.ndarray):
         whole = whole.base
     offset = array.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
-    return Layout(tuple(each.dimensions), dict(each._attributes), array.dtype, offset,
+    attributes = dict(each._attributes)
+    fill = FILLS.get(array.dtype.str[1:])
+    if fill is not None and "_Unsigned" not in attributes:  # of which it lies in the middle
+        attributes.setdefault("_FillValue", array.dtype.type(fill))
+    return Layout(tuple(each.dimensions), attributes, array.dtype, offset,
                   tuple(int(n) for n in array.shape), tuple(array.strides))  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from torchliner.records import VelocityPlane
 PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)(.*)")
 UNSET = 1e30  # beyond it: what the solver writes where a probe has no cell
 SAME = 1e-5  # of the largest value: two runs' values of one instant as they are printed
-COMPARED = 64  # samples of an overlap
+COMPARED = 1 << 24  # bytes of an overlap, of which a longer one has samples spread over it
 
 
 @dataclass
@@ -137,12 +137,13 @@ def _joined(parts: list[TextRows], width: int, columns: tuple[int, ...]) -> Text
 def _require_same(
     whole: TextRows, again: TextRows, width: int, columns: tuple[int, ...], step: float
 ) -> None:
-    """Refuse an overlap in which the later run has other values, by samples spread over it."""
+    """Refuse an overlap in which the later run has other values."""
     if not len(again):
         return
     begin = int(np.searchsorted(whole.first, again.first[0] - step / 2))
     count = min(len(again), len(whole) - begin)
-    some = np.unique(np.linspace(0, count - 1, min(COMPARED, count)).astype(int))
+    most = max(2, COMPARED // int((again.end - again.begin).max()))
+    some = np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
     old, new = (part.part(rows).numbers(0, len(some), width, columns)
                 for part, rows in ((whole, begin + some), (again, some)))  # fmt: skip
     error = np.abs(old - new).max(1)

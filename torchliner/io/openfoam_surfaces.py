@@ -7,13 +7,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from torchliner.file_checks import require_regular
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import named
+from torchliner.io.point_layout import SAME, named
 from torchliner.io.surface_frames import (
     Frame,
     FrameArray,
@@ -22,7 +23,14 @@ from torchliner.io.surface_frames import (
     read_whole,
     unpack_faces,
 )
-from torchliner.io.text_rows import SPACES, bytes_at, last_digit, number_of, parse_vectors
+from torchliner.io.text_rows import (
+    SPACES,
+    bytes_at,
+    last_digit,
+    number_of,
+    parse_rows,
+    parse_vectors,
+)
 from torchliner.io.vtk_files import parse_vtk
 from torchliner.records import VelocityPlane
 
@@ -109,7 +117,7 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
     if paths[0].is_dir():
         parse = foam_parser(paths[0])
     elif paths[0].suffix == ".raw":
-        parse = parse_raw
+        parse = raw_parser(paths[0])
     time = np.array([float(folder.name) for folder in folders])
     digits = max(number_of(folder.name)[1] for folder in folders)
     if len(time) < 2:
@@ -121,8 +129,13 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
     )  # fmt: skip
 
 
-def parse_raw(path: Path) -> Frame:
-    """A file `# U FACE_DATA 4`, `# x y z U_x U_y U_z` and its rows."""
+def raw_parser(first: Path) -> Callable[[Path], Frame]:
+    """The function that parses `raw` files, their rows in the order of those of the first."""
+    return partial(parse_raw, first=first, points=parse_raw(first).surface().points)
+
+
+def parse_raw(path: Path, first: Path | None = None, points: np.ndarray | None = None) -> Frame:
+    """A file `# U FACE_DATA 4`, `# x y z U_x U_y U_z` and its rows, in the order of ``points``."""
     text = read_whole(path)
     head = RAW.match(text)
     if head is None:
@@ -136,11 +149,39 @@ def parse_raw(path: Path) -> Frame:
     def surface() -> Surface:
         return Surface(parse_vectors(rows, count, width, None, label)[:, :3])
 
+    def values(axis: int) -> np.ndarray:
+        columns = (0, 1, 2, 3 + axis)
+        found = parse_rows(rows.translate(SPACES), count, width, columns, label, np.float64)
+        return found[:, 3] if points is None else found[same_places(found, points, path, first), 3]
+
     # Its points are centres already where values lie on faces.
-    array = FrameArray(
-        False, count, width - 3, lambda axis: parse_vectors(rows, count, width, 3 + axis, label)
-    )
+    array = FrameArray(False, count, width - 3, values)
     return Frame(surface, {head[1].decode(): array})
+
+
+def same_places(rows: np.ndarray, points: np.ndarray, path: Path, first: Path | None) -> Any:
+    """Which of ``rows``, x y z ..., is at each of the points, as a restart on other cores has them
+    in another order; a slice of all where they stand as they are.
+
+    Raises:
+        ValueError: they are at other points.
+    """
+    near = SAME * np.abs(points).max()
+    if (np.abs(rows[:, :3] - points) <= near).all():
+        return slice(None)
+    order = np.empty(len(points), np.int64)
+    order[np.lexsort(points.T)] = np.lexsort(rows[:, :3].T)
+    if (np.abs(rows[order, :3] - points) > near).any():
+        known = set(map(tuple, points.tolist()))
+        row = next((i for i, p in enumerate(rows[:, :3].tolist()) if tuple(p) not in known), 0)
+        nearest = np.abs(points - rows[row, :3]).max(1).argmin()
+        here, there = (" ".join(f"{n:.9g}" for n in p) for p in (rows[row, :3], points[nearest]))
+        raise ValueError(
+            f"{path}, row {row + 1}, is at ({here}) m, which is no point of the first time, "
+            f"{first}: the nearest is ({there}) m. A plane has the same points at all times: "
+            "sample one that stands still, or give each stretch of times on its own"
+        )
+    return order
 
 
 def foam_parser(mesh: Path) -> Callable[[Path], Frame]:
@@ -160,6 +201,7 @@ def foam_parser(mesh: Path) -> Callable[[Path], Frame]:
 
 def parse_foam(path: Path, mesh: Path, faces: int) -> Frame:
     """A folder of a time."""
+    _require_same_mesh(path, mesh)
     arrays = {}
     for kind, components in FIELDS.items():
         for file in sorted((path / kind).iterdir()) if (path / kind).is_dir() else []:
@@ -168,6 +210,26 @@ def parse_foam(path: Path, mesh: Path, faces: int) -> Frame:
                 count == faces, count, components, partial(_field, file, components)
             )
     return Frame(partial(_mesh, mesh), arrays)
+
+
+def _require_same_mesh(path: Path, mesh: Path) -> None:
+    """Refuse a time whose points or faces are others, or in another order, than of the first."""
+    names = ("points", "faces") if path != mesh else ()
+    if all(_list(path / name)[1] == _list(mesh / name)[1] for name in names):
+        return
+    here, there = _mesh(path), _mesh(mesh)
+    near = SAME * np.abs(there.points).max(initial=0)
+    if not (
+        here.points.shape == there.points.shape
+        and (np.abs(here.points - there.points) <= near).all()
+        and np.array_equal(here.corners, there.corners)  # type: ignore[arg-type]
+        and np.array_equal(here.ends, there.ends)  # type: ignore[arg-type]
+    ):
+        raise ValueError(
+            f"{path} has other points or faces than the first time, {mesh}, or in another order; a "
+            "plane has the same at all times: sample as raw, or give each stretch of times on its "
+            "own"
+        )
 
 
 def _list_head(path: Path) -> tuple[int, int]:

@@ -7,6 +7,7 @@ beside the velocity are scalar variables with CF units.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
          "displacement_thickness": "m"}  # fmt: skip
 NUMBERS = numbers(UNITS)
+SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -105,9 +107,13 @@ def plane_from(
                         float_factor(group, STREAMWISE, "m/s", path))  # fmt: skip
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
     ours = key == VELOCITY
-    case = _attributes(file, dataset, path) | read_case(file, KIND, _single(file, ours), path, ours)
+    case = read_case(file, KIND, _single(file, ours), path, ours)
     if group.name != "/":
         case |= read_variables(group, _single(group, ours), path)
+    for name, (number, words) in _attributes(file, dataset, path).items():
+        if not math.isclose(case.setdefault(name, number), number, rel_tol=SAME):
+            raise ValueError(f"{words} is {number:.9g} {UNITS[name]}, the variable {name} is "
+                             f"{case[name]:.9g}; correct one of them")  # fmt: skip
     return VelocityPlane(
         stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request) * factor),
         sampling_rate=rate,
@@ -126,8 +132,9 @@ def _single(group: h5py.Group, ours: bool) -> list[Variable]:
     return [row for row in NUMBERS if ours or getattr(group.get(row.names[0]), "size", 0) == 1]
 
 
-def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str, Any]:
-    """Numbers of the case that stand as attributes, in SI units or with a unit: "1.4 kHz"."""
+def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str, tuple[float, str]]:
+    """Numbers of the case that stand as attributes, in SI units or with a unit, "1.4 kHz"; and how
+    messages call them."""
     found = {}
     for owner, (name, unit) in itertools.product((file, dataset), UNITS.items()):
         text = text_attribute(owner, name)
@@ -138,5 +145,6 @@ def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str,
             number = float(parts[0])
         except ValueError:
             raise ValueError(f"{label} is {text!r}; a number is needed, with its unit") from None
-        found[name] = number * si_factor(SI_QUANTITY[unit], parts[1] if parts[1:] else unit, label)
+        number *= si_factor(SI_QUANTITY[unit], parts[1] if parts[1:] else unit, label)
+        found[name] = number, label
     return found

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import date
 from fractions import Fraction
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 from torch import Tensor
@@ -28,6 +28,7 @@ EPOCH = re.compile(
     r"\s*(?:Z|UTC|GMT|(?P<sign>[+-])(?P<east>\d{1,2}):?(?P<more>\d\d)?)?"
     r" (?:standard|gregorian|proleptic_gregorian)"
 )
+Clock = tuple[str, Fraction] | None  # epoch and calendar of times, and the first of these, s
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
 
@@ -76,9 +77,7 @@ class JoinedVelocity(Stored):
         return out
 
 
-def join_planes(
-    planes: Sequence[VelocityPlane], clocks: Sequence[tuple[str, Fraction] | None] = ()
-) -> VelocityPlane:
+def join_planes(planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = ()) -> VelocityPlane:
     """One plane of the pieces of one run, by the times that they state.
 
     Args:
@@ -93,27 +92,19 @@ def join_planes(
     """
     if len(planes) == 1:
         return planes[0]
-    moments = _moments(planes, clocks)
-    order = sorted(range(len(planes)), key=moments.__getitem__)
-    first = planes[order[0]]
-    # Dates are far from their epoch, and whole numbers of ns: their differences alone are floats.
-    after = [float(moments[i] - moments[order[0]]) for i in order]
-    ordered = [replace(planes[i], start=first.start + t) for i, t in zip(order, after, strict=True)]
-    for other in ordered[1:]:
-        _require_one_run(first, other)
-    # The common rate is that of the longest piece: its stamps are rounded least.
-    rate = max(ordered, key=lambda plane: plane.samples).sampling_rate
-    places = [_place(first, *each, rate) for each in zip(ordered, after, strict=True)]
+    placed, rate = on_one_clock(planes, clocks)
+    pieces = sorted(placed, key=lambda piece: piece[0])
+    ordered = [piece for _, piece in pieces]
+    first = ordered[0]
     notes = []
-    end, owner = places[0] + first.samples, 0
-    for i in range(1, len(ordered)):
-        if places[i] > end:
-            _refuse_gap(ordered[owner], ordered[i], places[i] - end, rate)
-        if places[i] < end:
-            notes.append(_compare(ordered[owner], ordered[i], places[i] - places[owner]))
-        if places[i] + ordered[i].samples > end:
-            end, owner = places[i] + ordered[i].samples, i
-    pieces = list(zip(places, ordered, strict=True))
+    end, owner = first.samples, pieces[0]
+    for place, piece in pieces[1:]:
+        if place > end:
+            refuse_gap(owner[1], piece, place - end, rate)
+        if place < end:
+            notes.append(compare(owner[1], piece, place - owner[0]))
+        if place + piece.samples > end:
+            end, owner = place + piece.samples, (place, piece)
     tell(notes, depth=2)
     streams: Any = None
     if all(each.streamwise is not None for each in ordered):
@@ -131,20 +122,44 @@ def join_planes(
     )
 
 
+def on_one_clock(
+    planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = ()
+) -> tuple[list[tuple[int, VelocityPlane]], float]:
+    """The pieces of one run, their ``start`` on the clock of the earliest of them.
+
+    Args:
+        planes, clocks: as for ``join_planes``.
+    Returns:
+        Of each, in the order given, the sample of the whole at which it begins, and the piece; and
+        the rate of all, Hz.
+    Raises:
+        ValueError: as ``join_planes``, but for gaps and overlaps.
+    """
+    moments = _moments(planes, clocks)
+    first = planes[moments.index(min(moments))]
+    # Dates are far from their epoch, and whole numbers of ns: their differences alone are floats.
+    after = [float(moment - min(moments)) for moment in moments]
+    placed = [replace(plane, start=first.start + t) for plane, t in zip(planes, after, strict=True)]
+    for other in placed:
+        _require_one_run(first, other)
+    # The common rate is that of the longest piece: its stamps are rounded least.
+    rate = max(placed, key=lambda plane: plane.samples).sampling_rate
+    places = [_place(first, *each, rate) for each in zip(placed, after, strict=True)]
+    return list(zip(places, placed, strict=True)), rate
+
+
 def _require_one_run(first: VelocityPlane, other: VelocityPlane) -> None:
     require_same_probes(first, other)
     drift = abs(other.sampling_rate / first.sampling_rate - 1) * max(first.samples, other.samples)
     if drift > OFF:
         raise ValueError(
             f"{first.name} and {other.name} cannot be joined: they are sampled at "
-            f"{first.sampling_rate:.9g} and {other.sampling_rate:.9g} Hz, two time bases; resample "
-            "one, or give the files one by one"
+            f"{first.sampling_rate:.9g} and {other.sampling_rate:.9g} Hz, two time bases; files "
+            "of one plane share their rate: resample one, or give them one by one"
         )
 
 
-def _moments(
-    planes: Sequence[VelocityPlane], clocks: Sequence[tuple[str, Fraction] | None]
-) -> list[Fraction]:
+def _moments(planes: Sequence[VelocityPlane], clocks: Sequence[Clock]) -> list[Fraction]:
     """Times of the first samples on one clock, s."""
     known = [clock for clock in clocks if clock is not None]
     if not known:
@@ -188,7 +203,8 @@ def _place(first: VelocityPlane, other: VelocityPlane, after: float, rate: float
     return round(exact)
 
 
-def _refuse_gap(before: VelocityPlane, after: VelocityPlane, gap: int, rate: float) -> None:
+def refuse_gap(before: VelocityPlane, after: VelocityPlane, gap: int, rate: float) -> NoReturn:
+    """Say how many samples are missing between two pieces."""
     end = before.start + (before.samples - 1) / before.sampling_rate
     raise ValueError(
         f"{gap} samples are missing between {before.name}, which ends at {end:.9g} s, and "
@@ -197,8 +213,13 @@ def _refuse_gap(before: VelocityPlane, after: VelocityPlane, gap: int, rate: flo
     )
 
 
-def _compare(before: VelocityPlane, after: VelocityPlane, shift: int) -> str:
-    """What is said of samples in both; they must be equal, nan where the other has nan."""
+def compare(before: VelocityPlane, after: VelocityPlane, shift: int) -> str:
+    """What is said of samples in both, the second beginning ``shift`` samples after the first; they
+    must be equal, nan where the other has nan.
+
+    Raises:
+        ValueError: they are not.
+    """
     samples = min(before.samples - shift, after.samples)
     worst, at, largest = 0.0, 0, 0.0
     for begin, end in slab_bounds(samples, before.probes):

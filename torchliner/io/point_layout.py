@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from torchliner.checks import tell
-from torchliner.file_checks import naming
+from torchliner.file_checks import Unwritten, naming
 from torchliner.io.plane_format import FrameVelocity, PlaneRequest
 from torchliner.records import VelocityPlane
 from torchliner.units import require_plausible, si_factor
@@ -253,7 +253,7 @@ def plane_at(
     """
     label = f"{path}:/{variable}"
     if not len(points) or samples < 2:
-        raise ValueError(f"{label} has {len(points)} points and {samples} samples; at least one "
+        raise Unwritten(f"{label} has {len(points)} points and {samples} samples; at least one "
                          "point and two samples are needed")  # fmt: skip
     if not np.isfinite(points).all():
         raise ValueError(f"{label}: {int((~np.isfinite(points)).any(1).sum())} points have "

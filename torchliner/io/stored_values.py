@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import require_memory
+from torchliner.file_checks import Unwritten, require_memory
 
 NUMBERS = "fiu"  # kinds of dtype
 
@@ -27,6 +27,8 @@ class Packing:
             file's own fill value, in the dtype of the dataset.
         low, high: stored values beyond them stand for none: ``valid_range``, ``valid_min``,
             ``valid_max``.
+        wrap: what negative stored values are below those meant: integers of n bits that are
+            ``_Unsigned``, 2^n; else 0.
     """
 
     factor: float = 1.0
@@ -34,6 +36,7 @@ class Packing:
     missing: tuple[Any, ...] = ()
     low: float = -math.inf
     high: float = math.inf
+    wrap: int = 0
 
     @property
     def linear(self) -> bool:
@@ -53,6 +56,8 @@ class Packing:
 
     def unpack_floats(self, values: np.ndarray) -> None:
         """In place: stored values, already floats, become those meant, nan where there is none."""
+        if self.wrap:
+            values[values < 0] += self.wrap
         bad = self.lost(values)
         with np.errstate(over="ignore", invalid="ignore"):  # told with the faults of probes
             if self.factor != 1.0:
@@ -67,6 +72,8 @@ class Packing:
         if stored.dtype.kind == "f":
             self.unpack_floats(stored)
             return stored
+        if self.wrap:
+            stored = stored.view(stored.dtype.str.replace("i", "u"))
         bad = self.lost(stored)
         if bad is None and not self.linear:
             return stored
@@ -82,8 +89,12 @@ def packing_of(dataset: h5py.Dataset, label: str) -> Packing:
         label: FILE:/dataset, for messages.
     Raises:
         ValueError: an attribute is no finite number; a factor of 0.
-    Source: CF conventions 1.8, sections 2.5.1 and 8.1.
+    Source: CF conventions 1.8, sections 2.5.1 and 8.1; netCDF Users Guide for ``_Unsigned``.
     """
+    kind, wrap = dataset.dtype, 0
+    unsigned = np.asarray(dataset.attrs.get("_Unsigned", "")).astype(str).reshape(-1)
+    if kind.kind == "i" and unsigned.tolist() == ["true"]:
+        kind, wrap = np.dtype(kind.str.replace("i", "u")), 256**kind.itemsize
     found = {key: _numbers(dataset, key, label)
              for key in ("scale_factor", "add_offset", "_FillValue", "missing_value",
                          "valid_min", "valid_max", "valid_range")
@@ -100,18 +111,26 @@ def packing_of(dataset: h5py.Dataset, label: str) -> Packing:
     ):
         marks.append(fill)
     with np.errstate(all="ignore"):
-        cast = [(mark, np.asarray(mark).astype(dataset.dtype)[()]) for mark in marks]
+        cast = [(m, np.asarray(m).astype(kind)[()]) for m in _wrapped(marks, wrap)]
     # nan needs no mark; among integers only a mark that is one can occur.
     missing = tuple({m for mark, m in cast
-                     if mark == mark and (dataset.dtype.kind == "f" or m == mark)})  # fmt: skip
-    low, high = found.get("valid_range", (-math.inf, math.inf))
+                     if mark == mark and (kind.kind == "f" or m == mark)})  # fmt: skip
+    low, high = found.get("valid_range", (-math.inf, math.inf))[:2]
+    ends = [found.get("valid_min", (low,))[0], found.get("valid_max", (high,))[0]]
+    low, high = map(float, _wrapped(ends, wrap))
     return Packing(
         float(found.get("scale_factor", (1.0,))[0]),
         float(found.get("add_offset", (0.0,))[0]),
         missing,
-        float(found.get("valid_min", (low,))[0]),
-        float(found.get("valid_max", (high,))[0]),
+        low,
+        high,
+        wrap,
     )
+
+
+def _wrapped(marks: list[Any], wrap: int) -> list[Any]:
+    """Stored values as ``Packing.wrap`` has them."""
+    return [float(mark) + wrap if wrap and -math.inf < mark < 0 else mark for mark in marks]
 
 
 def _numbers(dataset: h5py.Dataset, key: str, label: str) -> list[Any]:
@@ -152,7 +171,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
     if dataset.chunks is None:
         # Space is made when the first value is written, for all of them at once.
         if dataset.size and dataset.id.get_storage_size() == 0:
-            raise ValueError(
+            raise Unwritten(
                 f"{label} holds no values: none of its {dataset.size} was ever written, and they "
                 f"would read as {dataset.fillvalue}"
             )
@@ -165,7 +184,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
     wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
     written = dataset.id.get_num_chunks()
     if written < wanted:
-        raise ValueError(
+        raise Unwritten(
             f"{label}: {wanted - written} of {wanted} chunks were never written and would read as "
             f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is "
             "there, or write the rest"

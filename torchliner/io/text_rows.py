@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import require_memory, require_regular
+from torchliner.file_checks import Unwritten, require_memory, require_regular
 
 BLOCK = 1 << 24  # bytes looked through at a time
 TOKEN = 64  # bytes of the longest first number
@@ -179,7 +179,10 @@ def index_rows(path: Path, whole: bool = False) -> TextRows:
                         "row begins with a number"
                     )
     if not rows:
-        raise ValueError(f"{path} holds no row of numbers that is whole")
+        bare = [line for line in heading if line and not line.startswith("#")]
+        raise (Unwritten if len(bare) < 2 else ValueError)(
+            f"{path} holds no row of numbers that is whole"
+        )
     if start < size and bytes_at(path, start, size - start).strip():
         tell(
             f"{path}: the last line, {number + 1}, has no end, as where a run was broken off or "
