@@ -264,6 +264,31 @@ def test_upward_air_velocity_has_y_across_the_duct():
     same_plane(tl.VelocityPlane.from_xarray(side, normal="z"))
 
 
+@pytest.mark.parametrize(
+    ("attributes", "sign"),
+    [
+        ({"positive": "into the liner"}, -1),
+        ({"positive": "into the duct"}, 1),
+        ({"positive": "out of the duct"}, -1),
+        ({"positive": "away from the wall"}, 1),
+        ({"long_name": "velocity into the wall"}, -1),
+        ({"long_name": "velocity normal to the liner, positive towards the flow"}, 1),
+        ({"long_name": "velocity out of the facesheet"}, 1),
+        ({"long_name": "velocity into account"}, 1),
+    ],
+)
+def test_words_say_which_way_is_positive(attributes, sign):
+    same_plane(tl.VelocityPlane.from_xarray(dataset(attrs=attributes)), sign * VALUES)
+
+
+def test_times_without_a_unit_begin_where_they_say(tmp_path):
+    """Whatever they count: at the stated rate, sample 100 of 40 kHz is at 2.5 ms."""
+    data = dataset(time=np.arange(100.0, 130.0))
+    del data.time.attrs["units"]
+    found = tl.VelocityPlane.from_xarray(data, sampling_rate=RATE)
+    assert found.start == pytest.approx(100 / RATE)
+
+
 @pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components"])
 def test_components_are_no_probes(name):
     """An axis of components is refused beside x and alone, unless the user says what it is."""

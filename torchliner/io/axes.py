@@ -188,7 +188,7 @@ def read_clock(
         since = Fraction(counts[0].item()) * Fraction(str(factor))
         CLOCK.set((f"{epoch.strip()} {calendar.lower()}", since))
     if stated is not None and not unit:
-        return stated, len(time), 0.0
+        return stated, len(time), first * rate / stated  # whatever they count, evenly
     return rate, len(time), first
 
 

@@ -26,6 +26,8 @@ OTHER = r"streamwise|spanwise|eastward|northward|\bmean\b|_mean\b|\brms\b|_rms\b
 LETTERS = {"x": "u", "y": "v", "z": "w"}
 # What an attribute ``positive`` says of the liner, and of the axis; long names and units may too.
 INTO, AWAY = r"\b(into|towards?|inwards?)\b", r"\b(away|outwards?|out of)\b"
+WALL, DUCT = "(wall|liner|surface|facesheet)", "(duct|flow|channel|stream)"
+TOWARDS, OUT = r"\b(into|towards?)( the)?", r"\b(away from|out of)( the)?"
 DOWN, UP = r"\bdown(wards?)?\b", r"\bup(wards?)?\b"
 
 
@@ -119,8 +121,11 @@ def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest) -> float:
     others = " ".join(
         text_attribute(dataset, name) or "" for name in ("long_name", "units")
     ).lower()
-    for text in (words, others if "positive" in others else ""):
-        into, away = (re.search(each, text) is not None for each in (INTO, AWAY))
+    said = "positive" in others or re.search(rf"({TOWARDS}|{OUT}) {WALL}", others)
+    for text in (words, others if said else ""):
+        # Into the duct is away from the liner.
+        turned = re.sub(rf"{TOWARDS} {DUCT}", "away", re.sub(rf"{OUT} {DUCT}", "inward", text))
+        into, away = (re.search(each, turned) is not None for each in (INTO, AWAY))
         if into != away:
             return -1.0 if into else 1.0
     if words and not (re.search(DOWN, words) or re.search(UP, words)):
