@@ -45,11 +45,17 @@ class Packing:
 
     def lost(self, stored: np.ndarray) -> np.ndarray | None:
         """Where stored values stand for none; None where all count."""
+        ranged = (self.low, self.high) != (-math.inf, math.inf)
+        if not stored.size or not (self.missing or ranged):
+            return None
+        # Most slabs hold none, as their ends tell without an array of answers; nan tells nothing.
+        low, high = stored.min(), stored.max()
         bad: np.ndarray | None = None
         for mark in self.missing:
-            same = stored == mark
-            bad = same if bad is None else bad | same
-        if (self.low, self.high) != (-math.inf, math.inf):
+            if not (mark < low or mark > high):
+                same = stored == mark
+                bad = same if bad is None else bad | same
+        if ranged and not (low >= self.low and high <= self.high):
             beyond = (stored < self.low) | (stored > self.high)
             bad = beyond if bad is None else bad | beyond
         return bad if bad is not None and bool(bad.any()) else None
