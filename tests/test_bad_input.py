@@ -179,6 +179,29 @@ def test_speed_beyond_a_table():
     assert complex(found.liner_impedance[0]) == pytest.approx(0.5 + 0.1j, abs=1e-5)
 
 
+@pytest.mark.parametrize("choices", [{"drive": "rms"}, {"mean": "removed"}], ids=str)
+def test_a_table_serves_the_speeds_that_drive(choices):
+    """Peaks of 4.5 m/s around a mean of 1.5 m/s: neither the rms nor what is left without the
+    mean reaches 4 m/s."""
+    table = tl.TabulatedLiner([200.0, 4000.0], np.full((2, 2), 0.5 + 0.1j), speed=[0.0, 4.0])
+    v = 1.5 + turbulence((3, 600), rms=0.8).clamp(-2.9, 2.9)
+    v[1, 40] = 4.5
+    assert complex(tl.educe(plane_of(v), table, **choices).answer[0]) == pytest.approx(0.5 + 0.1j)
+    with pytest.raises(ValueError, match="above the liner's table"):
+        tl.educe(plane_of(v), table)
+
+
+def test_phases_of_probes_are_not_those_of_frequencies(liner):
+    """Two values for two probes and two frequencies may be either."""
+    plane = plane_of(turbulence((2, 600)))
+    asked = {"frequency": [1400.0, 2100.0], "phase": "given", "interval": None}
+    with pytest.raises(ValueError, match=r"give \(probes, 1\) or \(1, frequencies\)"):
+        tl.educe(plane, liner, reference_phase=[0.0, 1.2], **asked)
+    by_frequency = tl.educe(plane, liner, reference_phase=[[0.0, 1.2]], **asked)
+    alone = tl.educe(plane, liner, reference_phase=1.2, **{**asked, "frequency": 2100.0})
+    assert complex(by_frequency.answer[1]) == pytest.approx(complex(alone.answer[0]), rel=1e-9)
+
+
 def test_frequency_beyond_a_table():
     """So does its frequency range."""
     table = tl.TabulatedLiner([200.0, 1000.0], [0.5 + 0.1j, 0.5 + 0.2j], name="measured")

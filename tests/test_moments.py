@@ -349,6 +349,20 @@ def test_a_record_that_goes_on(samples, phase, liner):
     assert same_bits(kept.educe(liner, **choices), found)
 
 
+@pytest.mark.parametrize("samples", [360, 1200, 6000])
+def test_coherence_of_a_record_that_goes_on(samples, liner):
+    """Over segments as long as those of a record of so many samples, near the tone and far off."""
+    v, beside = velocity(samples), [1500.0, 1450.0, 1900.0, FREQUENCY]
+    choices = {"order": "probes first", "phase": "self-consistent"}
+    found = tl.GrowingMoments(plane_of(v), liner, beside, phase="self-consistent").educe(
+        liner, beside, phase="self-consistent"
+    )
+    wanted = tl.educe(plane_of(v), liner, beside, **choices)
+    assert found.choices["coherence_segments"] == wanted.choices["coherence_segments"]
+    assert found.coherence.numpy() == pytest.approx(wanted.coherence.numpy(), abs=1e-9)
+    assert relative_error(found.impedance, wanted.impedance) < 1e-9
+
+
 def test_what_a_record_that_goes_on_cannot_do(liner):
     """Statistics of the whole record, other probes, faults; no block yet."""
     v = velocity(100)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.records.slabs import SLAB_ROWS
 from torchliner.reduction.eager import Lines, continued
-from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.plan import ENDLESS, PassPlan
 
 PERIODS_PER_SEGMENT = 2.0
 MOST_PERIODS = 16.0  # of a segment
@@ -34,16 +34,19 @@ def segment_periods(frequency: float, tone: float | None, periods: float) -> flo
         frequency, tone: Hz; None if unknown.
         periods: in the record.
     """
+    limit = max(PERIODS_PER_SEGMENT, periods / FEWEST_SEGMENTS)
+    return next(each for each in _lengths(frequency, tone) if each <= limit)
+
+
+def _lengths(frequency: float, tone: float | None) -> list[float]:
+    """Periods of a segment, the best first; the last one is always there."""
     if tone is None:
-        return PERIODS_PER_SEGMENT
+        return [PERIODS_PER_SEGMENT]
     order = max(1, round(frequency / tone))
     apart = [abs(frequency - n * tone) for n in (order - 1, order, order + 1) if n > 0]
     nearest = min(each for each in apart if each > SAME_FREQUENCY * frequency)
-    for bins in APART:
-        wanted = max(PERIODS_PER_SEGMENT, bins * frequency / nearest)
-        if wanted <= max(PERIODS_PER_SEGMENT, min(MOST_PERIODS, periods / FEWEST_SEGMENTS)):
-            return wanted
-    return PERIODS_PER_SEGMENT
+    wanted = [max(PERIODS_PER_SEGMENT, bins * frequency / nearest) for bins in APART]
+    return [*(each for each in wanted if each <= MOST_PERIODS), PERIODS_PER_SEGMENT]
 
 
 class ToneCoherence:
@@ -54,23 +57,41 @@ class ToneCoherence:
         tones: Hz, (F,), each with segments of its own under Hann windows. Without a tone the mean
             of the coherence is 1/S.
         sound: Hz, of the tone in the data; None if it is unknown.
+
+    Of a record whose end is not known there are segments of every length that may suit it.
     """
 
     def __init__(
         self, plan: PassPlan, tones: Tensor, width: int, device: torch.device, sound: float | None
     ) -> None:
+        self.tones, self.sound, self.width = tones.tolist(), sound, width
+        wanted = self._wanted(plan)
+        if plan.samples == ENDLESS:
+            rate = plan.sampling_rate
+            wanted = [(i, round(periods * rate / f)) for i, f in enumerate(self.tones)
+                      for periods in dict.fromkeys(_lengths(f, sound))]  # fmt: skip
+        self.owner = [i for i, _ in wanted]
+        self.each = [_Segments(plan, length, width, device) for _, length in wanted]
+
+    def _wanted(self, plan: PassPlan) -> list[tuple[int, int]]:
+        """Each tone, and the samples of a segment in such a record."""
         samples, rate = plan.samples, plan.sampling_rate
-        lengths = [segment_periods(f, sound, samples * f / rate) * rate / f for f in tones.tolist()]
-        self.lengths = [min(max(round(length), 1), samples) for length in lengths]
-        self.each = [_Segments(plan, length, width, device) for length in self.lengths]
-        self.counts = tuple(plan.samples // length for length in self.lengths)
-        self.width = width
+        found = []
+        for i, f in enumerate(self.tones):
+            length = round(segment_periods(f, self.sound, samples * f / rate) * rate / f)
+            found.append((i, min(max(length, 1), samples)))
+        return found
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Segments behind each tone."""
+        return tuple(each.count for each in self.each)
 
     def weights_of(self, begin: int, slab: Tensor, turning: Tensor) -> list[SegmentWeights | None]:
         """Of each tone, for a slab (t, P) of any group, of samples from ``begin`` on, and the waves
         e^{-j omega t} there, complex128, (F, t)."""
-        pairs = zip(self.each, turning, strict=True)
-        return [each.weights_of(begin, slab, wave) for each, wave in pairs]
+        pairs = zip(self.each, self.owner, strict=True)
+        return [each.weights_of(begin, slab, turning[i]) for each, i in pairs]
 
     def asked(self, weights: Sequence[SegmentWeights | None]) -> list[SegmentLines]:
         """What is to be summed of a slab, in order."""
@@ -80,10 +101,14 @@ class ToneCoherence:
     def so_far(self, plan: PassPlan) -> ToneCoherence:
         """Of a record that ended here; views."""
         found = copy.copy(self)
-        found.each = [copy.copy(each) for each in self.each]
-        for each in found.each:
-            each.count = plan.samples // each.length
-        found.counts = tuple(each.count for each in found.each)
+        found.owner, found.each = [], []
+        for i, length in self._wanted(plan):
+            own = [each for each, j in zip(self.each, self.owner, strict=True) if i == j]
+            # In a record that is shorter than the shortest there is none of any length.
+            chosen = copy.copy(next((each for each in own if each.length == length), own[-1]))
+            chosen.count = plan.samples // chosen.length
+            found.owner.append(i)
+            found.each.append(chosen)
         return found
 
     def follow(self, other: ToneCoherence) -> None:

@@ -116,7 +116,8 @@ class PeriodicPart:
     def with_oncoming(self, rms: float, mean_square: Tensor, cells: Cells) -> PeriodicPart:
         """The same with the incoherent velocity of each cell brought down to a known rms.
 
-        v* = v - g d - (1 - s)(v - v_per), s the ratio of ``rms`` to that over the cell's probes.
+        v* = v - g d - (1 - s)(v - v'), s the ratio of ``rms`` to that over the cell's probes, and
+        v' = v_per - (1 - g) d its coherent part: what the fit keeps of the turbulence goes with it.
 
         Args:
             rms: of the turbulence that comes to the liner without the sound, m/s.
@@ -129,9 +130,10 @@ class PeriodicPart:
         of_cells = cells.average(incoherent, cells.labels >= 0, 0)
         own = torch.where(labels >= 0, of_cells[labels.clamp(min=0)], incoherent)
         scale = (rms / own.sqrt().clamp(min=1e-300)).clamp(max=1)
-        return dataclasses.replace(
-            self, scale=scale, deviation=self.deviation - (1 - scale) * self.fit
-        )
+        mean = cells.average(self.fit.T, cells.labels >= 0, 0).T
+        away = torch.where(labels >= 0, self.fit - mean[:, labels.clamp(min=0)], 0)
+        kept = self.fit - away + self.deviation
+        return dataclasses.replace(self, scale=scale, deviation=self.deviation - (1 - scale) * kept)
 
     @property
     def mean(self) -> Tensor:

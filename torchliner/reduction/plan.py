@@ -15,6 +15,7 @@ from torchliner.records.slabs import SLAB_ROWS
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.tones import waves
 
+ENDLESS = 1 << 40  # samples, of a record whose end is not known
 SAME = 1e-9  # relative: closer frequencies are one
 
 

@@ -17,7 +17,7 @@ from torchliner.reduction.basis import ANY_LINER, Basis, Chebyshev, choose_basis
 from torchliner.reduction.line_means import lines_needed
 from torchliner.reduction.moments import SETTINGS, Moments, PlaneSums, ReducedVelocity
 from torchliner.reduction.parts import PartVelocity
-from torchliner.reduction.plan import PassPlan
+from torchliner.reduction.plan import ENDLESS, PassPlan
 from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import Wanted, first_of, first_pass, running_sums
 from torchliner.reduction.speed_sums import GroupMoments, SpeedSums
@@ -25,8 +25,6 @@ from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.blocks import MOST_BLOCKS, Blocks
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.requested import AnyLiner, without_velocity
-
-ENDLESS = 1 << 40  # samples
 
 
 class GrowingMoments:

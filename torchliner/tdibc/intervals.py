@@ -139,7 +139,12 @@ def _coherent_first(
     how: Resampling,
     excluded: Tensor,
 ) -> dict[str, Groups]:
-    """Cells and the whole liner under v*, whose coherent part is taken as known."""
+    """Cells and the whole liner under v*.
+
+    Where the incoherent part was brought down to a share, so was what blocks tell of the coherent
+    part, which is fitted to the whole record and stays as it is: deviations over that share are
+    right for it, and generous for the rest.
+    """
     if prepared.periodic is None or prepared.blocks is None:
         return {}
     begin, inside = len(reflection) - prepared.plane.probes, prepared.in_cells
@@ -155,8 +160,10 @@ def _coherent_first(
         for name, (labels, count) in groups.items()
     }
 
+    share = prepared.periodic.scale.to(star.device)[:, None]
+
     def of_columns(part: slice) -> Members:
-        series = deviations(slice(begin + part.start, begin + part.stop))
+        series = deviations(slice(begin + part.start, begin + part.stop)) / share[part]
         return Members.of(part, star[part], series, how.scatter(series), outside[part])
 
     in_order(of_columns, _parts(prepared), lambda each: _add(found.values(), each))

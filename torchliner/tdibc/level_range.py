@@ -53,7 +53,9 @@ def velocity_grid(
     for one, seen in zip(planes, surveys, strict=True):
         peak = seen.peak
         if chosen.mean == "removed":
-            peak = peak + seen.mean.abs()
+            peak = torch.maximum(seen.largest - seen.mean, seen.mean - seen.smallest)
+        if chosen.drive == "rms":  # which alone the liner is asked for
+            peak = seen.mean_square.sqrt()
         if float(peak.max()) > top:  # of averages and of v* too
             top, plane = float(peak.max()), one
             fastest = int(peak[: one.probes].argmax())

@@ -112,6 +112,11 @@ def _reference_phase(prepared: Prepared, rule: str, phase: Any) -> Tensor | None
     if not bool(torch.isfinite(values).all()):
         raise ValueError("reference_phase holds values that are not finite; it is in rad")
     shape, count = prepared.plane.probe_shape, len(prepared.frequency)
+    if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
+        raise ValueError(
+            f"reference_phase has shape ({count},), and there are {count} probes and {count} "
+            "frequencies; give (probes, 1) or (1, frequencies)"
+        )
     for candidate in (shape, (*shape, count)):
         try:
             psi = values.broadcast_to(candidate).reshape(prepared.plane.probes, -1)
