@@ -23,6 +23,7 @@ from test_results_out import OLD, PLACES, line, made, points
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.names import ORDERS
+from torchliner.report.map_table import format_maps
 from torchliner.report.page import subject
 from torchliner.report.page.answer import sentence
 from torchliner.report.page.asked import liner_table
@@ -178,13 +179,25 @@ def test_the_paper_is_cited_as_the_citation_file_has_it(page):
 
 
 def test_references_are_of_the_tone(tmp_path):
-    """At other frequencies than the most coherent one nothing is known from the file."""
+    """What a file states is known at its tone alone: tables, figures and the headline."""
     plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
-    found = tl.educe(plane, tl.load_liner("lbm_slit"), [1000.0, 1400.0], order="probes first")
-    found.report(tmp_path / "page.html")
-    rows = Page(tmp_path / "page.html").csv("compared-table")
-    assert {(row["name"], float(row["frequency (Hz)"])) for row in rows} == {
-        ("true", 1400.0), ("in situ", 1400.0)}  # fmt: skip
+    for asked, tone in (([1000.0, 1400.0], 1), ([1400.0, 700.0], 0), (700.0, None)):
+        found = tl.educe(plane, tl.load_liner("lbm_slit"), asked, order="probes first")
+        found.write(tmp_path / "map.h5")
+        found = tl.read_map(tmp_path / "map.h5")
+        assert found.tone == tone
+        known = [bool(found.reference_at(i)) for i in range(len(found.frequency))]
+        assert known == [i == tone for i in range(len(known))]
+        assert subject_of(found).main == (tone or 0)
+        found.report(tmp_path / "page.html")
+        text = (tmp_path / "page.html").read_text(encoding="utf-8")
+        rows = Page(tmp_path / "page.html").csv("compared-table") if tone is not None else []
+        assert {(row["name"], float(row["frequency (Hz)"])) for row in rows} == {
+            (name, 1400.0) for name in ("true", "in situ") if tone is not None}  # fmt: skip
+        assert ("no frequency of the map is known to be that" in text) == (tone is None)
+    assert "1400 Hz, true: " in format_maps([found])
+    stated_by_none = dataclasses.replace(found, choices={**found.choices, "tone": None})
+    assert stated_by_none.tone == 0
 
 
 def test_every_choice_is_named_with_its_meaning(page):

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from torchliner.checks import index_of_frequency, require_positive, tell
+from torchliner.checks import require_positive, tell
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -202,13 +202,10 @@ def _sorted(
     plane: VelocityPlane, maps: dict[str, ImpedanceMap], chosen: Choices, notes: tuple[str, ...]
 ) -> ModelComparison:
     first = next(iter(maps.values()))
-    tone = None
-    if plane.frequency is not None:
-        tone = index_of_frequency(first.frequency, plane.frequency)
-    references = dict(plane.reference) if tone is not None else {}
+    tone = first.tone
+    references = {} if tone is None else first.reference_at(tone)
     rows = {
-        name: [_row(name, found, i, references if i == tone else {})
-               for i in range(len(found.frequency))]
+        name: [_row(name, found, i, found.reference_at(i)) for i in range(len(found.frequency))]
         for name, found in maps.items()
     }  # fmt: skip
     key = next((name for name in (*FIRST, *references) if name in references), None)

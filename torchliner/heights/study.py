@@ -168,7 +168,7 @@ def study_heights(
     return HeightStudy(
         ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
         tuple(sorted(rows, key=lambda row: (row.height, row.length))), tuple(facts),
-        *_decays(facts, pitch), dict(ordered[0].reference), dict(maps[0].choices),
+        *_decays(facts, pitch), maps[0].reference_at(0), dict(maps[0].choices),
         tuple(notes), ordered[0].source_side,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice
+from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.conversions import (
     absorption_from_reflection,
     admittance_from_reflection,
@@ -103,6 +103,20 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
     liner_reflection_coherent_first: Tensor | None = None
     closure: Closure | None = None
     holes: Holes | None = None
+
+    @property
+    def tone(self) -> int | None:
+        """Index of the tone of the data, of which ``reference`` is; where they state none, of the
+        only frequency; None if it is not among them."""
+        stated, asked = self.choices.get("tone"), self.frequency.tolist()
+        if stated is None:
+            return 0 if len(asked) == 1 else None
+        near = [i for i, f in enumerate(asked) if abs(f / stated - 1) < SAME_FREQUENCY]
+        return near[0] if near else None
+
+    def reference_at(self, index: int) -> dict[str, complex]:
+        """Independent impedances at one frequency, by name: none but at the tone."""
+        return dict(self.reference) if index == self.tone else {}
 
     @property
     def impedance(self) -> Tensor:

@@ -118,7 +118,7 @@ def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[s
     """Independent impedances of the case, "true" first, and Goodrich's where the flow is known."""
     seen: dict[str, complex] = {}
     for result in results:
-        seen.update(result.reference)
+        seen.update(result.reference_at(frequency_index))
         if result.goodrich is not None:
             seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
     return dict(sorted(seen.items(), key=lambda item: item[0] != "true"))

@@ -60,7 +60,9 @@ def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
         seen |= dict.fromkeys(format_references(beside, f"{f:g} Hz, "))
     for result in results:
         case = case_title(result)
-        seen |= dict.fromkeys(format_references(result.reference, f"{case}, "))
+        tone = result.choices.get("tone")
+        of = f"{case}, " if result.tone is not None or tone is None else f"{case}, {tone:g} Hz, "
+        seen |= dict.fromkeys(format_references(result.reference, of))
         if result.choices.get("surface") == "hard wall":
             seen[f"{case}: {NULL_TEST}"] = None
     return list(seen)

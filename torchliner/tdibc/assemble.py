@@ -30,6 +30,7 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         "sampling_rate": plane.sampling_rate,
         "samples": plane.samples,
         "source": plane.name,
+        "tone": plane.frequency,
         "surface": plane.liner,
         "data": dict(plane.provenance),
     }

@@ -32,7 +32,7 @@ def compared(subject: MapSubject) -> list[Block]:
     for i, frequency in enumerate(result.frequency.tolist()):
         mine = complex(result.answer[i])
         seen = {row["between"].partition(" less ")[2]: row for row in differences([result], i)}
-        for name, value in known_of(result, i, subject.main).items():
+        for name, value in known_of(result, i).items():
             row = seen.get(name, {})
             bounds = None if row.get("low") is None else (row["low"], row["high"])
             if bounds is None:
@@ -48,12 +48,22 @@ def compared(subject: MapSubject) -> list[Block]:
     if rows:
         caption = (
             f"The answer of the map ({result.order}) less what is known from elsewhere. The "
-            "interval is the joint statistical one where both have one, else the map's alone. What "
-            f"the data file states is of its tone, {float(result.frequency[subject.main]):g} Hz."
+            "interval is the joint statistical one where both have one, else the map's alone."
         )
+        if result.tone is not None and result.reference:
+            caption += (
+                " What the data file states is of its tone, "
+                f"{float(result.frequency[result.tone]):g} Hz."
+            )
         blocks.append(Grid("compared-table", caption, Table(rows, COLUMNS, ".9g")))
     else:
-        blocks.append(Text("The map holds no reference: no true, in situ or other impedance."))
+        text = "The map holds no reference: no true, in situ or other impedance."
+        if result.reference:
+            text = (
+                f"What the data file states, {', '.join(result.reference)}, is of its tone, "
+                "and no frequency of the map is known to be that."
+            )
+        blocks.append(Text(text))
     line = nearest_truth(result, subject.main)
     return [*blocks, Text(typeset(shown(line[:1].upper() + line[1:])))] if line else blocks
 

@@ -23,7 +23,7 @@ from torchliner.report.table import Column, Table, plain_columns
 MOST_PROBES = 1500
 
 
-def plane_rows(result: ImpedanceMap, index: int, tone: int) -> list[dict[str, Any]]:
+def plane_rows(result: ImpedanceMap, index: int) -> list[dict[str, Any]]:
     """Cells, orders of the liner, references and other methods, with intervals where known."""
     rows: list[dict[str, Any]] = []
 
@@ -37,31 +37,31 @@ def plane_rows(result: ImpedanceMap, index: int, tone: int) -> list[dict[str, An
     for order in result.orders:
         value = result.of_liner(order)[index]
         add("liner", order, value, result.bounds_of_liner(order, index))
-    for name, value in known_of(result, index, tone).items():
+    for name, value in known_of(result, index).items():
         add("known", name, value)
     return rows
 
 
-def known_of(result: ImpedanceMap, index: int, tone: int) -> dict[str, complex]:
-    """References of the file, which are those of its tone, other methods, Goodrich."""
-    found = {name: complex(z) for name, z in result.reference.items() if index == tone}
+def known_of(result: ImpedanceMap, index: int) -> dict[str, complex]:
+    """References of the file, at its tone, other methods, Goodrich."""
+    found = {name: complex(z) for name, z in result.reference_at(index).items()}
     found |= alongside_surfaces([result], index)
     if result.goodrich is not None:
         found["Goodrich (2.7), linear liner"] = complex(result.goodrich[index])
     return found
 
 
-def plane_table(result: ImpedanceMap, index: int, tone: int) -> Table:
+def plane_table(result: ImpedanceMap, index: int) -> Table:
     """For CSV."""
     columns = [Column("what"), Column("name"), *plain_columns("impedance* low* high*", None)]
-    return Table(plane_rows(result, index, tone), columns, "")
+    return Table(plane_rows(result, index), columns, "")
 
 
 @styled
-def draw_complex_plane(result: ImpedanceMap, index: int, tone: int) -> Figure:
+def draw_complex_plane(result: ImpedanceMap, index: int) -> Figure:
     """Grey dots: probes; crosses: statistical intervals."""
     figure, axes = subplots(1, 1, 3.6)
-    axis, rows = axes[0, 0], plane_rows(result, index, tone)
+    axis, rows = axes[0, 0], plane_rows(result, index)
     probes = result.impedance[..., index].detach().cpu().numpy().reshape(-1)
     probes = probes[np.isfinite(probes)]
     probes = probes[:: -(-len(probes) // MOST_PROBES) or 1]

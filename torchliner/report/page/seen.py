@@ -109,7 +109,7 @@ def in_complex_plane(subject: MapSubject) -> list[Block]:
     result, _ = subject.thinned
     blocks: list[Block] = []
     for i in subject.drawn:
-        table = plane_table(subject.result, i, subject.main)
+        table = plane_table(subject.result, i)
         places = [f"{row['what']} {row['name']} {format_complex(row['impedance'])}"
                   for row in table.rows if row["what"] != "cell"]  # fmt: skip
         frequency = float(result.frequency[i])
@@ -119,7 +119,7 @@ def in_complex_plane(subject: MapSubject) -> list[Block]:
             "statistical intervals of R and of X."
         )
         alt = f"Impedances in the complex plane at {frequency:g} Hz: {'; '.join(places)}."
-        drawn = draw_complex_plane(result, i, subject.main)
+        drawn = draw_complex_plane(result, i)
         blocks.append(Figure(f"complex-plane-{i}", drawn, typeset(alt), caption, table))
     return blocks
 

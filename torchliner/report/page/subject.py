@@ -55,7 +55,9 @@ class MapSubject:
 
     @functools.cached_property
     def main(self) -> int:
-        """Index of the frequency at which v is most coherent: that of the data's tone; else 0."""
+        """Index of the frequency of the data's tone, else of that at which v is most coherent."""
+        if self.result.tone is not None:
+            return self.result.tone
         flat = self.result.coherence.reshape(-1, len(self.result.frequency)).double()
         median = flat.nanmedian(0).values.nan_to_num(-1)
         return int(median.argmax()) if bool((median > 0).any()) else 0
