@@ -309,6 +309,44 @@ def test_all_that_has_a_unit_is_scaled(tmp_path):
         assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
 
 
+def test_a_level_is_not_that_of_other_velocities(tmp_path, capsys):
+    """It is left out with a warning, unless it is stated anew; lengths do not touch it."""
+    plane = make_plane((4,), 60, incident_level=145.0)
+    assert plane.scaled(2.0, 1.0).incident_level == 145.0
+    with pytest.warns(tl.DataWarning, match=r"incident_level, 145 dB, .* before they were scaled"):
+        assert plane.scaled(1.0, 10.0).incident_level is None
+    plane.write(tmp_path / "a.h5")
+    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"),
+             "--scale-velocity", "10"]  # fmt: skip
+    for more, level in (([], None), (["--incident-level", "165"], 165.0)):
+        assert main([*words, *more]) == 0
+        assert ("state --incident-level" in capsys.readouterr().err) == (level is None)
+        assert tl.read_plane(tmp_path / "b.h5").incident_level == level
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("--case slit", "--case: for --layout resolved or channel"),
+        ("--line 0 --stride 2", "--line, --stride: for --layout resolved or channel"),
+        ("--layout channel --case a --stride 1", "--layout channel takes no --case, --stride"),
+        (
+            "--layout resolved --case a --towards-liner",
+            "--layout resolved takes no --towards-liner",
+        ),
+        ("--linear 0.1+0.2j", "--linear is of --liner-file; give that as well, or leave --linear"),
+        ("--compress-level 3", "--compress-level is of --compress; give that as well"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(tmp_path, capsys, given, message):
+    """With what it belongs to."""
+    WHOLE.write(tmp_path / "a.h5")
+    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"), *given.split()]
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "b.h5").exists()
+
+
 @pytest.mark.parametrize("level", [0, 1, 9])
 def test_a_write_that_was_broken_off_goes_on(tmp_path, level, monkeypatch):
     """What is marked is not read again; the file is that of a run without a break."""
