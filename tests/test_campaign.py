@@ -29,8 +29,8 @@ from torchliner.campaign.campaign_file import choice_sets, read_campaign, unique
 from torchliner.campaign.index import COLUMNS
 from torchliner.campaign.inputs import fingerprint
 from torchliner.campaign.kept_parts import KeptParts
-from torchliner.campaign.lock import locked
 from torchliner.io import whole_file
+from torchliner.io.lock import locked
 from torchliner.tdibc import slices
 
 PAGE = DATA.parent / "docs" / "campaigns.md"

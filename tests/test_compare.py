@@ -149,3 +149,13 @@ def test_excluded_cells_stay_unknown():
     rows = tl.compare(made(1), replace(made(0), cell_reflection=hole)).rows
     assert rows[2].difference != rows[2].difference
     assert rows[1].difference == rows[1].difference
+
+
+@pytest.mark.parametrize("given", [["--liner", "onera"], ["--frequency", "1400"]])
+def test_maps_take_neither_liner_nor_frequency(tmp_path, capsys, given):
+    """They have theirs; only moments are educed."""
+    for name in "ab":
+        made(0).write(tmp_path / f"{name}.h5")
+    words = ["compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), *given]
+    assert main(words) == BAD_INPUT
+    assert f"leave out {given[0]}, or name moments" in capsys.readouterr().err

@@ -437,6 +437,11 @@ def test_a_running_rms_as_long_as_the_record_is_doubted(liner):
     assert not any("too narrow" in n for n in tl.educe(plane, liner, **options).notes)
 
 
+def test_a_window_without_its_drive_is_refused(liner):
+    with pytest.raises(ValueError, match="only used with drive='running-rms', not 'rms'"):
+        tl.educe(plane_of(turbulence((2, 600))), liner, running_window=1e-3, drive="rms")
+
+
 def test_no_gas_is_refused():
     with pytest.raises(TypeError, match="velocity: fluid is NoneType; a Fluid is needed"):
         plane_of(turbulence((2, 600)), fluid=None)

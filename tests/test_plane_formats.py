@@ -281,6 +281,36 @@ def test_words_say_which_way_is_positive(attributes, sign):
     same_plane(tl.VelocityPlane.from_xarray(dataset(attrs=attributes)), sign * VALUES)
 
 
+@pytest.mark.parametrize(
+    "attributes",
+    [{"positive": "away from the liner"}, {"long_name": "velocity out of the facesheet"}],
+)
+def test_a_normal_does_not_turn_what_is_positive_away(attributes):
+    """As the data have it; an axis may be stated still, and data into the liner turn once."""
+    data = dataset(attrs=attributes)
+    with pytest.raises(ValueError, match=r"so that it is positive away .* normal='-y' would turn"):
+        tl.VelocityPlane.from_xarray(data, normal="-y")
+    same_plane(tl.VelocityPlane.from_xarray(data, normal="y"))
+    into = dataset(attrs={"positive": "into the liner"})
+    same_plane(tl.VelocityPlane.from_xarray(into, normal="-y"), -VALUES)
+
+
+def test_a_rate_or_a_sign_against_a_plane_of_ours_is_refused(tmp_path):
+    """Its times have a unit, and it is positive away by its schema; within 1 % its times count."""
+    path = tmp_path / "a.h5"
+    tl.VelocityPlane(torch.ones(2, 9), sampling_rate=RATE).write(path)
+    with pytest.raises(ValueError, match=r"a.h5:/time: its times are at .* states 5000 Hz; leave"):
+        tl.read_plane(path, sampling_rate=5e3)
+    rate = tl.read_plane(path).sampling_rate
+    assert tl.read_plane(path, sampling_rate=1.009 * rate).sampling_rate == rate
+    with h5py.File(path, "r+") as file:
+        for said in ("'away from the liner'", "'away, by its schema'"):
+            with pytest.raises(ValueError, match=f"a.h5:/wall_normal_velocity says {said}.*'-y'"):
+                tl.read_plane(path, normal="-y")
+            file["wall_normal_velocity"].attrs.pop("positive", None)
+            file.flush()
+
+
 def test_times_without_a_unit_begin_where_they_say(tmp_path):
     """Whatever they count: at the stated rate, sample 100 of 40 kHz is at 2.5 ms."""
     data = dataset(time=np.arange(100.0, 130.0))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -308,6 +309,44 @@ def test_all_that_has_a_unit_is_scaled(tmp_path):
         assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
 
 
+def test_a_level_is_not_that_of_other_velocities(tmp_path, capsys):
+    """It is left out with a warning, unless it is stated anew; lengths do not touch it."""
+    plane = make_plane((4,), 60, incident_level=145.0)
+    assert plane.scaled(2.0, 1.0).incident_level == 145.0
+    with pytest.warns(tl.DataWarning, match=r"incident_level, 145 dB, .* before they were scaled"):
+        assert plane.scaled(1.0, 10.0).incident_level is None
+    plane.write(tmp_path / "a.h5")
+    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"),
+             "--scale-velocity", "10"]  # fmt: skip
+    for more, level in (([], None), (["--incident-level", "165"], 165.0)):
+        assert main([*words, *more]) == 0
+        assert ("state --incident-level" in capsys.readouterr().err) == (level is None)
+        assert tl.read_plane(tmp_path / "b.h5").incident_level == level
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("--case slit", "--case: for --layout resolved or channel"),
+        ("--line 0 --stride 2", "--line, --stride: for --layout resolved or channel"),
+        ("--layout channel --case a --stride 1", "--layout channel takes no --case, --stride"),
+        (
+            "--layout resolved --case a --towards-liner",
+            "--layout resolved takes no --towards-liner",
+        ),
+        ("--linear 0.1+0.2j", "--linear is of --liner-file; give that as well, or leave --linear"),
+        ("--compress-level 3", "--compress-level is of --compress; give that as well"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(tmp_path, capsys, given, message):
+    """With what it belongs to."""
+    WHOLE.write(tmp_path / "a.h5")
+    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"), *given.split()]
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "b.h5").exists()
+
+
 @pytest.mark.parametrize("level", [0, 1, 9])
 def test_a_write_that_was_broken_off_goes_on(tmp_path, level, monkeypatch):
     """What is marked is not read again; the file is that of a run without a break."""
@@ -379,6 +418,62 @@ def test_a_full_disk_says_what_stays(tmp_path, monkeypatch):
     assert out.read_bytes() == b"old"
     write_plane(plane, out, source="a")
     assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+
+
+def test_a_full_disk_promises_no_part_that_is_not_there(tmp_path, monkeypatch):
+    """Before the first mark nothing is left; nor where the mark itself finds no room."""
+    plane, out = make_plane((4,), 600, dtype=torch.float32), tmp_path / "out.h5"
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    for owner, name in ((h5py.Dataset, "__setitem__"), (type(out), "write_text")):
+        with monkeypatch.context() as patch:
+            patch.setattr("torchliner.io.plane_writer.MARKED", 1)
+            patch.setattr(owner, name, full)
+            with pytest.raises(OSError, match=r"out.h5 cannot be written: .*No space.*device$"):
+                write_plane(plane, out, source="a")
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("other", ["a", "b"])
+def test_a_second_write_of_a_file_is_refused_and_touches_nothing(tmp_path, other):
+    """While the first is at work, which ends as if alone; a lock that was left means nothing."""
+    plane, out = make_plane((4,), 600, dtype=torch.float32), tmp_path / "out.h5"
+    (tmp_path / "out.h5.part-lock").write_text("process 1 on elsewhere")
+
+    def meanwhile(_):
+        with pytest.raises(OSError, match=rf"out.h5 is in use .*process {os.getpid()} on .*wait"):
+            write_plane(plane, out, source=other)
+
+    write_plane(plane, out, source="a", progress=meanwhile)
+    assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+    assert [p.name for p in tmp_path.iterdir()] == ["out.h5"]
+
+
+@pytest.mark.parametrize(("source", "level"), [("a", 0), ("a", 1), ("", 1)])
+def test_an_interrupt_that_a_library_drops_ends_the_write(tmp_path, monkeypatch, source, level):
+    """After the slab in hand; what is written stays, and the usual handler is back."""
+    plane, out = make_plane((40,), 3000, dtype=torch.float32), tmp_path / "out.h5"
+    write, usual = h5py.Dataset.__setitem__, signal.getsignal(signal.SIGINT)
+
+    def interrupted(self, *arguments):
+        write(self, *arguments)
+        with suppress(KeyboardInterrupt):  # as in a callback of weakref
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("torchliner.io.plane_writer.NARROW", 256 * 40)
+    monkeypatch.setattr(h5py.Dataset, "__setitem__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_plane(plane, out, level, source=source)
+    monkeypatch.undo()
+    assert signal.getsignal(signal.SIGINT) is usual
+    assert (tmp_path / "out.h5.part").exists() == bool(source)
+    done = []
+    write_plane(plane, out, level, source=source, progress=done.append)
+    assert done[0] > 0
+    assert torch.equal(tl.read_plane(out).velocity, plane.velocity)
+    assert [p.name for p in tmp_path.iterdir()] == ["out.h5"]
 
 
 def test_memory_and_levels_are_checked(tmp_path):

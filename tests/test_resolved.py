@@ -165,6 +165,8 @@ def test_the_command_writes_the_liner_of_a_case(cells, tmp_path, capsys):
     assert complex(written.impedance(1400.0)) == pytest.approx(0.1 + 0.2j, abs=1e-12)
     assert main([*arguments, "--linear", "slat"]) == 2
     assert "no case 'slat' (did you mean 'slit'?)" in capsys.readouterr().err
+    assert main([*arguments[:4], *arguments[6:]]) == 2
+    assert "--layout resolved needs --case; " in capsys.readouterr().err
 
 
 def test_times_that_are_not_uniform_are_refused(cells, channel):

@@ -24,7 +24,7 @@ from torchliner.audits.variants import (
     other_liners,
     with_drive,
 )
-from torchliner.checks import require_choice, tell
+from torchliner.checks import require_choice, require_positive, tell
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -78,8 +78,13 @@ def audit(
                 f"{name} cannot be chosen for an audit: its base is the phase averaged by the "
                 "engine 'spectral', and the other rules are among what it varies"
             )
-    chosen = Choices(**choices)
-    work = _Work(several, liner, frequency, chosen, order, progress)
+    window = choices.get("running_window")  # of a variant, if not of the base
+    if window is not None:
+        require_positive("running_window", window)
+    if choices.get("drive") != "running-rms":
+        choices = {name: value for name, value in choices.items() if name != "running_window"}
+    work = _Work(several, liner, frequency, Choices(**choices), order, progress)
+    work.running_window = window
     work.moments()
     for factor, vary in (
         ("phase rule", work.phases), ("drive, mean velocity", work.drives),
@@ -95,6 +100,8 @@ def audit(
 
 class _Work:
     """The audit as it grows."""
+
+    running_window: float | None = None  # s
 
     def __init__(
         self, planes: Sequence[VelocityPlane | Moments], liner: Liner, frequency: float | None,
@@ -204,7 +211,10 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             quiet = dataclasses.replace(ready, blocks=None)
-            value = self._averaged(with_drive(quiet, drive, mean, progress=self.progress))
+            other = with_drive(
+                quiet, drive, mean, running_window=self.running_window, progress=self.progress
+            )
+            value = self._averaged(other)
             factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
             self._add(factor, name, value)
 

@@ -228,20 +228,24 @@ def every_second(group: GroupMoments, plan: PassPlan, start: int) -> GroupMoment
 
 def with_drive(
     ready: Prepared, drive: str, mean: str, *, every_rule: bool = False,
-    progress: Progress | None = None,
+    running_window: float | None = None, progress: Progress | None = None,
 ) -> Prepared:  # fmt: skip
     """The plane under another |v|: one more reading of it, none for the rms of the record.
 
     Args:
         ready: prepared plane.  drive, mean: see ``Choices``.
         every_rule: keep what any phase rule can be read off, else ``averaged`` alone.
+        running_window: s; default that of ``ready``.
         progress: called with numbers of samples done.
     """
     assert ready.drive is not None and ready.reader is not None  # noqa: PT018
     before, window = ready.drive, ready.reader.window
+    seconds, running = running_window or ready.chosen.running_window, before.running_samples
+    if seconds is not None:
+        running = max(1, round(seconds * ready.plane.sampling_rate))
     source = DriveSpeed(
-        before.velocity, drive, mean, ready.sums.survey, before.running_samples, ready.periodic
-    )
+        before.velocity, drive, mean, ready.sums.survey, running, ready.periodic
+    )  # fmt: skip
     turns = (2 * ready.frequency)[:, None][:, : int(every_rule)]
     lines = lines_needed(window, turns)
     plan = dataclasses.replace(ready.sums.plan, lines=lines)
@@ -253,6 +257,9 @@ def with_drive(
     )
     return dataclasses.replace(
         ready, drive=source, reader=reader, notes=(*ready.notes, *notes),
-        chosen=dataclasses.replace(ready.chosen, drive=drive, mean=mean),
+        chosen=dataclasses.replace(
+            ready.chosen, drive=drive, mean=mean,
+            running_window=seconds if drive == "running-rms" else None,
+        ),
         sums=dataclasses.replace(ready.sums, plan=plan, groups=groups),
     )  # fmt: skip

@@ -26,12 +26,19 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print how far the second is off the first, for the liner and each cell."""
     from torchliner.audits.compare import compare
+    from torchliner.io.moments_file import holds_moments
     from torchliner.report.comparison_table import (
         comparison_table,
         format_comparison,
         plain_comparison,
     )
 
+    given = [f"--{name}" for name in ("frequency", "liner") if getattr(options, name) is not None]
+    if given and not any(holds_moments(path) for path in (options.first, options.second)):
+        raise ValueError(
+            f"{options.first} and {options.second} are maps, which have their frequencies and "
+            f"liner; leave out {' and '.join(given)}, or name moments of torchliner reduce"
+        )
     first, second = (_map_of(path, options) for path in (options.first, options.second))
     found = compare(first, second, options.order)
     show_results(

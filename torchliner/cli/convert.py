@@ -29,16 +29,15 @@ OPTIONS = {
         "--layout": {
             "choices": list(PLANE_LAYOUTS), "help": f"{MEANINGS}; default: what the file says"},
         "--compress": "gzip: smaller, slower to read",
-        "--compress-level N": {"default": 9, "help": "1, quick, to 9, small; default 9"},
+        "--compress-level N": "of --compress: 1, quick, to 9, small; default 9",
         "--memory SIZE": "for slabs, e.g. 500MB; default 0.13 GB",
     }
     | shared("--json", "--quiet"),
     **plane_options(further=False),
     "resolved, channel": {
         "--case NAME": "resolved: group; required there",
-        "--line I": {"default": 0, "help": "index of the height; default 0"},
-        "--stride N": {
-            "default": 1, "type": count, "help": "resolved: keep every N-th x; default 1"},
+        "--line I": "index of the height; default 0",
+        "--stride N": {"type": count, "help": "resolved: keep every N-th x; default 1"},
         "--liner-file FILE": "write the case's own liner, of --layout resolved, .toml; default: "
                              "none",
         "--linear CASE": "resolved: case of low level, or Z as 0.243-0.203j, of the same lattice, "
@@ -59,6 +58,7 @@ OPTIONS = {
     },
 }  # fmt: skip
 ABOUT = ["height", *map(dest, CASE)]
+OF_LAYOUTS = ("case", "line", "stride", "towards_liner", "y", "row")  # beside ``reading``
 HOW = ("output", "json", "quiet", "memory", "figure")  # options that change nothing of the data
 
 
@@ -72,20 +72,26 @@ def run(options: argparse.Namespace) -> int:
 
     if options.liner_file is not None and options.layout != "resolved":
         raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
-    plane = _read(options)
+    for given, of in (("linear", "liner_file"), ("compress_level", "compress")):
+        if getattr(options, given) is not None and not getattr(options, of):
+            first, second = (f"--{name.replace('_', '-')}" for name in (given, of))
+            raise ValueError(f"{first} is of {second}; give that as well, or leave {first} out")
+    plane, facts = _read(options), stated(options, ABOUT)
+    if "incident_level" in facts:  # of the plane as written
+        plane = replace(plane, incident_level=None)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
         plane = scaled(plane, options.scale_length, options.scale_velocity)
-    facts = stated(options, ABOUT)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
     tell(plane_unit_warnings(plane, plane.frequency))
     if options.liner_file is not None:
         _write_liner(options)
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples
     size *= 1 if plane.streamwise is None else 2
+    level = True if options.compress_level is None else options.compress_level
     began = time.monotonic()
     with progress_bar(size, options.source.name, options, unit="B") as step:
         write_plane(
-            plane, options.output, options.compress and options.compress_level,
+            plane, options.output, options.compress and level,
             memory=options.memory, source=_digest(options, paths_of(options.source)), progress=step,
         )  # fmt: skip
     took = time.monotonic() - began
@@ -117,17 +123,23 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
             raise
         layout = "array"
     if layout is None:
+        if given := sorted({*stated(options, OF_LAYOUTS)} - {"towards_liner"}):
+            raise ValueError(f"{_words(given)}: for --layout resolved or channel; state that, or "
+                             "leave this out")  # fmt: skip
         plane = read_plane(options.source, lazy=True, **reading(options))
         return select(plane, factor=-1.0) if options.towards_liner else plane
     read = resolve(PLANE_LAYOUTS[layout][0])
-    given = {*reading(options)} - {*signature(read).parameters, "start", "stop", "region", "every"}
-    if given:
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(given))
-        raise ValueError(f"--layout {layout} takes no {words}; leave that or --layout out")
+    known = {*signature(read).parameters, "start", "stop", "region", "every"}
+    if given := sorted({*reading(options), *stated(options, OF_LAYOUTS)} - known):
+        raise ValueError(f"--layout {layout} takes no {_words(given)}; leave that or --layout out")
     wanted = {name: value for name in signature(read).parameters
               if (value := getattr(options, name, None)) is not None}  # fmt: skip
     part = {name: getattr(options, name) for name in ("start", "stop", "region")}
     return select(read(options.source, **wanted), **part, every=options.every or 1)
+
+
+def _words(names: list[str]) -> str:
+    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 def _digest(options: argparse.Namespace, paths: list[Path]) -> str:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchliner.file_checks import Unwritten
 from torchliner.fluid import Fluid
-from torchliner.io.clocks import uniform_rate
+from torchliner.io.clocks import require_same_rate, uniform_rate
 from torchliner.io.hdf5 import (
     factor_to,
     get_dataset,
@@ -162,9 +162,9 @@ def read_clock(
     Args:
         group, path: of the dataset.
         key: its name.
-        stated: sampling rate, Hz, where the times have no units.
+        stated: sampling rate, Hz, where the times have no units, or as they have it.
     Raises:
-        ValueError: the times are missing, not finite or not uniform.
+        ValueError: the times are missing, not finite, not uniform, or of another rate than stated.
     """
     name, shape = place(group, key, path), get_dataset(group, key, path).shape
     if shape is None or len(shape) != 1 or shape[0] < 2:
@@ -189,6 +189,7 @@ def read_clock(
         CLOCK.set((f"{epoch.strip()} {calendar.lower()}", since))
     if stated is not None and not unit:
         return stated, len(time), first * rate / stated  # whatever they count, evenly
+    require_same_rate(rate, stated, name, unit)
     return rate, len(time), first
 
 

@@ -110,14 +110,18 @@ def _described(dataset: h5py.Dataset, key: str) -> str:
     return f"{key} ({shape}{'' if unit is None else f', {unit}'})"
 
 
-def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest) -> float:
+def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest, label: str) -> float:
     """-1 where the data are positive into the liner: what they say of it counts before the user's
     normal, which counts for an axis.
 
     Raises:
-        ValueError: an attribute ``positive`` that says neither.
+        ValueError: an attribute ``positive`` that says neither; a normal that would turn data which
+            are positive away, as files of our schema are.
     """
-    words = (text_attribute(dataset, "positive") or "").strip().lower()
+    schema = text_attribute(dataset.file, "schema") or ""
+    ours = "away, by its schema" if key == VELOCITY and schema.startswith("torchliner ") else ""
+    words = (text_attribute(dataset, "positive") or ours).strip().lower()
+    turned_by_user = (request.normal or "").startswith("-")
     others = " ".join(
         text_attribute(dataset, name) or "" for name in ("long_name", "units")
     ).lower()
@@ -126,12 +130,17 @@ def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest) -> float:
         # Into the duct is away from the liner.
         turned = re.sub(rf"{TOWARDS} {DUCT}", "away", re.sub(rf"{OUT} {DUCT}", "inward", text))
         into, away = (re.search(each, turned) is not None for each in (INTO, AWAY))
+        if away and not into and turned_by_user:
+            raise ValueError(
+                f"{label} says {text!r}, so that it is positive away from the liner, and "
+                f"normal={request.normal!r} would turn it; leave the sign out, or correct the file"
+            )
         if into != away:
             return -1.0 if into else 1.0
     if words and not (re.search(DOWN, words) or re.search(UP, words)):
         raise ValueError(
-            f"{dataset.file.filename}:{dataset.name}: positive is {words!r}; write 'away from the "
-            "liner' or 'into the liner' (or 'up', 'down')"
+            f"{label}: positive is {words!r}; write 'away from the liner' or 'into the liner' (or "
+            "'up', 'down')"
         )
     down = re.search(DOWN, words) is not None or says(dataset, key, r"\bdownward_")
-    return -1.0 if down != (request.normal or "").startswith("-") else 1.0
+    return -1.0 if down != turned_by_user else 1.0

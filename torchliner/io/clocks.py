@@ -9,6 +9,7 @@ import numpy as np
 from torchliner.checks import require_positive
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
+SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
 
 
 def clock_of(
@@ -28,6 +29,19 @@ def clock_of(
         return found, first
     require_positive(f"{name}: sampling_rate (Hz)", stated)
     return stated, first * found / stated
+
+
+def require_same_rate(found: float, stated: float | None, name: str, unit: str) -> None:
+    """A rate that the user states of times that have a unit must be theirs.
+
+    Raises:
+        ValueError: it is off by more than 1 %.
+    """
+    if stated is not None and abs(found - stated) > SAME_RATE * stated:
+        raise ValueError(
+            f"{name}: its times are at {found:.6g} Hz, sampling_rate states {stated:.6g} Hz; leave "
+            f"it out, or correct the unit of the times, {unit}"
+        )
 
 
 def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:

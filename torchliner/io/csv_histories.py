@@ -18,7 +18,7 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.file_checks import naming
 from torchliner.io.arrays import read_array
-from torchliner.io.clocks import clock_of
+from torchliner.io.clocks import clock_of, require_same_rate
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import (
     AXES,
@@ -40,7 +40,6 @@ LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
 COUNTER = re.compile(r"(iter|iterations?|(time ?)?steps?|cycles?|frames?)\b.*", re.IGNORECASE)
 VECTOR = re.compile(r"(.*):(\d|magnitude)", re.IGNORECASE)
-SAME_RATE = 0.01  # by which a stated rate may differ from that of times with a unit
 
 
 @dataclass
@@ -157,10 +156,7 @@ def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tupl
     rate, start = clock_of(
         rows.first * factor, f"{path}, time", None if unit else stated, rows.rounding * factor
     )
-    if stated is not None and abs(rate - stated) > SAME_RATE * stated:
-        raise ValueError(f"{path}: its times are at {rate:.6g} Hz, sampling_rate states "
-                         f"{stated:.6g} Hz; leave it out, or correct the unit of the times, {unit}"
-                         )  # fmt: skip
+    require_same_rate(rate, stated, str(path), unit)
     return stated or rate, start
 
 

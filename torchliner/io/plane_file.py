@@ -115,7 +115,7 @@ def plane_from(
             raise ValueError(f"{words} is {number:.9g} {UNITS[name]}, the variable {name} is "
                              f"{case[name]:.9g}; correct one of them")  # fmt: skip
     return VelocityPlane(
-        stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request) * factor),
+        stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request, label) * factor),
         sampling_rate=rate,
         start=first,
         streamwise=stream,

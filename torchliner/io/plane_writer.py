@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +49,8 @@ def write_plane(
     Raises:
         ValueError: a single sample: a file's sampling rate is that of its times; a memory limit
             below one slab.
-        OSError: the disk is full, the folder cannot be written to.
+        OSError: the disk is full, the folder cannot be written to, another run writes the file.
+        KeyboardInterrupt: Ctrl-C, after the slab in hand; with ``source`` what is written stays.
     Warns:
         DataWarning: a part that was left is damaged; it is written anew.
     """
@@ -56,10 +59,11 @@ def write_plane(
         raise ValueError(f"compress is {compress}; gzip has levels 1 to {FINEST}")
     limit = None if memory is None else bytes_of(memory)
     if not source:
-        with KIND.created(path, plane) as file:
+        with KIND.created(path, plane) as file, interrupts_noted() as asked:
             _describe(file, plane, level)
             for _ in _filled(file, plane, limit, 0, progress):
-                pass
+                if asked:
+                    raise KeyboardInterrupt
         return
     with part_of(path, source, *HDF5) as part:
         if part.done and not _holds(part, plane):
@@ -75,12 +79,39 @@ def write_plane(
         size, marked = plane.velocity.dtype.itemsize * plane.probes, part.done
         if progress is not None:
             progress(size * part.done)
-        with h5py.File(part.path, "r+") as file:
+        with h5py.File(part.path, "r+") as file, interrupts_noted() as asked:
             for done in _filled(file, plane, limit, part.done, progress):
-                if size * (done - marked) >= MARKED:
+                if asked or size * (done - marked) >= MARKED:
                     file.flush()
                     part.reached(done)
                     marked = done
+                if asked:
+                    raise KeyboardInterrupt
+
+
+@contextmanager
+def interrupts_noted() -> Iterator[list[int]]:
+    """Ctrl-C as an entry of a list, to be looked at between slabs; the second one is raised, too.
+
+    Raised wherever it comes, it may land in a callback of h5py, where Python drops it. Handlers of
+    others, and threads that get no signals, are left as they are.
+    """
+    asked: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        asked.append(number)
+        if asked[1:]:
+            signal.default_int_handler(number, frame)
+
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:

@@ -35,7 +35,9 @@ from torchliner.units import si_factor
 TRUTHS = {"wave": "waves", "insitu": "in situ", "top": "top row"}
 
 
-def read_resolved(path: str | Path, case: str | None, line: int, stride: int = 1) -> VelocityPlane:
+def read_resolved(
+    path: str | Path, case: str | None = None, line: int = 0, stride: int = 1
+) -> VelocityPlane:
     """One height of one case of a resolved liner, with its own true impedance.
 
     Args:
@@ -126,7 +128,7 @@ def require_samples(values: np.ndarray, samples: int, label: str) -> None:
 
 
 def read_channel(
-    path: str | Path, line: int, length: float = 1.0, velocity: float = 1.0
+    path: str | Path, line: int = 0, length: float = 1.0, velocity: float = 1.0
 ) -> VelocityPlane:
     """One plane of the turbulent channel (hard wall, no sound), rescaled to a duct.
 

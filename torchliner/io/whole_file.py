@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.lock import locked_by
+
 HDF5 = (".h5", ".hdf5", ".nc")
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
 LONGEST_NAME = 255  # bytes, on all file systems in use
@@ -152,8 +154,11 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _told(path: str | Path, temporary: str | Path, remedy: str = "") -> Iterator[None]:
-    """Failures to write, of a full disk above all, by the name that the user gave."""
+def _told(path: str | Path, temporary: str | Path, part: Part | None = None) -> Iterator[None]:
+    """Failures to write, of a full disk above all, by the name that the user gave.
+
+    ``part``: it stays if any of it was marked.
+    """
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -161,6 +166,9 @@ def _told(path: str | Path, temporary: str | Path, remedy: str = "") -> Iterator
         at_end = "errno" in str(error) and "read" not in str(error)  # HDF5 writes or closes
         if full or at_end or (isinstance(error, OSError) and str(temporary) in str(error)):
             text = str(error).replace(str(temporary), str(path))
+            remedy = ""
+            if part is not None and part.done:
+                remedy = f"; what is written stays in {part.path}: free space and run this again"
             raise OSError(f"{path} cannot be written: {text}{remedy}") from error
         raise
 
@@ -186,10 +194,13 @@ class Part:
 
     def reached(self, done: int) -> None:
         """Say so in the mark, which is whole or the old one."""
-        self.done = done
         new = self.mark.with_name(f"{self.mark.name}-new")
-        new.write_text(json.dumps({"source": self.source, "done": done}), encoding="utf-8")
-        os.replace(new, self.mark)
+        try:
+            new.write_text(json.dumps({"source": self.source, "done": done}), encoding="utf-8")
+            os.replace(new, self.mark)
+        finally:
+            new.unlink(missing_ok=True)
+        self.done = done
 
 
 @contextmanager
@@ -197,23 +208,33 @@ def part_of(path: str | Path, source: str, *endings: str) -> Iterator[Part]:
     """A file that is written beside, as FILE.part, and renamed when the block ends well.
 
     If the block does not, what was marked as written stays, and the next block with the same
-    ``source`` goes on there.
+    ``source`` goes on there. One block at a time writes a file, as FILE.part-lock has it.
 
     Args:
         path, endings: as for ``writable``.
         source: words that differ for different contents.
     Raises:
-        ValueError, OSError: as ``writable``; the disk is full.
+        ValueError, OSError: as ``writable``; the disk is full; another run writes the file.
     """
     target = writable(path, *endings)
     part = Part(target.with_name(f"{target.name}.part"), source)
+    lock = target.with_name(f"{target.name}.part-lock")
+    with locked_by(lock, path):
+        try:
+            yield from _part_written(part, path, target)
+        finally:
+            with contextlib.suppress(OSError):  # open files stay on Windows
+                lock.unlink()
+
+
+def _part_written(part: Part, path: str | Path, target: Path) -> Iterator[Part]:
+    """Of ``part_of`` what the lock guards."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         found = json.loads(part.mark.read_text(encoding="utf-8"))
-        if found["source"] == source and part.path.is_file():
+        if found["source"] == part.source and part.path.is_file():
             part.done = int(found["done"])
-    kept = f"; what is written stays in {part.path}: free space and run this again"
     try:
-        with _told(path, part.path, kept):
+        with _told(path, part.path, part):
             yield part
             _dress(str(part.path), target)
             os.replace(part.path, target)

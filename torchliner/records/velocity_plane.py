@@ -11,7 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, require_positive, require_positive_where_stated
+from torchliner.checks import make_plain, require_positive, require_positive_where_stated, tell
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.holes import Holes, require_holes_on_plane
@@ -194,6 +194,8 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         Args:
             length: factor on x, z, height, displacement thickness, holes and, squared, areas.
             velocity: factor on the velocities.
+        Warns:
+            DataWarning: incident_level, of the velocities as they were, is left out.
         """
         loaded, numbers = self.load(), scaled_numbers(self, length, velocity)
         streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
@@ -219,8 +221,15 @@ def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict
     factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
     factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time,
                 "start": 1 / per_time}  # fmt: skip
-    return {name: value * factor for name, factor in factors.items()
-            if (value := getattr(plane, name)) is not None}  # fmt: skip
+    found = {name: value * factor for name, factor in factors.items()
+             if (value := getattr(plane, name)) is not None}  # fmt: skip
+    if velocity != 1 and plane.incident_level is not None:
+        tell(
+            f"{plane.name}: incident_level, {plane.incident_level:g} dB, is that of the velocities "
+            "before they were scaled and is left out; state incident_level=... of those after"
+        )
+        found["incident_level"] = None
+    return found
 
 
 def _velocity_tensor(value: Any, label: str, name: str) -> Any:

@@ -32,6 +32,8 @@ NAMED = {
     "resample": RESAMPLED, "order": ORDERS,
 }  # fmt: skip
 CALLED = {"phase": "phase rule", "edge": "edge rule", "order": "order of averaging"}
+POSITIVE = ("velocity_max", "running_window", "rank_tolerance", "segment", "oncoming_rms",
+            "tolerance")  # fmt: skip
 TOLERANCES = {torch.float32: 1e-6, torch.float64: 1e-9}  # of R
 PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
@@ -164,14 +166,7 @@ class Choices:
             raise ValueError(f"pre_roll is {self.pre_roll:g} s; it is at least 0")
         if self.pre_roll and self.edge == "wrap":
             raise ValueError("edge rule 'wrap' has no pre_roll: a periodic record has no start")
-        for name in (
-            "velocity_max",
-            "running_window",
-            "rank_tolerance",
-            "segment",
-            "oncoming_rms",
-            "tolerance",
-        ):
+        for name in POSITIVE:
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if self.engine == "spectral" and self.edge == "silent":
@@ -246,6 +241,8 @@ class Choices:
             (self.oncoming_rms is not None
              and (wave is not None or self.order not in ("auto", ORDERS[2])),
              f"oncoming_rms is only used with order {ORDERS[2]!r}"),
+            (self.running_window is not None and self.drive != "running-rms",
+             f"running_window is only used with drive='running-rms', not {self.drive!r}"),
         ):  # fmt: skip
             if wrong:
                 raise ValueError(reason)
