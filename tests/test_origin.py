@@ -7,6 +7,7 @@ import hashlib
 import os
 import platform
 import re
+import shlex
 
 import h5py
 import numpy as np
@@ -29,8 +30,10 @@ from torchliner.records.origin import (
     standing,
     with_whole_hashes,
 )
+from torchliner.records.velocity_plane import restated
 from torchliner.report.page.origin import files_of, stated_origin
 from torchliner.report.page.origin import origin as section
+from torchliner.report.page.repeat import JOINS, UNTOLD
 from torchliner.report.page.subject import inputs_of, subject_of
 from torchliner.report.page.warned import of_map
 
@@ -213,6 +216,85 @@ def test_the_program_of_the_page_gives_the_map_again(kind, files):
     exec(program(subject_of(found, path=files / "map.h5")), space)
     assert torch.equal(space["found"].reflection, found.reflection)
     assert set(held(space["found"])) == {each for each in held(found) if each[0] != "liner"}
+
+
+def two_variables(path):
+    """A plane of two velocities."""
+    with h5py.File(path, "w") as file:
+        for name, values, unit in (
+            ("time", np.arange(600) / 42e3, "s"),
+            ("x", np.arange(3.0), "mm"),
+        ):
+            file[name] = values
+            file[name].attrs["units"] = unit
+            file[name].make_scale(name)
+        for name, seed in (("v", 1), ("filtered", 2)):
+            file[name] = turbulence((3, 600), seed=seed).numpy()
+            file[name].attrs["units"] = "m/s"
+            for axis, scale in zip(file[name].dims, ("x", "time"), strict=True):
+                axis.attach_scale(file[scale])
+
+
+@pytest.mark.parametrize("kind", ["stated", "converted", "variable", "arrays", "joined", "facts",
+                                  "facts of moments"])  # fmt: skip
+def test_page_and_command_repeat_how_a_plane_was_read(capsys, kind, files):
+    """What was stated and selected in this reading; what a converted file tells of its own making
+    is no part of it."""
+    told, data = {}, "p0.h5"
+    if kind == "stated":
+        told = {"start": 0.001, "stop": 0.012, "region": [(-0.1, 0.0015)]}
+    elif kind == "converted":
+        words = ("convert", data, "-o", "c.h5", "--start", "0.001", "--every", "2")
+        assert run(capsys, *words)[0] == DONE
+        data, told = "c.h5", {"every": 2}
+    elif kind == "variable":
+        two_variables("two.h5")
+        data, told = "two.h5", {"variable": "filtered"}
+    elif kind == "arrays":
+        np.save("v.npy", turbulence((3, 600)).numpy())
+        data, told = "v.npy", {"axes": ["probe", "time"], "velocity_units": "m/s",
+                               "sampling_rate": 42e3}  # fmt: skip
+    elif kind == "joined":
+        assert run(capsys, "convert", "p?.h5", "-o", "c.h5")[0] == DONE
+        data = "c.h5"
+    elif kind == "facts of moments":
+        tl.moments(tl.read_plane(data), tl.load_liner("l.toml")).write("m.h5")
+        data = "m.h5"
+    if kind.startswith("facts"):
+        assert run(capsys, "educe", data, "--liner", "l.toml", "--incident-level", "150", "-o",
+                   "map.h5", "--no-intervals")[0] == DONE  # fmt: skip
+    else:
+        plane = tl.read_plane(data, lazy=True, **told)
+        tl.educe(plane, tl.load_liner("l.toml"), 1400.0, interval=None).write("map.h5")
+    found, space = tl.read_map("map.h5"), {}
+    subject = subject_of(found, path=files / "map.h5")
+    exec(program(subject), space)
+    assert torch.equal(space["found"].reflection, found.reflection)
+    for one, other in zip((space["found"], found), (found, space["found"]), strict=True):
+        assert one.closure is None or torch.equal(
+            one.closure.liner.level, other.closure.liner.level
+        )
+    assert (found.closure is None) == (not kind.startswith("facts"))
+    assert held(space["found"])[:1] == held(found)[:1] == [
+        ("moments" if data == "m.h5" else "velocity", data)]  # fmt: skip
+    words = shlex.split(next(b.text for b in section(subject) if hasattr(b, "label")))[1:]
+    out = words.index("-o") + 1
+    words[out] = "again.h5"
+    assert run(capsys, *words)[0] == DONE
+    assert torch.equal(tl.read_map("again.h5").reflection, found.reflection)
+    assert (UNTOLD in str(section(subject))) == (not kind.startswith("facts"))
+
+
+def test_what_no_command_can_repeat_is_said(files):
+    """Several files, arrays, facts that no option states."""
+    plane = tl.read_plane(["p0.h5", "p1.h5"], x=[0.0, 1e-3, 2e-3], length_units="m")
+    plane = restated(plane, {"mach": 0.3, "incident_level": 140.0})
+    found = tl.educe(plane, tl.load_liner("l.toml"), interval=None)
+    text = str(section(subject_of(found)))
+    for words in (JOINS, UNTOLD, "does not hold x as it was stated", "cannot state mach = 0.3,"):
+        assert words in text
+    assert "--incident-level 140 " in text
+    assert "lazy=True, length_units='m', x=X)" in program(subject_of(found))
 
 
 def test_the_command_is_kept_as_it_was_typed(capsys, files, monkeypatch):

@@ -12,6 +12,7 @@ from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import series_of
+from torchliner.records.velocity_plane import restated
 from torchliner.reduction.moments import Moments
 
 ENDS = 1 << 20  # bytes at either end of a file that are looked at
@@ -58,7 +59,8 @@ def with_case_facts(known: Moments, facts: Mapping[str, Any], name: str) -> Mome
             f"{name} holds moments that were reduced with {words}, and frequency = {tone:g} is "
             "stated: leave it out, or name the plane that was reduced"
         )
-    return dataclasses.replace(known, plane=dataclasses.replace(known.plane, **facts, name=name))
+    plane = dataclasses.replace(restated(known.plane, facts), name=name)
+    return dataclasses.replace(known, plane=plane)
 
 
 def data_fingerprint(path: Path, request: Mapping[str, Any]) -> str:

@@ -22,6 +22,7 @@ from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import VelocityPlane
+from torchliner.records.velocity_plane import restated
 from torchliner.reduction.moments import SETTINGS
 from torchliner.tdibc.choices import Choices
 from torchliner.tdibc.requested import Request
@@ -70,7 +71,7 @@ class Unit:
 def stated_plane(case: Case) -> VelocityPlane:
     """A plane with the facts of the campaign's file, called as that file calls it."""
     plane = open_plane(case.path, case.request)
-    return dataclasses.replace(plane, **case.facts, name=case.shown)
+    return dataclasses.replace(restated(plane, case.facts), name=case.shown)
 
 
 def units_of(case: Case, campaign: Campaign) -> list[Unit]:

@@ -121,8 +121,12 @@ def planes_of(records: Sequence[VelocityPlane | Moments]) -> list[VelocityPlane]
 
 def with_facts(record: Any, facts: dict[str, Any]) -> Any:
     """A plane, or moments of one, with other facts about the case."""
+    from torchliner.records.velocity_plane import restated
+
     plane = getattr(record, "plane", None)
-    return replace(record, **facts if plane is None else {"plane": replace(plane, **facts)})
+    if plane is None:
+        return restated(record, facts)
+    return replace(record, plane=restated(plane, facts))
 
 
 def liner_names(

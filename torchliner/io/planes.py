@@ -15,7 +15,7 @@ from torchliner.io.arrays import read_array
 from torchliner.io.axes import CLOCK
 from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.plane_join import join_planes
+from torchliner.io.plane_join import JOINED, join_planes
 from torchliner.io.plane_selection import select
 from torchliner.io.surface_frames import frames_of
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
@@ -26,6 +26,7 @@ HEAD = 4096  # bytes by which a file is recognised
 MAGIC = "*?["
 COORDINATES = ("x", "z")
 ANY = (*COORDINATES, "holes")  # that any format takes from the user
+OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
 
 
 def read_plane(
@@ -161,12 +162,28 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
                 f"{name}=..."
             )
     plane: VelocityPlane = found.open(Path(path), request)
+    # What a converted file tells is of the reading before it was written, not of this one.
+    kept = dict(plane.provenance)
+    earlier = {key: kept.pop(key) for key in OF_READING if key in kept}
+    kept |= {"earlier": earlier} if earlier else {}
+    said = {name: _in_words(getattr(request, name)) for name in given}
     about: dict[str, Any] = {
+        "provenance": kept | ({"stated": said} if said else {})
+    } | {
         name: stated_coordinate(getattr(request, name), request.length_units, name) for name in own
     }  # fmt: skip
     if (holes := request.holes) is not None:
         about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
     return replace(plane, **about)
+
+
+def _in_words(value: Any) -> Any:
+    """For the provenance; None for arrays."""
+    if isinstance(value, str | os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Sequence) and all(isinstance(each, str) for each in value):
+        return list(value)
+    return value if isinstance(value, int | float) else None
 
 
 def stated_coordinate(where: Any, unit: str | None, name: str) -> Any:

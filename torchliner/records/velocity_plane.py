@@ -213,6 +213,13 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         return replace(self, **stored) if stored else self
 
 
+def restated(plane: VelocityPlane, facts: Mapping[str, Any]) -> VelocityPlane:
+    """With other facts about the case; numbers and names stand in the provenance, too."""
+    said = {name: fact for name, fact in facts.items() if isinstance(fact, str | int | float)}
+    told = {"restated": said} if said else {}
+    return replace(plane, **facts, provenance={**plane.provenance, **told})
+
+
 def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict[str, Any]:
     """Of ``VelocityPlane.scaled`` all but the velocities: lengths, areas, rates and times."""
     require_positive("length scale", length)

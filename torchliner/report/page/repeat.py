@@ -12,8 +12,11 @@ from torchliner.records import ImpedanceMap
 from torchliner.report.page.blocks import Block, Code, Text
 from torchliner.report.page.subject import MapSubject, base_choices, inputs_of, plain
 
-READ = ("start", "stop", "every", "region")  # parts of a plane, arguments of ``read_plane``
-ONE_PHASE = "The command line takes one reference phase; the map has one a probe."
+EDUCED = ("incident_level", "source_side")  # facts that ``torchliner educe`` takes
+LINE = "The command line"
+ONE_PHASE = f"{LINE} takes one reference phase; the map has one a probe."
+JOINS = f"{LINE} joins files by one quoted pattern; these are read as planes of their own."
+UNTOLD = "What a program changed of the plane before it was educed is not held."
 
 
 def source_of(result: ImpedanceMap) -> Path | None:
@@ -63,6 +66,10 @@ class Repeated:
         self.files = {what: [str(each["name"]) for each in inputs if each["what"] == what]
                       for what in dict.fromkeys(each["what"] for each in inputs)}  # fmt: skip
         self.chosen = base_choices(result)
+        data = plain(dict(result.choices.get("data") or {}))
+        self.moments = "moments" in self.files
+        self.read = {} if self.moments else _table(data, "stated") | _table(data, "selected")
+        self.restated = _table(data, "restated")
         self.frequencies = [float(f) for f in result.frequency.tolist()]
         self.phase = result.choices.get("reference_phase")
         words = result.choices.get("command")
@@ -89,6 +96,9 @@ class Repeated:
         found += ["--frequency", *(f"{f:.12g}" for f in self.frequencies)]
         for key, value in self.chosen.items():
             found += _option(key, value)
+        facts = {key: fact for key, fact in self.restated.items() if key in EDUCED}
+        for key, value in (self.read | facts).items():
+            found += _option(key, _typed(key, value))
         found += ["--reference-phase", repr(self.phase)] if isinstance(self.phase, float) else []
         found += ["--in-situ", self.beside] if self.beside else []
         found += ["--wall-pressure", self.wall] if self.wall != self.beside else []
@@ -98,16 +108,26 @@ class Repeated:
         """In Python."""
         own = f"tl.read_map({self.path!r}).choices"
         name = self.data[0] if len(self.data) == 1 else self.data
-        plane = f"tl.read_moments({name!r})"
-        if "moments" not in self.files:
-            selected = dict(self.result.choices.get("data") or {}).get("selected")
-            part = dict(selected) if isinstance(selected, Mapping) else {}
-            stated = "".join(f", {key}={part[key]!r}" for key in READ if key in part)
-            plane = f"tl.read_plane({name!r}, lazy=True{stated})"
+        said = "".join(f", {key}={key.upper() if value is None else repr(value)}"
+                       for key, value in self.read.items())  # fmt: skip
+        lines = ["import torchliner as tl", "", f"plane = tl.read_plane({name!r}, lazy=True{said})"]
+        if self.moments:
+            lines[-1] = f"moments = tl.read_moments({name!r})"
+        data = "moments" if self.moments else "plane"
+        if self.restated:
+            facts = "".join(f", {key}={value!r}" for key, value in self.restated.items())
+            if self.moments:
+                facts = f", plane=dataclasses.replace(moments.plane{facts})"
+            lines = [
+                "import dataclasses",
+                "",
+                *lines,
+                f"{data} = dataclasses.replace({data}{facts})",
+            ]
         liner = repr(self.preset) if self.preset else f'{own}["liner"]'
         if not self.rebuilt:
             liner = repr(next(iter(self.files.get("liner", [])), "LINER.toml"))
-        arguments = [plane, f"tl.load_liner({liner})", repr(self.frequencies)]
+        arguments = [data, f"tl.load_liner({liner})", repr(self.frequencies)]
         arguments += [f"{key}={self._value(key)}" for key in self.chosen]
         if self.phase is not None:
             one = isinstance(self.phase, float)
@@ -119,7 +139,7 @@ class Repeated:
             reader = "read_microphones" if line else "read_pressure"
             arguments.append(f"pressure=tl.{reader}({self.wall!r})")
         body = ",\n    ".join(arguments)
-        return f"import torchliner as tl\n\nfound = tl.educe(\n    {body},\n)"
+        return "\n".join([*lines, f"found = tl.educe(\n    {body},\n)"])
 
     def _value(self, key: str) -> str:
         signal = self.files.get("incident signal")
@@ -140,8 +160,31 @@ class Repeated:
             found.append("the file of the wall pressures (--wall-pressure)")
         if choices.get("incident") is not None and "incident signal" not in self.files:
             found.append("the incident signal as it was asked for, INCIDENT")
-        words = f"The map does not hold {', '.join(found)}." if found else ""
-        return f"{words} {ONE_PHASE}".strip() if isinstance(self.phase, list) else words
+        found += [f"{key} as it was stated" for key, value in self.read.items() if value is None]
+        words = [f"The map does not hold {', '.join(found)}."] if found else []
+        words += [ONE_PHASE] if isinstance(self.phase, list) else []
+        words += [JOINS] if len(self.data) > 1 else []
+        facts = [f"{key} = {fact}" for key, fact in self.restated.items() if key not in EDUCED]
+        words += [f"{LINE} cannot state {', '.join(facts)}, as was done."] if facts else []
+        return " ".join([*words, UNTOLD])
+
+
+def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A file may hold anything of that name."""
+    found = data.get(key)
+    return dict(found) if isinstance(found, Mapping) else {}
+
+
+def _typed(key: str, value: Any) -> Any:
+    """As the command line has it."""
+    if value is None:
+        return key.upper()
+    if key == "axes":
+        return ",".join(map(str, value))
+    if key == "region" and not isinstance(value, str):
+        sides = [["" if side is None else f"{side:.12g}" for side in limits] for limits in value]
+        return ",".join(":".join(limits) for limits in sides)
+    return value
 
 
 def _option(key: str, value: Any) -> list[str]:
@@ -151,5 +194,7 @@ def _option(key: str, value: Any) -> list[str]:
     flag = f"--{key.replace('_', '-')}"
     if value is True:
         return [flag]
+    if isinstance(value, str) and value.startswith("-"):
+        return [f"{flag}={value}"]
     values = value if isinstance(value, (list, tuple)) else [value]
     return [flag, *(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)]
