@@ -207,6 +207,8 @@ def test_frequency_beyond_a_table():
     table = tl.TabulatedLiner([200.0, 1000.0], [0.5 + 0.1j, 0.5 + 0.2j], name="measured")
     with pytest.raises(ValueError, match=r"1400 Hz, outside the table's|outside the kernel's band"):
         tl.educe(good(), table)
+    with pytest.raises(ValueError, match="'measured': frequency is empty; give at least one, 200"):
+        table.impedance([])
 
 
 ONES = torch.ones(3, 4)

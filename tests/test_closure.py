@@ -568,3 +568,12 @@ def test_half_widths_of_two_intervals_add_as_independent(other, differs):
     assert found["low"].real == pytest.approx(middle - reach)
     assert found["high"].real == pytest.approx(middle + reach)
     assert found["differs"] is differs
+
+
+def test_a_difference_from_what_has_no_bound_has_none():
+    """A hard wall that the record does not bound, less what is known: -inf to inf, not nan."""
+    unbounded = (complex(-math.inf, -math.inf), complex(math.inf, math.inf))
+    for pair in ((unbounded, (1 + 1j, 2 + 2j)), ((1 + 1j, 2 + 2j), unbounded)):
+        found = joint_bounds(*pair)
+        assert (found["low"], found["high"]) == unbounded
+        assert found["differs"] is False

@@ -207,3 +207,9 @@ def test_displacement_thickness_scales(speed, length):
 def test_bad_profiles_are_refused(y, velocity, message):
     with pytest.raises(ValueError, match=message):
         tl.displacement_thickness(y, velocity)
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf])
+def test_centreline_velocities_are_finite(speed):
+    with pytest.raises(ValueError, match=f"centreline_velocity is {speed} m/s; it must be finite"):
+        tl.displacement_thickness([0, 1], [0, 1], speed)

@@ -407,3 +407,15 @@ def test_a_liner_in_another_gas_is_told_of(tmp_path, capsys):
     main(["duct", "solve", "b2a", "--liner", str(hot), *SMALL, *MESH])
     err = capsys.readouterr().err
     assert "sound speed is 434 m/s in the liner and 343.2 m/s in duct b2a" in err
+
+
+def test_a_named_liner_stands_for_the_walls_of_the_file(tmp_path, capsys):
+    """Neither facts nor inputs of the result name the table that it was not solved with."""
+    (tmp_path / "z.csv").write_text("x [mm], resistance, reactance\n0, 1, 0\n150, 2, 0\n")
+    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
+    output = tmp_path / "line.h5"
+    words = ["duct", "solve", str(path), "--liner", "polito", *SMALL, *MESH, "--quiet", "--json"]
+    assert main([*words, "-o", str(output)]) == 0
+    sound = json.loads(capsys.readouterr().out)["duct"]["sound"]
+    assert (sound["impedance_file"], sound["liner"]) == (None, "polito")
+    assert "z.csv" not in str(tl.read_microphones(output).provenance)

@@ -142,3 +142,14 @@ def test_maps_keep_their_level(tmp_path):
         beside.write(tmp_path / "map.h5")
         again = tl.read_map(tmp_path / "map.h5").alongside[0]
         assert again.bounds_of_liner() == beside.alongside[0].bounds_of_liner()
+
+
+def test_the_page_states_the_intervals_of_the_cases():
+    """R of g03, pressure first, and of o145 between its best two microphones."""
+    page = (DATA.parent / "docs" / "in_situ.md").read_text(encoding="utf-8")
+    with pytest.warns(tl.DataWarning):
+        slit = tl.in_situ(tl.read_pressure(DATA / "pressure_g03_145.h5"))
+        orifice = tl.read_pressure(DATA / "pressure_o145.h5")
+        pair = tl.decompose_waves(orifice, microphones="pair")
+    for bounds in (slit.bounds_of_liner("_pressure_first"), pair.interval.bounds(0)):
+        assert f"{bounds[0].real:.3f}-{bounds[1].real:.3f}" in page

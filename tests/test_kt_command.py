@@ -209,6 +209,7 @@ def test_fit_of_the_field_refuses(solved_files, capsys, arguments, match):
         (["{}", "-o", "rows.txt"], "must be one of .csv, .h5, .hdf5, .nc"),
         (["{}", "--figure", "no/a.png"], "the folder no does not exist"),
         (["{}", "--frequency", "700"], "has no 700 Hz; it holds 3 from 600 to 1500 Hz"),
+        (["{}", "--level-error", "0.3"], "--level-error is of the draws; add --draws"),
         (["{}", "--order", "7"], "12 microphones are fewer than twice the order, 7"),
         (["{}", "--weights", "relative"], "--weights is no option of --method kt"),
         (["{}", "--method", "two-waves", "--rank", "2"], "--rank is no option of --method two-wav"),

@@ -91,6 +91,8 @@ def test_selection():
         ({"pressure": np.array([1, 0, 1j])}, r"microphone 1 \(x = 10 mm\) is zero, which has no "
          "level at 900 Hz"),
         ({"pressure": np.array([1, math.inf, 1j])}, r"microphone 1 \(x = 10 mm\) is not finite"),
+        ({"pressure": np.array([1, 1e200, 1j])}, "at 900 Hz has 4091 dB, above 194 dB; complex"),
+        ({"pressure": np.full(3, 1e-30j)}, "at 900 Hz has -509 dB, below -126 dB"),
         ({"frequency": 0.0}, r"frequency \(Hz\) is 0"),
         ({"duct_height": 0.0}, r"duct_height \(m\) is 0"),
         ({"duct_width": -1.0}, r"duct_width \(m\) is -1"),

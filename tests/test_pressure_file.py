@@ -188,6 +188,9 @@ def test_faults_are_placed(label, fault):
     text = rf"{label} holds 1 nan or inf, the first at probe \(1,\), sample 7"
     with pytest.raises(ValueError, match=text):
         record(**{label: bad, **shape})
+    bad[1, 7] = 1e200
+    with pytest.raises(ValueError, match=rf"{label} reaches 1e\+200, above 1e\+09; give it in Pa"):
+        record(**{label: bad, **shape})
 
 
 # --- files that are refused ---------------------------------------------------------------------

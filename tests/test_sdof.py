@@ -157,6 +157,22 @@ def test_goodrich_shift_of_the_paper():
     assert shifts == pytest.approx([1.22, 1.03], abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "match"),
+    [
+        ((0.3, 0.05, 2e-3, 0), "diameter is 0 m; it is above 0 m"),
+        ((0.3, 0.0, 2e-3, 1e-3), "flow_facing_porosity is 0; it is above 0 and at most 1"),
+        ((0.3, 5.0, 2e-3, 1e-3), r"flow_facing_porosity is 5; .* at most 1 \(5 % is 0.05\)"),
+        ((torch.tensor([0.3, 30.0]), 0.05, 2e-3, 1e-3), "bulk_mach is 30; .* at most 1"),
+        ((0.3, 0.05, -2e-3, 1e-3), "displacement_thickness is -0.002 m; it is at least 0 m"),
+        ((float("nan"), 0.05, 2e-3, 1e-3), "bulk_mach is nan"),
+    ],
+)
+def test_goodrich_ranges(numbers, match):
+    with pytest.raises(ValueError, match=f"goodrich_resistance: {match}"):
+        goodrich_resistance(*numbers)
+
+
 BAD = [
     ({"porosity": -0.1}, "porosity is -0.1"),
     ({"porosity": 5.5}, "5.5.*fraction"),

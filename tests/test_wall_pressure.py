@@ -294,6 +294,15 @@ def test_refusals(options, match):
         kumaresan_tufts(line, **options)
 
 
+@pytest.mark.parametrize("options", [{"rank": 1.5}, {"rank": "2"}, {"order": 4.0}, {"draws": 2.5}])
+def test_whole_numbers_are_needed(options):
+    line = line_of(wave("upstream")[0])
+    with pytest.raises(TypeError, match=f"{next(iter(options))} is .*; a whole number is needed"):
+        kumaresan_tufts(line, **options)
+    numpy_s = kumaresan_tufts(line, rank=np.int64(1), order=np.int64(6), draws=np.int64(2))
+    assert numpy_s.choices["rank"] == 1
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_few_microphones_are_named(count):
     """Neither rank nor order was given; both follow from the microphones."""

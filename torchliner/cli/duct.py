@@ -128,7 +128,8 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
     if liner.fluid is not None:
         tell(gas_warnings(liner.fluid, setup.fluid, f"duct {setup.name}"))
     walls = liner.impedance(setup.frequency, speed)
-    sound = {**setup.facts["sound"], "impedance": None, "liner": name, "speed": speed}
+    walls_of = {"impedance": None, "impedance_file": None, "liner": name, "speed": speed}
+    sound = {**setup.facts["sound"], **walls_of}
     facts = {**setup.facts, "sound": sound}
     patches = len(setup.case.liner)
     return replace(setup, impedance=walls[:, None].expand(-1, patches), facts=facts)

@@ -100,7 +100,7 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     """Options that were given, for the method that knows them.
 
     Raises:
-        ValueError: one belongs to other methods.
+        ValueError: one belongs to other methods, or errors are stated of which nothing is drawn.
     """
     own = METHODS[options.method]
     for key in dict.fromkeys(chain(*METHODS.values())):
@@ -108,6 +108,10 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
             named = "--" + key.replace("_", "-")
             raise ValueError(f"{named} is no option of --method {options.method}")
     chosen = stated(options, (*SHARED, *own))
+    for key in ("level_error", "phase_error"):  # the fit of the field weights by them
+        if key in chosen and options.method != "field" and not chosen.get("draws"):
+            named = "--" + key.replace("_", "-")
+            raise ValueError(f"{named} is of the draws; add --draws, e.g. 500, or leave it out")
     if "start" in chosen:
         chosen["start"] = complex_number(chosen["start"], "--start")
     if "margin" in chosen:

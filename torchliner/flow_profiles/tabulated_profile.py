@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from torchliner.checks import plain_array, require_positive
+from torchliner.checks import one_number, plain_array, require_positive
 from torchliner.flow_profiles.mean_flow import Array, inside_duct
 
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
@@ -26,7 +27,7 @@ def displacement_thickness(
         velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
     Raises:
         ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or
-            U_0 zero.
+            U_0 zero or not finite.
     Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the
         spacing.
 
@@ -34,7 +35,10 @@ def displacement_thickness(
     0.005
     """
     heights, speeds = _checked_table(y, velocity, "velocity", 2)
-    reference = speeds[-1] if centreline_velocity is None else centreline_velocity
+    stated = speeds[-1] if centreline_velocity is None else centreline_velocity
+    reference = one_number("centreline_velocity", stated)
+    if not math.isfinite(reference):
+        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite")
     if reference == 0:
         raise ValueError("the centreline velocity is 0; the profile has no flow")
     return float(trapezoid(1 - speeds / reference, heights))

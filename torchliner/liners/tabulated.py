@@ -131,7 +131,7 @@ class TabulatedLiner(LinerModel):
         Args:
             frequency: Hz, within the table.  speed: |v| m/s, within the table.
         Raises:
-            ValueError: outside the table.
+            ValueError: outside the table; none is given.
         """
         f, v = real_tensor(frequency), real_tensor(speed)
         low, high = self.frequency_range
@@ -198,6 +198,8 @@ def _read_columns(path: Path) -> dict[str, Array]:
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:
+    if value.numel() == 0:
+        raise ValueError(f"{name} is empty; give at least one, {low:g}-{high:g} {unit}")
     small, large = float(value.min()), float(value.max())
     slack = 1e-9 * high
     if not (low - slack <= small and large <= high + slack):

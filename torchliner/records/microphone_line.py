@@ -26,7 +26,7 @@ from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
-from torchliner.records.unit_checks import LOUDEST, unit_warnings
+from torchliner.records.unit_checks import LOUDEST, require_pressures, unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
@@ -57,7 +57,8 @@ class MicrophoneLine(Written):
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
         ValueError: fewer than two microphones, places that do not increase, shapes that disagree,
-            a pressure that is zero or not finite, mach outside 0 to 1, a length out of range.
+            a pressure that is zero, not finite or above 194 dB, a line below -126 dB at a
+            frequency, mach outside 0 to 1, a length out of range.
     """
 
     x: Any
@@ -191,6 +192,7 @@ class MicrophoneLine(Written):
                     f"{1e3 * float(self.x[place[-2]]):g} mm) {what} at "
                     f"{float(self.frequency[place[-1]]):g} Hz; leave that microphone out"
                 )
+        require_pressures(pressure, self.frequency, self.name)
         object.__setattr__(self, "pressure", pressure)
         if self.coherence is not None:
             coherence = real_tensor(self.coherence)

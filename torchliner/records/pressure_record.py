@@ -27,6 +27,7 @@ SIGNALS = {
     "microphones": "Pa",
     "microphone_velocity": "m/s",
 }
+LARGEST = 1e9  # of a signal, Pa or m/s: beyond any gas
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +60,8 @@ class PressureRecord(Written, AtProbes):
         name: how messages call it (a file's name).
     Raises:
         TypeError: a signal is not real floating point.
-        ValueError: a signal is missing, has another time base or is not finite; a length, share or
-            Mach number is out of range.
+        ValueError: a signal is missing, has another time base, is not finite or exceeds 1e9; a
+            length, share or Mach number is out of range.
     """
 
     facesheet: Any = None
@@ -220,6 +221,12 @@ def _require_finite(signal: Tensor, label: str, name: str) -> None:
         raise ValueError(
             f"{name}: {label} holds {int(bad.sum())} nan or inf, the first at probe {place[:-1]}, "
             f"sample {place[-1]}; repair it or leave that probe out"
+        )
+    # Their squares are summed; static pressures are allowed.
+    if signal.numel() and float(signal.abs().max()) > LARGEST:
+        raise ValueError(
+            f"{name}: {label} reaches {float(signal.abs().max()):.3g}, above {LARGEST:g}; give it "
+            f"in {SIGNALS[label]}"
         )
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import torch
 from torch import Tensor
 
+from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
 
 LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
@@ -51,6 +53,27 @@ def require_gas_flow_and_level(record: Any) -> None:
             f"last digit of one atmosphere in double precision, and at most {LOUDEST:g} dB, where "
             "the amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
         )
+
+
+def require_pressures(pressure: Tensor, frequency: Tensor, name: str) -> None:
+    """Refuse amplitudes above one atmosphere, and lines whose loudest is below its last digit: what
+    is no pressure in Pa also overflows, or vanishes, in sums of squares.
+
+    Args:
+        pressure: complex, peak, Pa, (..., N, F).  frequency: Hz, (F,).  name: of the record.
+    Raises:
+        ValueError: with the level, the frequency and the limit.
+    """
+    loudest = spl_from_pressure_amplitude(pressure.detach().to(torch.complex128)).amax(-2)
+    for bad, limit in ((loudest > LOUDEST, f"above {LOUDEST:g}"),
+                       (loudest < QUIETEST, f"below {QUIETEST:g}")):  # fmt: skip
+        if bool(bad.any()):
+            place = bad.nonzero()[0].tolist()
+            raise ValueError(
+                f"{name}: the loudest microphone at {float(frequency[place[-1]]):g} Hz has "
+                f"{float(loudest[tuple(place)]):.4g} dB, {limit} dB; complex peak amplitudes in Pa "
+                "are needed"
+            )
 
 
 def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:

@@ -75,11 +75,13 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
 def joint_bounds(
     mine: tuple[complex, complex], theirs: tuple[complex, complex]
 ) -> dict[str, complex | bool]:
-    """Bounds of the difference, and whether 0 lies outside those of R or of X."""
+    """Bounds of the difference, infinite where either has no bound, and whether 0 lies outside
+    those of R or of X."""
     ends = []
     for part in ("real", "imag"):
         (a, b), (c, d) = ([getattr(end, part) for end in pair] for pair in (mine, theirs))
-        middle, reach = (a + b - c - d) / 2, math.hypot(b - a, d - c) / 2
+        reach = math.hypot(b - a, d - c) / 2
+        middle = (a + b - c - d) / 2 if reach < math.inf else 0.0  # else inf less inf
         ends.append((middle - reach, middle + reach))
     low, high = (complex(ends[0][i], ends[1][i]) for i in (0, 1))
     return {"low": low, "high": high, "differs": any(a > 0 or b < 0 for a, b in ends)}

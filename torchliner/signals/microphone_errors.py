@@ -7,6 +7,8 @@ import math
 import torch
 from torch import Tensor
 
+from torchliner.checks import whole_number
+
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 
 
@@ -16,9 +18,7 @@ def require_draws(draws: int) -> None:
     Raises:
         TypeError, ValueError: no whole number, below 0, or 1.
     """
-    if isinstance(draws, bool) or not isinstance(draws, int):
-        raise TypeError(f"draws is {draws!r}; a whole number is needed")
-    if draws < 0 or draws == 1:
+    if whole_number("draws", draws) < 0 or draws == 1:
         raise ValueError(f"draws is {draws}; 0 for none, or at least 2, since one has no deviation")
 
 

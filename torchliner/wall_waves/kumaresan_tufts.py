@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.checks import whole_number
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
 from torchliner.wall_waves.from_source import (
@@ -58,6 +59,7 @@ def kumaresan_tufts(
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
+        TypeError: rank, order or draws is no whole number.
         ValueError: unequal spacing, fewer microphones than twice the order, rank above the order
             or above half the microphones, no known side of the source or
             Mach number.
@@ -71,7 +73,8 @@ def kumaresan_tufts(
     seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
     line = seen.line
     spacing = line.require_equal_spacing("Kumaresan and Tufts' method")
-    length = line.microphones // 2 if order is None else order
+    rank = whole_number("rank", rank)
+    length = line.microphones // 2 if order is None else whole_number("order", order)
     if order is None and rank > length > 0:
         raise ValueError(
             f"{line.name}: {line.microphones} microphones allow an order of {length}, half of "
