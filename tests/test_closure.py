@@ -568,3 +568,11 @@ def test_half_widths_of_two_intervals_add_as_independent(other, differs):
     assert found["low"].real == pytest.approx(middle - reach)
     assert found["high"].real == pytest.approx(middle + reach)
     assert found["differs"] is differs
+
+
+def test_a_joint_interval_of_what_is_not_bounded_is_unbounded():
+    """inf - inf is no number."""
+    inf = math.inf
+    found = joint_bounds((complex(-inf, -inf), complex(inf, inf)), (1 + 0.1j, 1.2 + 0.2j))
+    assert (found["low"].real, found["high"].imag) == (-inf, inf)
+    assert found["differs"] is False

@@ -79,7 +79,8 @@ def joint_bounds(
     ends = []
     for part in ("real", "imag"):
         (a, b), (c, d) = ([getattr(end, part) for end in pair] for pair in (mine, theirs))
-        middle, reach = (a + b - c - d) / 2, math.hypot(b - a, d - c) / 2
+        reach = math.hypot(b - a, d - c) / 2
+        middle = 0.0 if math.isinf(reach) else (a + b - c - d) / 2  # the unbounded have none
         ends.append((middle - reach, middle + reach))
     low, high = (complex(ends[0][i], ends[1][i]) for i in (0, 1))
     return {"low": low, "high": high, "differs": any(a > 0 or b < 0 for a, b in ends)}
