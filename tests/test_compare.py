@@ -67,6 +67,58 @@ def test_one_run_is_seen_and_bounded_from_above():
     assert tl.compare(made(0), replace(again, mean_velocity=mean)).same_run
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_one_run_is_seen_by_means_of_next_to_nothing(dtype):
+    """Means that are rounding have no relative difference; those of two records differ by more."""
+    velocity = turbulence((6, 1200), 0, 3.0)
+    velocity = velocity - velocity.mean(-1, keepdim=True)
+    liner = tl.load_liner("polito")
+    one, other = (
+        tl.educe(plane_of(each, x=X), liner, order="probes first", mean=mean)
+        for each, mean in ((velocity, "kept"), (velocity.to(dtype), "removed"))
+    )
+    assert tl.compare(one, other).same_run
+    assert not tl.compare(one, made(1)).same_run
+
+
+@pytest.mark.parametrize("case", ["n130", None])
+def test_every_second_sample_of_a_plane_is_the_same_run(tmp_path, case):
+    """Known by the case and the rate that was stored, or by the file."""
+    velocity = turbulence((6, 1200), 0) + turbulence((6, 4800), 1)[:, ::4]
+    plane = plane_of(velocity, x=X)
+    replace(plane, provenance={} if case is None else {"case": case}).write(tmp_path / "v.h5")
+    liner = tl.load_liner("polito")
+    one, other = (
+        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, order="probes first")
+        for every in (1, 2)
+    )
+    assert other.choices["sampling_rate"] == RATE / 2
+    assert tl.compare(one, other).same_run
+    if case is not None:
+        without = [replace(m, choices={**m.choices, "inputs": []}) for m in (one, other)]
+        assert tl.compare(*without).same_run
+
+
+@pytest.mark.parametrize("same", [False, True])
+def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
+    """inf - inf is no number; the difference is unbounded, and shows nothing."""
+    first, second = made(0), made(0 if same else 1)
+    known = first.uncertainty
+    ends = {}
+    for end, sign in (("low", -1), ("high", 1)):
+        bound = getattr(known.liner, end).clone()
+        bound[0] = complex(sign * torch.inf, sign * torch.inf)
+        ends[end] = bound
+    first = replace(first, uncertainty=replace(known, liner=replace(known.liner, **ends)))
+    for found in (tl.compare(first, second), tl.compare(second, first)):
+        assert found.same_run is same
+        row = found.rows[0]
+        assert (row.low.real, row.low.imag) == (-torch.inf, -torch.inf)
+        assert (row.high.real, row.high.imag) == (torch.inf, torch.inf)
+        assert row.clear == ""
+        assert found.rows[1].low.real > -torch.inf
+
+
 def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
     assert "R" in tl.compare(made(0), made(1, rms=6.0)).rows[0].clear
     assert tl.compare(made(0), made(1)).rows[0].clear == ""

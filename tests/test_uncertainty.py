@@ -489,3 +489,12 @@ def test_command_prints_both(capsys):
     assert low["resistance"] < row["probes_first"]["resistance"] < high["resistance"]
     assert main(["educe", path, "--quiet", "--no-intervals"]) == 0
     assert "interval" not in capsys.readouterr().out
+
+
+def test_few_runs_are_told_of_where_they_bound_nothing(liner):
+    """The record that needs the note most: the difference of infinite bounds is not nan."""
+    velocity = turbulence((1, round(4 * RATE / FREQUENCY)), 20, 12.0)
+    with pytest.warns(tl.DataWarning, match="rest on 2 independent blocks"):
+        found = tl.educe(plane_of(velocity), liner, order="probes first")
+    assert float(found.uncertainty.liner.high.real) == math.inf
+    assert found.uncertainty.liner.widths.tolist() == [[math.inf], [math.inf]]

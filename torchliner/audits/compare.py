@@ -12,7 +12,8 @@ from torchliner.records import ImpedanceMap
 from torchliner.records.impedance_map import ENDS
 
 SAME_PLACE = 1e-6  # m
-SAME_RECORD = 1e-4  # relative: two records of a flow never share mean and rms of all probes
+SAME_RECORD = 1e-4  # of the rms: two records of a flow never share mean and rms of all probes
+ROUNDED = 1e-6  # relative, of float32
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,9 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, order: str | None = None)
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
     The errors of independent records are independent, so squares of half-widths add. Those of one
-    run are not (the same plane under other choices: mean and rms of v agree at all probes to 1e-4;
-    two heights: one case in the provenance, rate and length), and by how much is not in a map:
-    half-widths add, which no correlation exceeds.
+    run are not (the same file of velocity; else mean and rms of v that agree at all probes to 1e-4
+    of the rms; two heights: one case in the provenance and one rate, before samples were left out),
+    and by how much is not in a map: half-widths add, which no correlation exceeds.
 
     Args:
         first, second: of the same cells and frequencies, in any order of these.
@@ -104,13 +105,11 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, order: str | None = None)
     low = high = None
     if level is not None:
         (a_low, a_high), (b_low, b_high) = seen[0][1], [end[:, at] for end in seen[1][1]]
-        middle = (b_low + b_high - a_low - a_high) / 2
-        halves = [
-            torch.view_as_real(high - low) / 2 for low, high in ((a_low, a_high), (b_low, b_high))
-        ]
-        both = torch.stack(halves)
-        half = torch.view_as_complex(both.sum(0) if same else both.square().sum(0).sqrt())
-        low, high = middle - half, middle + half
+        both = torch.stack([(a_high - a_low) / 2, (b_high - b_low) / 2])
+        half = both.sum(0) if same else both.square().sum(0).sqrt()
+        # An unbounded interval has no middle.
+        middle = torch.where(half.isinf(), 0, (b_low + b_high - a_low - a_high) / 2)
+        low, high = (torch.view_as_complex(each) for each in (middle - half, middle + half))
     nowhere = torch.tensor([torch.nan], dtype=torch.float64)
     x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
     rows = tuple(
@@ -126,13 +125,16 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, order: str | None = None)
 
 
 def _both(one: ImpedanceMap, order: str) -> tuple[Tensor, list[Tensor]]:
-    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval."""
+    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real
+    parts, (1 + C, F, 2): complex differences of infinite ends are nan."""
     value = torch.cat([one.of_liner(order)[None], one.of_cells(order)])
     if one.uncertainty is None:
         return value, []
     liner, cells = (getattr(one.uncertainty, f"{of}{ENDS[order]}") for of in ("liner", "cells"))
-    return value, [torch.cat([getattr(liner, end)[None], getattr(cells, end)])
-                   for end in ("low", "high")]  # fmt: skip
+    return value, [
+        torch.view_as_real(torch.cat([getattr(liner, end)[None], getattr(cells, end)]))
+        for end in ("low", "high")
+    ]
 
 
 def _frequencies(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
@@ -175,21 +177,35 @@ def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
 
 
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
-    """By what they state, or by their velocities."""
-    stated = [
-        (dict(each.choices.get("data") or {}).get("case"), each.choices.get("sampling_rate"))
-        for each in (first, second)
-    ]
+    """By their files and what they state, or by their velocities."""
+    if _files(first) & _files(second):
+        return True
+    stated = [_case(each) for each in (first, second)]
     if stated[0][0] is not None and stated[0] == stated[1]:
         return True
     if first.mean_velocity.shape != second.mean_velocity.shape:
         return False
-    pairs = [
+    means, rms = (
         [getattr(each, name).double().cpu() for each in (first, second)]
         for name in ("mean_velocity", "velocity_rms")
-    ]
-    # Probes that one of them left out say nothing.
-    known = torch.stack([each.isfinite() for pair in pairs for each in pair]).all(0)
-    return bool(known.any()) and all(
-        torch.allclose(one[known], other[known], rtol=SAME_RECORD, atol=0) for one, other in pairs
     )
+    # Probes that one of them left out say nothing. A mean of next to 0 is rounding by itself.
+    known = torch.stack([*means, *rms]).isfinite().all(0)
+    near = SAME_RECORD * rms[0] + ROUNDED * means[0].abs()
+    return bool(known.any()) and all(
+        bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms)
+    )
+
+
+def _files(one: ImpedanceMap) -> set[tuple[str, str]]:
+    """Hashes of the files of velocity, with the place within that the record was read from."""
+    place = str(one.choices.get("source", "")).partition(":/")[2]
+    inputs = one.choices.get("inputs") or []
+    return {(each["hash"], place) for each in inputs if each["what"] == "velocity"}
+
+
+def _case(one: ImpedanceMap) -> tuple[str | None, float | None]:
+    """The case that is stated, and the rate at which its samples were stored, Hz."""
+    data, rate = dict(one.choices.get("data") or {}), one.choices.get("sampling_rate")
+    every = dict(data.get("selected") or {}).get("every", 1)
+    return data.get("case"), None if rate is None else round(rate * every, 6)

@@ -208,7 +208,7 @@ def few_blocks_note(name: str, found: Interval | None, level: float | None) -> l
     if found is None:
         return [f"{name}: no statistical interval, since the record holds fewer than four blocks "
                 "(periods of the tone, or segments)"]  # fmt: skip
-    runs, width = float(found.runs.min()), float((found.high - found.low).abs().max())
+    runs, width = float(found.runs.min()), float(found.widths.max())
     if runs >= FEWEST_RUNS or not width > SMALLEST_WIDTH:
         return []
     return [

@@ -34,6 +34,11 @@ class Interval:
         """The same with every field put through a function."""
         return Interval(*(function(value) for value in vars(self).values()))
 
+    @property
+    def widths(self) -> Tensor:
+        """Of R and of X, float64, (2, ...): a complex difference of infinite bounds is nan."""
+        return torch.stack([self.high.real - self.low.real, self.high.imag - self.low.imag])
+
     def bounds(self, *place: int) -> tuple[complex, complex]:
         """Both ends at one place, as plain numbers."""
         return complex(self.low[place]), complex(self.high[place])

@@ -190,7 +190,7 @@ def review_uncertainty(prepared: Prepared, found: Uncertainty) -> list[str]:
 
 def _few_runs(prepared: Prepared, found: Uncertainty) -> list[str]:
     runs = float(found.liner.runs.min())
-    moves = float((found.liner.high - found.liner.low).abs().max()) > SMALLEST_WIDTH
+    moves = float(found.liner.widths.max()) > SMALLEST_WIDTH
     if runs >= FEWEST_RUNS or not moves:
         return []
     periods = found.settings["blocks"] * found.settings["periods_per_block"]
