@@ -369,6 +369,18 @@ def test_boxes_have_no_area(tmp_path, kind, ring):
     assert plane.provenance["normal_coordinate"] == pytest.approx(5e-4)
 
 
+@pytest.mark.parametrize("mode", ["binary", "raw", "base64"])
+def test_times_as_bytes(tmp_path, mode):
+    """A frame may state its time behind all else."""
+    for frame in range(3):
+        mesh = surface(frame, False)
+        mesh.field_data["TimeValue"] = np.array([0.5 + STEP * frame])
+        save(mesh, tmp_path / f"a_{frame}.vtp", mode)
+    plane = planes.open_plane(tmp_path, replace(STATED, sampling_rate=None))
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    assert plane.start == pytest.approx(0.5)
+
+
 def foam(folder, kind, faces=False):
     """``postProcessing/NAME`` with a surface ``top`` at nine times."""
     for i in range(9):
