@@ -319,6 +319,18 @@ def test_times_without_a_unit_begin_where_they_say(tmp_path):
     assert found.start == pytest.approx(100 / RATE)
 
 
+def test_times_in_single_precision_say_how_well_they_tell_the_rate():
+    """5 s on, they are exact to a fiftieth of a step; a stated rate that they cannot tell holds."""
+    data = dataset(time=np.float32(5 + np.arange(30) / RATE))
+    with pytest.warns(tl.DataWarning, match=r"/time are float32, exact to 5e-07 s, 0.019 of"):
+        found = tl.VelocityPlane.from_xarray(data)
+    assert found.sampling_rate != RATE
+    assert found.sampling_rate == pytest.approx(RATE, rel=7e-4)
+    assert tl.VelocityPlane.from_xarray(data, sampling_rate=RATE).sampling_rate == RATE
+    loose = tl.VelocityPlane.from_xarray(data, sampling_rate=1.009 * RATE)
+    assert loose.sampling_rate == found.sampling_rate
+
+
 @pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components"])
 def test_components_are_no_probes(name):
     """An axis of components is refused beside x and alone, unless the user says what it is."""
