@@ -401,6 +401,20 @@ def test_numbers_of_the_case_as_attributes():
         tl.VelocityPlane.from_xarray(data)
 
 
+def test_the_gas_as_attributes_and_beside_the_velocity(tmp_path):
+    """Attributes of the gas were passed over: 343.2 m/s for 340."""
+    data = dataset()
+    data.attrs |= {"sound_speed": 340.0, "density": "1.1 kg/m3"}
+    found = tl.VelocityPlane.from_xarray(data).fluid
+    assert (found.sound_speed, found.density, found.prandtl) == (340.0, 1.1, 0.71)
+    data["sound_speed"] = ((), 345.0, {"units": "m/s"})
+    with pytest.raises(ValueError, match=r"'sound_speed' is 340 m/s, the variable .* is 345; corr"):
+        tl.VelocityPlane.from_xarray(data)
+    data.attrs.clear()
+    data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", group="y1")
+    assert tl.read_plane(tmp_path / "a.nc").fluid.sound_speed == 345
+
+
 def test_dates_of_pandas_and_arrays_without_units():
     """datetime64 is a clock; what has no unit is stated, and not against the file's own words."""
     data = dataset()
