@@ -97,6 +97,16 @@ def test_non_coincident_export(tmp_path):
         read_dantec(path, coincidence_window=1e-8)
 
 
+def test_the_channel_that_is_skipped_may_be_the_longer_one(tmp_path):
+    path = dxex(tmp_path / "b.txt", LONE, APART)
+    first = read_dantec(path, ["wall_normal", "skip"])
+    assert first.arrival_time.tolist() == pytest.approx([1e-3, 2e-3, 3e-3])
+    assert first.wall_normal.tolist() == [30, 31, 32]
+    assert first.notes == ()
+    second = read_dantec(path, ["skip", "wall_normal"])
+    assert second.wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
+
+
 def test_non_coincident_channel_that_ends_in_the_middle_is_refused(tmp_path):
     rows = [list(row) for row in LONE]
     rows[1][5] = ""

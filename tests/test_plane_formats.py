@@ -319,6 +319,18 @@ def test_times_without_a_unit_begin_where_they_say(tmp_path):
     assert found.start == pytest.approx(100 / RATE)
 
 
+def test_times_in_single_precision_say_how_well_they_tell_the_rate():
+    """5 s on, they are exact to a fiftieth of a step; a stated rate that they cannot tell holds."""
+    data = dataset(time=np.float32(5 + np.arange(30) / RATE))
+    with pytest.warns(tl.DataWarning, match=r"/time are float32, exact to 5e-07 s, 0.019 of"):
+        found = tl.VelocityPlane.from_xarray(data)
+    assert found.sampling_rate != RATE
+    assert found.sampling_rate == pytest.approx(RATE, rel=7e-4)
+    assert tl.VelocityPlane.from_xarray(data, sampling_rate=RATE).sampling_rate == RATE
+    loose = tl.VelocityPlane.from_xarray(data, sampling_rate=1.009 * RATE)
+    assert loose.sampling_rate == found.sampling_rate
+
+
 @pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components"])
 def test_components_are_no_probes(name):
     """An axis of components is refused beside x and alone, unless the user says what it is."""
@@ -387,6 +399,20 @@ def test_numbers_of_the_case_as_attributes():
     data.attrs["frequency"] = "high"
     with pytest.raises(ValueError, match="attribute 'frequency' is 'high'; a number is needed"):
         tl.VelocityPlane.from_xarray(data)
+
+
+def test_the_gas_as_attributes_and_beside_the_velocity(tmp_path):
+    """Attributes of the gas were passed over: 343.2 m/s for 340."""
+    data = dataset()
+    data.attrs |= {"sound_speed": 340.0, "density": "1.1 kg/m3"}
+    found = tl.VelocityPlane.from_xarray(data).fluid
+    assert (found.sound_speed, found.density, found.prandtl) == (340.0, 1.1, 0.71)
+    data["sound_speed"] = ((), 345.0, {"units": "m/s"})
+    with pytest.raises(ValueError, match=r"'sound_speed' is 340 m/s, the variable .* is 345; corr"):
+        tl.VelocityPlane.from_xarray(data)
+    data.attrs.clear()
+    data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", group="y1")
+    assert tl.read_plane(tmp_path / "a.nc").fluid.sound_speed == 345
 
 
 def test_dates_of_pandas_and_arrays_without_units():

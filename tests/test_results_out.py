@@ -130,6 +130,15 @@ def test_rows_of_probes_and_cells():
         result.to_dataframe("probe")
 
 
+def test_what_xarray_writes_is_no_map(tmp_path):
+    """It lacks the groups; it was told as damaged."""
+    made().write(tmp_path / "map.h5")
+    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as stored:
+        stored.to_netcdf(tmp_path / "again.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=r"again.nc lacks the group 'amplitudes'.*ImpedanceMap"):
+        tl.read_map(tmp_path / "again.nc")
+
+
 @pytest.mark.parametrize("method", ["to_xarray", "to_dataframe"])
 def test_without_the_extra_it_is_named(method, monkeypatch):
     for name in ("xarray", "h5netcdf", "pandas"):

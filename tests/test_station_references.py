@@ -117,6 +117,23 @@ def test_faulty_references_are_refused(onera):
         tl.ReferenceChannel(np.arange(5.0), 0.0)
 
 
+@pytest.mark.parametrize("which", [0, 1])
+def test_one_clock_for_all_stations(onera, which):
+    """V relative to a channel and V on the clock of the arrivals have no common mean."""
+    both = [station(0), station(1)]
+    channels: list = [tl.ReferenceChannel(np.cos(np.arange(26_000) / 5), 40e3)] * 2
+    channels[which] = None
+    with pytest.raises(ValueError, match=r"has a reference channel, .* none: .*give each station"):
+        educed(both, onera, reference=channels)
+
+
+def test_one_tone_for_all_stations(onera):
+    """Another tone was corrected at each, and the level was that of the first."""
+    both = [station(0), dataclasses.replace(station(1), frequency=FREQUENCY - 100)]
+    with pytest.raises(ValueError, match=r"states a tone of .*share one case"):
+        educed(both, onera, frequency=FREQUENCY)
+
+
 def test_references_that_tell_no_phase_say_so(onera):
     """Noise, and another tone: v does not follow; too few samples a period are refused."""
     times = np.arange(26_000) / 40e3

@@ -99,6 +99,17 @@ def partly_virtual(file):
     file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
 
 
+def twice_virtual(file):
+    """As many values as the dataset has, some of them twice."""
+    shape = file[V].shape
+    layout = h5py.VirtualLayout(shape, "f4")
+    source = h5py.VirtualSource("part.h5", "v", (shape[0] // 2, *shape[1:]))
+    for first in (0, 2):
+        layout[first : first + shape[0] // 2] = source
+    del file[V]
+    file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
+
+
 def without_source(file):
     shape = file[V].shape
     layout = h5py.VirtualLayout(shape, "f4")
@@ -117,6 +128,7 @@ PLANES = {
         linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
     "raw storage": (raw_storage, rf"{V} keeps its values outside the file, in v.raw.*h5repack"),
     "half a virtual set": (partly_virtual, rf"{V} is a virtual .* sources for 60 of its 240"),
+    "parts twice": (twice_virtual, rf"{V} is a virtual .* sources for 144 of its 240"),
     "no source": (without_source, rf"{V} is a virtual dataset whose source .*part.h5 is not there"),
     "a scale is gone": (gone("x"), rf"{V}: the dimension scale of axis 2 is no longer in the file"),
     "x of index units": (set_attribute("x", "units", "1"), "x has units '1', but is no index"),
@@ -247,6 +259,12 @@ def test_values_of_other_files_are_named(tmp_path, monkeypatch, way):
     monkeypatch.setattr(stored_values, "tell", lambda _: None)
     with pytest.raises(ValueError, match="2 of 2 chunks were never written"):
         read(path)
+    if way == "virtual":
+        with h5py.File(tmp_path / "part.h5", "r+") as other:
+            del other["v"]
+            other["v"] = np.ones((19, 3, 4))
+        with pytest.raises(ValueError, match=r"more of its source .* than there is, \(19, 3, 4"):
+            read(path)
 
 
 @pytest.mark.parametrize("name", ["memory", "one chunk", "times"])

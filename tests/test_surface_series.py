@@ -321,6 +321,66 @@ def test_pixels_are_rectangles(tmp_path, ending):
     assert np.allclose(area, 5e-5)
 
 
+@pytest.mark.parametrize(("made", "ending"), [
+    ("uniform", ".vti"), ("uniform", ".vtk"), ("structured", ".vts"), ("structured", ".vtk"),
+])  # fmt: skip
+def test_values_on_the_cells_of_a_grid(tmp_path, made, ending):
+    """They stand at the middles of the cells, as those of faces."""
+    grid = pyvista.ImageData(dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005), origin=(0, 1e-3, 0))
+    if made == "structured":
+        grid = grid.cast_to_structured_grid()
+    for frame in range(2):
+        grid.cell_data["U"] = ON_FACES[frame]
+        grid.save(tmp_path / f"a_{frame}{ending}")
+    plane = planes.open_plane(tmp_path, STATED)
+    assert np.allclose(plane.load().velocity, ON_FACES[:2, :, 1].T.reshape(2, 3, 2))
+    assert np.allclose(plane.x, [0.005, 0.015, 0.025])
+    assert np.allclose(plane.z, [0.0025, 0.0075])
+    assert np.allclose(plane.area, 5e-5)
+
+
+def test_a_grid_of_other_points(tmp_path):
+    grid = pyvista.ImageData(dimensions=(4, 1, 3)).cast_to_structured_grid()
+    for frame in range(2):
+        grid.point_data["U"] = VALUES[frame]
+        path = tmp_path / f"a_{frame}.vtk"
+        grid.save(path, binary=False)
+        path.write_text(path.read_text().replace("DIMENSIONS 4 1 3", "DIMENSIONS 4 1 2"))
+    with pytest.raises(ValueError, match=r"a_0.vtk: a grid of \[4, 1, 2\] points has 12"):
+        planes.open_plane(tmp_path, STATED)
+
+
+@pytest.mark.parametrize(("kind", "ring"), [(11, False), (12, True)])
+def test_boxes_have_no_area(tmp_path, kind, ring):
+    """Voxels and hexahedra of a slab one cell thick: places of their middles alone."""
+    x, y, z = np.meshgrid([0, 0.01, 0.02], [0, 1e-3], [0, 0.005], indexing="ij")
+    points = np.stack([x, y, z], -1).reshape(-1, 3)
+    number = np.arange(12).reshape(3, 2, 2)
+    cells = [[number[i + a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)] for i in (0, 1)]
+    order = [0, 1, 3, 2, 4, 5, 7, 6] if ring else list(range(8))
+    flat = np.insert(np.array(cells)[:, order], 0, 8, 1).reshape(-1)
+    for frame in range(2):
+        grid = pyvista.UnstructuredGrid(flat, [kind, kind], points)
+        grid.cell_data["U"] = VALUES[frame, :2]
+        grid.save(tmp_path / f"a_{frame}.vtu")
+    plane = planes.open_plane(tmp_path, STATED)
+    assert plane.area is None
+    assert np.allclose(plane.x, [0.005, 0.015])
+    assert plane.provenance["normal_coordinate"] == pytest.approx(5e-4)
+
+
+@pytest.mark.parametrize("mode", ["binary", "raw", "base64"])
+def test_times_as_bytes(tmp_path, mode):
+    """A frame may state its time behind all else."""
+    for frame in range(3):
+        mesh = surface(frame, False)
+        mesh.field_data["TimeValue"] = np.array([0.5 + STEP * frame])
+        save(mesh, tmp_path / f"a_{frame}.vtp", mode)
+    plane = planes.open_plane(tmp_path, replace(STATED, sampling_rate=None))
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    assert plane.start == pytest.approx(0.5)
+
+
 def foam(folder, kind, faces=False):
     """``postProcessing/NAME`` with a surface ``top`` at nine times."""
     for i in range(9):

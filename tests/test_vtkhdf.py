@@ -8,6 +8,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+import pyvista
 import vtk
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +27,7 @@ from plane_files import (
     opened,
     recognised,
 )
+from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
 
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.vtkhdf import FORMAT
@@ -110,6 +112,64 @@ def test_vtk_itself_reads_what_these_tests_write(tmp_path):
         assert data.GetNumberOfPoints() == 12
         assert data.GetNumberOfCells() == 6
         assert reader.GetNumberOfSteps() == 9
+
+
+class Frames(VTKPythonAlgorithmBase):
+    """Frames as a filter of VTK offers them to a writer."""
+
+    def __init__(self, make):
+        super().__init__(nInputPorts=0, nOutputPorts=1, outputType=make(0).GetClassName())
+        self.make = make
+
+    def RequestInformation(self, request, inputs, outputs):
+        about, keys = outputs.GetInformationObject(0), vtk.vtkStreamingDemandDrivenPipeline
+        for time in STEP * np.arange(9):
+            about.Append(keys.TIME_STEPS(), time)
+        about.Set(keys.TIME_RANGE(), [0, 8 * STEP], 2)
+        if self.make(0).GetClassName() == "vtkImageData":
+            about.Set(keys.WHOLE_EXTENT(), self.make(0).GetExtent(), 6)
+        return 1
+
+    def RequestData(self, request, inputs, outputs):
+        about, keys = outputs.GetInformationObject(0), vtk.vtkStreamingDemandDrivenPipeline
+        wanted = about.Has(keys.UPDATE_TIME_STEP())
+        time = about.Get(keys.UPDATE_TIME_STEP()) if wanted else 0.0
+        frame = vtk.vtkDataObject.GetData(about)
+        frame.ShallowCopy(self.make(round(time / STEP)))
+        frame.GetInformation().Set(vtk.vtkDataObject.DATA_TIME_STEP(), time)
+        return 1
+
+
+@pytest.mark.parametrize("values", ["points", "faces"])
+@pytest.mark.parametrize("kind", ["PolyData", "UnstructuredGrid", "ImageData"])
+def test_what_vtk_itself_writes(tmp_path, kind, values):
+    """Offsets have one more than there are frames, and flat images lack an axis."""
+
+    def frame(number):
+        mesh = pyvista.ImageData(
+            dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005), origin=(0, 1e-3, Z[0])
+        )
+        if kind != "ImageData":
+            mesh = pyvista.PolyData(POINTS, np.insert(QUADS, 0, 4, 1).reshape(-1))
+        if kind == "UnstructuredGrid":
+            mesh = mesh.cast_to_unstructured_grid()
+        arrays = mesh.point_data if values == "points" else mesh.cell_data
+        # The points of the image stand row by row, as those of the surfaces do.
+        arrays["U"] = VALUES[number] if values == "points" else VALUES[number, :6]
+        return mesh
+
+    source, path = Frames(frame), tmp_path / "a.vtkhdf"
+    writer = vtk.vtkHDFWriter()
+    writer.SetInputConnection(source.GetOutputPort())
+    writer.SetWriteAllTimeSteps(True)
+    writer.SetFileName(str(path))
+    writer.Write()
+    plane = FORMAT.open(path, STATED)
+    assert np.allclose(plane.load().velocity, WANTED[values], atol=1e-6)
+    assert plane.sampling_rate == pytest.approx(1 / STEP)
+    assert np.allclose(plane.x, X if values == "points" else X[:-1] + 0.005)
+    if values == "faces":
+        assert np.allclose(plane.area, 5e-5)
 
 
 @pytest.mark.parametrize(

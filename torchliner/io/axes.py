@@ -11,9 +11,10 @@ import h5py
 import numpy as np
 from torch import Tensor
 
+from torchliner.checks import tell
 from torchliner.file_checks import Unwritten
 from torchliner.fluid import Fluid
-from torchliner.io.clocks import require_same_rate, uniform_rate
+from torchliner.io.clocks import UNIFORMITY, require_same_rate, uniform_rate
 from torchliner.io.hdf5 import (
     factor_to,
     get_dataset,
@@ -182,7 +183,14 @@ def read_clock(
     kind = group[key].dtype
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
     exact = float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
-    rate = uniform_rate(time, name, exact * (factor if epoch else 1.0))
+    exact *= factor if epoch else 1.0
+    rate = uniform_rate(time, name, exact)
+    if stated is None and exact * rate > UNIFORMITY:
+        tell(
+            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, "
+            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; write times "
+            "in float64, or state sampling_rate=... (--sampling-rate HZ)"
+        )
     if epoch:
         calendar = text_attribute(group[key], "calendar") or "standard"
         since = Fraction(counts[0].item()) * Fraction(str(factor))
@@ -190,6 +198,8 @@ def read_clock(
     if stated is not None and not unit:
         return stated, len(time), first * rate / stated  # whatever they count, evenly
     require_same_rate(rate, stated, name, unit)
+    if stated is not None and abs(stated / rate - 1) * (time[-1] - time[0]) <= 2 * exact:
+        rate = stated  # the stamps cannot tell the two apart
     return rate, len(time), first
 
 

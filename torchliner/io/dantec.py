@@ -75,7 +75,8 @@ def read_dantec(
     lines = read_lines(path)
     header = read_header(lines, path)
     groups, chosen = _channels(header.columns, components, path)
-    padded, count = len(groups) > 1, len(header.columns)
+    # Also where a channel is skipped: its columns may be the longer ones.
+    padded, count = any("{" in name for name in header.columns), len(header.columns)
     read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, count, "\t", padded)
             for group in groups]  # fmt: skip
     if padded:

@@ -16,6 +16,7 @@ from torchliner.io.hdf5 import (
     is_there,
     open_file,
     read_references,
+    text_attribute,
     write_index,
     write_references,
 )
@@ -164,6 +165,11 @@ def read_map(path: str | Path) -> ImpedanceMap:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
+        if text_attribute(file, "schema") == KIND.schema and not is_there(file, AMPLITUDES, path):
+            raise ValueError(
+                f"{path} lacks the group {AMPLITUDES!r} of a map, as what xarray writes of one "
+                "does; read the file that ImpedanceMap.write or educe --output wrote"
+            )
 
         def part(name: str) -> h5py.Group:
             """Files of schema 1 have no groups: all their variables are in the file itself."""

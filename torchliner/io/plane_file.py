@@ -9,12 +9,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 
 from torchliner.io.axes import (
+    FLUID,
+    FLUID_UNITS,
     float_factor,
     read_case,
     read_clock,
@@ -38,6 +41,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
          "displacement_thickness": "m"}  # fmt: skip
 NUMBERS = numbers(UNITS)
+STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 
 
@@ -110,10 +114,7 @@ def plane_from(
     case = read_case(file, KIND, _single(file, ours), path, ours)
     if group.name != "/":
         case |= read_variables(group, _single(group, ours), path)
-    for name, (number, words) in _attributes(file, dataset, path).items():
-        if not math.isclose(case.setdefault(name, number), number, rel_tol=SAME):
-            raise ValueError(f"{words} is {number:.9g} {UNITS[name]}, the variable {name} is "
-                             f"{case[name]:.9g}; correct one of them")  # fmt: skip
+    case = _with_attributes(case, group, dataset, path)
     return VelocityPlane(
         stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request, label) * factor),
         sampling_rate=rate,
@@ -132,11 +133,32 @@ def _single(group: h5py.Group, ours: bool) -> list[Variable]:
     return [row for row in NUMBERS if ours or getattr(group.get(row.names[0]), "size", 0) == 1]
 
 
+def _with_attributes(
+    case: dict[str, Any], group: h5py.Group, dataset: h5py.Dataset, path: Path
+) -> dict[str, Any]:
+    """Also the numbers that stand as attributes, and the gas that the velocity's group states.
+
+    Raises:
+        ValueError: as ``_attributes``; attribute and variable differ; no gas is like that.
+    """
+    gas: dict[str, Any] = {}
+    for each in (group.file, group):
+        rows = [row for row in FLUID if getattr(each.get(row.names[0]), "size", 0) == 1]
+        gas |= read_variables(each, rows, path)
+    known = case | gas
+    for name, (number, words) in _attributes(group.file, dataset, path).items():
+        if not math.isclose(known.setdefault(name, number), number, rel_tol=SAME):
+            raise ValueError(f"{words} is {number:.9g} {STATED[name]}, the variable {name} is "
+                             f"{known[name]:.9g}; correct one of them")  # fmt: skip
+    gas = {name: known.pop(name) for name in FLUID_UNITS if name in known}
+    return known | {"fluid": replace(case["fluid"], **gas)}
+
+
 def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str, tuple[float, str]]:
     """Numbers of the case that stand as attributes, in SI units or with a unit, "1.4 kHz"; and how
     messages call them."""
     found = {}
-    for owner, (name, unit) in itertools.product((file, dataset), UNITS.items()):
+    for owner, (name, unit) in itertools.product((file, dataset), STATED.items()):
         text = text_attribute(owner, name)
         if text is None or not (parts := text.split(maxsplit=1)):
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -200,7 +201,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
 def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
     """All parts of a virtual dataset are mapped, and each source is there and whole."""
     sources = dataset.virtual_sources()
-    mapped = sum(part.vspace.get_select_npoints() for part in sources)
+    mapped = _mapped(dataset, [part.vspace for part in sources])
     if mapped < dataset.size:
         raise ValueError(
             f"{label} is a virtual dataset that has sources for {mapped} of its {dataset.size} "
@@ -213,9 +214,41 @@ def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
         with h5py.File(source, "r", locking=False) as file:
             if part.dset_name not in file:
                 raise ValueError(f"{label}: its source {source}:{part.dset_name} is not there")
+            shape, chosen = file[part.dset_name].shape or (), part.src_space
+            if chosen.get_select_type() == h5py.h5s.SEL_ALL:
+                enough = math.prod(shape) >= part.vspace.get_select_npoints()
+            else:
+                last = chosen.get_select_bounds()[1]
+                enough = len(last) == len(shape) and all(np.array(last) < shape)
+            if not enough:
+                raise ValueError(
+                    f"{label} takes more of its source {source}:{part.dset_name} than there is, "
+                    f"{shape}; what is missing would read as {dataset.fillvalue}"
+                )
             require_stored(file[part.dset_name], f"{source}:{part.dset_name}", source)
     names = sorted({part.file_name for part in sources})
     tell(f"{label} is a virtual dataset; its values stand in {', '.join(names)}")
+
+
+def _mapped(dataset: h5py.Dataset, spaces: Sequence[h5py.h5s.SpaceID]) -> int:
+    """How many values of a virtual dataset have a source; those with several count once."""
+    union = dataset.id.get_space()
+    union.select_none()
+    for each in spaces:
+        if each.get_select_type() == h5py.h5s.SEL_ALL:
+            return int(dataset.size)
+        if each.get_select_npoints() == 0:
+            continue
+        if each.is_regular_hyperslab():
+            slabs = [each.get_regular_hyperslab()]
+        else:
+            blocks = each.get_select_hyper_blocklist()
+            slabs = [(a, None, np.ones_like(a), b - a + 1) for a, b in blocks]
+        for start, stride, count, block in slabs:
+            start, count, block = (tuple(map(int, n)) for n in (start, count, block))
+            stride = None if stride is None else tuple(map(int, stride))
+            union.select_hyperslab(start, count, stride, block, op=h5py.h5s.SELECT_OR)
+    return int(union.get_select_npoints())
 
 
 def read_values(dataset: h5py.Dataset, label: str, path: str | Path, part: Any = ()) -> np.ndarray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,8 @@ from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
 USUAL = re.compile(r"(?:U|u|v|[Vv]elocity|VELOCITY|vel)(?:[_:]?[xyz])?|[XYZxyz]_?[Vv]elocity")
-PIXEL = 8  # VTK_PIXEL, a rectangle
+PIXEL, VOXEL = 8, 11  # VTK's numbers: a rectangle and a box whose corners stand row by row
+RINGS = (5, 7, PIXEL, 9)  # triangle, polygon, quad: what lies between their corners is a face
 
 
 @dataclass(frozen=True)
@@ -29,14 +32,17 @@ class Surface:
         points: m, (N, 3).
         corners: of all faces one after another, numbers of points; None: points alone.
         ends: of each face, where its corners end; (F,).
+        kinds: VTK's number of the kind of each face, (F,); None: polygons.
     """
 
     points: np.ndarray
     corners: np.ndarray | None = None
     ends: np.ndarray | None = None
+    kinds: np.ndarray | None = None
 
-    def faces(self, label: str) -> tuple[np.ndarray, np.ndarray]:
-        """Centroids (F, 3), m, and areas (F,), m2; by triangles about the mean corner.
+    def faces(self, label: str) -> tuple[np.ndarray, np.ndarray | None]:
+        """Centroids (F, 3), m, and areas (F,), m2; by triangles about the mean corner. Of boxes and
+        other kinds that are no ``RINGS`` the mean corners, and no areas.
 
         Raises:
             ValueError: there are no faces, a face has two corners, or corners that are no points.
@@ -52,8 +58,10 @@ class Surface:
         if self.corners.min() < 0 or self.corners.max() >= len(self.points):
             raise ValueError(f"{label}: faces name points {self.corners.min()} to "
                              f"{self.corners.max()}; there are {len(self.points)}")  # fmt: skip
-        corner = self.points[self.corners]
+        corner = self.points[in_circles(self.corners, self.ends, self.kinds)]
         middle = np.add.reduceat(corner, starts) / sizes[:, None]
+        if self.kinds is not None and not np.isin(self.kinds, RINGS).all():
+            return middle, None
         hub = np.repeat(middle, sizes, 0)
         after = np.arange(1, len(corner) + 1)
         after[self.ends - 1] = starts
@@ -64,6 +72,25 @@ class Surface:
         moment = np.add.reduceat(size * (corner + corner[after] + hub) / 3, starts)
         centres = np.where(total > 0, moment / np.where(total > 0, total, 1), middle)
         return centres, np.linalg.norm(vector, axis=1)
+
+
+def grid_surface(points: np.ndarray, size: np.ndarray) -> Surface:
+    """Points of a grid and the cells between them.
+
+    Args:
+        points: m, (N, 3), x running fastest.
+        size: number of points along each axis, x first, (3,).
+    Raises:
+        ValueError: these are not as many as the points.
+    """
+    if math.prod(size.tolist()) != len(points):
+        raise ValueError(f"a grid of {size.tolist()} points has {len(points)}")
+    number = np.arange(len(points)).reshape(size[::-1])
+    sides = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None),) for n in size[::-1]]
+    corners = np.stack([number[each].reshape(-1) for each in product(*sides)], 1)
+    count, each = corners.shape
+    kinds = np.full(count, PIXEL if each <= 4 else VOXEL)
+    return Surface(points, corners.reshape(-1), each * np.arange(1, count + 1), kinds)
 
 
 def unpack_faces(flat: np.ndarray, count: int, label: str) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles, unpack_faces
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, grid_surface, unpack_faces
 from torchliner.io.text_rows import parse_vectors
 from torchliner.io.vtk_xml import image_points
 
@@ -143,11 +143,11 @@ class LegacyFile:
             return self._image()
         points = self.points(None).astype(np.float64)
         faces = self.faces.get("POLYGONS", self.faces.get("CELLS"))
+        if self.grid.get("DATASET") == ["STRUCTURED_GRID"]:
+            return grid_surface(points, np.array([int(n) for n in self.grid.get("DIMENSIONS", ())]))
         if faces is None:
             return Surface(points)
-        corners, ends = faces()
-        kinds = None if self.kinds is None else _whole(self.kinds)
-        return Surface(points, in_circles(corners, ends, kinds), ends)
+        return Surface(points, *faces(), None if self.kinds is None else _whole(self.kinds))
 
     def _image(self) -> Surface:
         """Points of a uniform grid."""
@@ -161,8 +161,9 @@ class LegacyFile:
         if {len(size), len(start), len(step)} != {3} or np.prod(size) > len(self.raw):
             raise ValueError(f"{self.path}: DIMENSIONS, ORIGIN and SPACING of three axes are "
                              "needed")  # fmt: skip
-        last = size.astype(int) - 1
-        return Surface(image_points(np.zeros(3, int), last, start, step, np.eye(3)))
+        size = size.astype(int)
+        points = image_points(np.zeros(3, int), size - 1, start, step, np.eye(3))
+        return grid_surface(points, size)
 
 
 def _whole(read: Numbers) -> np.ndarray:

@@ -28,6 +28,7 @@ ENDINGS = (".vtp", ".vtk", ".vtu", ".vti", ".vts")
 LISTS = (".vtm", ".vtmb", ".pvtp", ".pvtu", ".pvti", ".pvts")  # of files that hold parts of a frame
 HEAD = 1 << 14  # bytes that hold the time of a frame
 XML_TIME = re.compile(rb"Name=[\"']TimeValue[\"'][^>]*format=[\"']ascii[\"'][^>]*>\s*([^\s<]+)")
+STATED = re.compile(rb"Name=[\"']TimeValue[\"']")
 LEGACY_TIME = re.compile(rb"\bTIME(?:VALUE)? 1 1 (float|double)\n", re.IGNORECASE)
 
 
@@ -161,6 +162,8 @@ def _time(path: Path) -> float | None:
     with suppress(ValueError):
         if found is not None:
             return float(found[1])
+        if STATED.search(head):  # as bytes, which may stand behind all else
+            return parse_vtk(path).time
         found = LEGACY_TIME.search(head)
         if found is not None and b"\nBINARY" in head[:512]:
             kind = np.dtype(">f8" if found[1].lower() == b"double" else ">f4")

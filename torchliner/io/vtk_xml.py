@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.file_checks import require_memory
-from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, grid_surface
 from torchliner.io.text_rows import parse_vectors
 
 KINDS = ("PolyData", "UnstructuredGrid", "StructuredGrid", "ImageData")
@@ -234,27 +234,32 @@ def _surface(file: XmlFile, count: dict[bool, list[int]]) -> Surface:
     if file.kind == "ImageData":
         low, high = _extent(file)
         about = (("Origin", "0 0 0"), ("Spacing", "1 1 1"), ("Direction", "1 0 0 0 1 0 0 0 1"))
-        return Surface(image_points(low, high, *(
+        points = image_points(low, high, *(
             np.array([float(n) for n in file.about_kind.get(name, usual).split()])
             for name, usual in about
-        )))  # fmt: skip
+        ))  # fmt: skip
+        return grid_surface(points, high - low + 1)
     points = _stacked(file, "Points", count[False], 3)
     cells = "Polys" if file.kind == "PolyData" else "Cells"
-    if file.kind == "StructuredGrid" or not sum(count[True]):
+    if file.kind == "StructuredGrid":
+        low, high = _extent(file)
+        return grid_surface(points, high - low + 1)
+    if not sum(count[True]):
         return Surface(points)
     first = np.cumsum([0, *count[False]])
-    corners, ends, done = [], [], 0
+    corners, ends, kinds, done = [], [], [], 0
     pairs = zip(file.of(cells, "offsets"), file.of(cells, "connectivity"), strict=True)
     for i, (offsets, nodes) in enumerate(pairs):
         end = file.values(offsets, count[True][i]).astype(np.int64)
         node = file.values(nodes, int(end[-1])).astype(np.int64) if len(end) else end
-        kinds = [file.values(each, len(end)) for each in file.of(cells, "types")[i : i + 1]]
-        corners.append(in_circles(node, end, kinds[0] if kinds else None) + first[i])
+        kinds += [file.values(each, len(end)) for each in file.of(cells, "types")[i : i + 1]]
+        corners.append(node + first[i])
         ends.append(end + done)
         done += len(node)
     if not corners:
         return Surface(points)
-    return Surface(points, np.concatenate(corners), np.concatenate(ends))
+    known = np.concatenate(kinds) if kinds else None
+    return Surface(points, np.concatenate(corners), np.concatenate(ends), known)
 
 
 def _stacked(file: XmlFile, section: str, counts: list[int], width: int) -> np.ndarray:

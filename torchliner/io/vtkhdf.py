@@ -6,7 +6,7 @@ Frames stand one behind another in each array; Steps says where each begins.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from torchliner.io.point_layout import (
     velocity_factor,
 )
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
-from torchliner.io.surface_frames import Frame, FrameArray, Surface, in_circles, pick_array
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, grid_surface, pick_array
 from torchliner.io.text_rows import last_digit
 from torchliner.io.vtk_xml import image_points
 from torchliner.records import VelocityPlane
@@ -110,16 +110,14 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
         if len(time) < 2:
             raise ValueError(f"{path}:/VTKHDF/Steps has {len(time)} step; two at least are needed")
         grid = kind == "ImageData"
-        arrays = _arrays(group, path, grid)
+        surface, count = (_grid(group, path) if grid
+                          else _mesh(group, steps, whole, path, kind, len(time)))  # fmt: skip
+        arrays = _arrays(group, path, _sizes(group) if grid else None)
         name = pick_array(Frame(lambda: Surface(np.empty((0, 3))), arrays), request, str(path))
         array = arrays[name]
         section = "CellData" if array.on_faces else "PointData"
-        surface, count = (_grid(group, path) if grid
-                          else _mesh(group, steps, whole, path, kind, len(time)))  # fmt: skip
         if array.on_faces:
-            points, area = Surface(
-                surface.points * length, surface.corners, surface.ends
-            ).faces(str(path))  # fmt: skip
+            points, area = replace(surface, points=surface.points * length).faces(str(path))
         else:
             points, area = surface.points * length, None
         rows, before, after = (1, 0, 0) if grid else count[array.on_faces]
@@ -129,6 +127,8 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
         offsets = np.arange(len(time)) * (before + rows)
         if is_there(steps, f"{section}Offsets", path) and name in steps[f"{section}Offsets"]:
             offsets = whole(steps[f"{section}Offsets"], name).astype(np.int64).reshape(-1)
+        if len(offsets) == len(time) + 1:  # VTK's own writer adds where the next one would begin
+            offsets = offsets[:-1]
         offsets = offsets + before
         data = get_dataset(group[section], name, path)
         values = array.count if grid else rows
@@ -157,8 +157,19 @@ def _whole(group: h5py.Group, name: str, path: Path) -> np.ndarray:
     return read_values(get_dataset(group, name, path), f"{path}:{group.name}/{name}", path)
 
 
-def _arrays(group: h5py.Group, path: Path, grid: bool) -> dict[str, FrameArray]:
-    """Arrays on points and faces; of a grid (time, z, y, x[, component])."""
+def _sizes(group: h5py.Group) -> np.ndarray:
+    """Points of a uniform grid along x, y and z."""
+    return np.diff(np.asarray(group.attrs["WholeExtent"]).reshape(3, 2))[:, 0].astype(np.int64) + 1
+
+
+def _arrays(group: h5py.Group, path: Path, size: np.ndarray | None) -> dict[str, FrameArray]:
+    """Arrays on points and faces; of a grid (time, z, y, x[, component]), of which VTK's own writer
+    leaves out the axes of one point.
+
+    Args:
+        group, path: of the data.
+        size: of a grid, points along x, y and z; None of a mesh.
+    """
     found = {}
     for on_faces, section in ((False, "PointData"), (True, "CellData")):
         for name in group[section] if is_there(group, section, path) else ():
@@ -166,9 +177,12 @@ def _arrays(group: h5py.Group, path: Path, grid: bool) -> dict[str, FrameArray]:
             if not isinstance(data, h5py.Dataset) or not data.shape:
                 continue
             require_numbers(data, f"{path}:{data.name}")
-            least = 4 if grid else 1
+            least = 1
+            if size is not None:
+                full = np.maximum(size - on_faces, 1)[::-1].tolist()
+                least += 3 if list(data.shape[1:4]) == full else int((size > 1).sum())
             width = data.shape[least] if data.ndim > least else 1
-            count = int(np.prod(data.shape[1:least], dtype=np.int64)) if grid else 0
+            count = int(np.prod(data.shape[1:least], dtype=np.int64))
             found[name] = FrameArray(
                 on_faces, count, width, lambda axis: np.empty(0), data.dtype.itemsize > 4
             )
@@ -188,7 +202,8 @@ def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, Rows]]:
     if min(sizes) < 1:
         raise ValueError(f"{path}:/VTKHDF has WholeExtent {extent}, which is upside down")
     require_memory(24.0 * sizes[0] * sizes[1] * sizes[2], f"{path}:/VTKHDF: points of its grid")
-    return Surface(image_points(low, high, origin, spacing, turn)), {}
+    points = image_points(low, high, origin, spacing, turn)
+    return grid_surface(points, high - low + 1), {}
 
 
 def _mesh(
@@ -249,7 +264,7 @@ def _mesh(
         if is_there(cells, "Types", path):
             at = begin("CellOffsets")
             kinds = read_values(cells["Types"], f"{path}: Types", path, slice(at, at + faces))
-        surface = Surface(surface.points, in_circles(corners, ends[1:], kinds), ends[1:])
+        surface = Surface(surface.points, corners, ends[1:], kinds)
     return surface, {False: (points, 0, 0),
                      True: (faces, size["vertices"] + size["lines"], size["strips"])}  # fmt: skip
 

@@ -247,6 +247,19 @@ def _require_same_case(first: ImpedanceLine, other: ImpedanceLine) -> None:
             f"{other.names[0]} is educed at {other.frequency.tolist()} Hz, {first.names[0]} at "
             f"{first.frequency.tolist()} Hz; name the frequency for all"
         )
+    if first.choices["referred"] != other.choices["referred"]:
+        with_one, without = (first, other) if first.choices["referred"] else (other, first)
+        raise ValueError(
+            f"{with_one.names[0]} has a reference channel, {without.names[0]} none: phases "
+            "relative to a channel and to the clock of the arrivals are not of one line; give each "
+            "station a channel, or none"
+        )
+    tones = [line.choices["tone"] for line in (other, first)]
+    if None not in tones and tones[0] != tones[1]:
+        raise ValueError(
+            f"{other.names[0]} states a tone of {tones[0]:g} Hz, {first.names[0]} of {tones[1]:g} "
+            "Hz; the stations of a line share one case"
+        )
     mine, theirs = (
         None if line.goodrich is None else line.goodrich.tolist() for line in (first, other)
     )
