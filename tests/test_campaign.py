@@ -405,6 +405,7 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace("1400:1600:200", "14oo"), "frequencies"),
         (TOML.replace("a/*.h5", "a/*.hdf"), "planes.files = 'a/*.hdf' matches nothing in"),
         (TOML.replace("a/*.h5", "n/*.h5"), "there is no such folder as"),
+        (f"output = '.'{TOML}", "lies in the folder of the results"),
         (TOML.replace("a/*.h5", "*.h5"), "b.h5 is named twice"),
         (TOML.replace("liner =", "height = -1\nsource_side = 'left'\nliner ="),
          "has 2 mistake(s)"),

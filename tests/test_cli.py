@@ -523,6 +523,10 @@ def test_incident_signals_from_the_command_line(capsys, tmp_path, small):
         (["--frequency", "500:100:10"], "invalid frequencies value: '500:100:10'"),
         (["--frequency", "500:100"], "invalid frequencies value"),
         (["--resample", "sometimes"], "invalid choice"),
+        (["--no-intervals", "--interval", "0.9"], "--no-intervals leaves out what --interval is"),
+        (["--no-intervals", "--resample", "time-span"], "leaves out what --resample is of"),
+        (["--incident", "noise:300:3500", "--interval", "0.9"], "--interval: of tones; with --in"),
+        (["--incident", "tones:1400", "--level-doubt", "1"], "--level-doubt: of tones; with --in"),
     ],
 )
 def test_signals_and_limits_that_cannot_be(capsys, options, message):

@@ -194,6 +194,14 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
         tl.educe(record, MODEL, pressure=3.0)
 
 
+def test_the_pressure_of_another_run_is_no_known_pressure():
+    """Its level would be held against this velocity: 21 dB off, put down to the model."""
+    orifice = tl.read_plane(DATA / "orifice_o130_y0.5mm.h5")
+    record = tl.read_pressure(DATA / "pressure_o145.h5")
+    with pytest.raises(ValueError, match=r"incident_level is 130\.0 and 145\.0; name the "):
+        tl.educe(orifice, tl.load_liner("lbm_orifice"), pressure=record)
+
+
 @pytest.mark.filterwarnings("ignore:.*in step with the tone:torchliner.checks.DataWarning")
 @pytest.mark.parametrize(
     ("about", "choices", "reason"),

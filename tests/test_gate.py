@@ -74,6 +74,18 @@ def test_no_command_writes_over_an_input(capsys, folder, case, way):
     assert (folder / name).read_bytes() == old
 
 
+@pytest.mark.parametrize("second", ["plane.h5", "./plane.h5", "link.h5"])
+def test_one_file_is_not_two_measurements(capsys, folder, second):
+    """Named twice it would count twice: three times halved the uncertainty of a calibration."""
+    (folder / "link.h5").symlink_to("plane.h5")
+    for words in (["educe"], ["calibrate", "--free", "porosity"], ["truth"], ["height"]):
+        code, _, err = run(capsys, words[0], "plane.h5", second, *words[1:])
+        assert (code, "is named twice" in err) == (BAD_INPUT, True), err
+    code, _, err = run(capsys, "calibrate", "plane.h5", "--free", "porosity", "--draws", "0",
+                       "--predict", "plane.h5", "--reference", "0.5+0.1j")  # fmt: skip
+    assert "named twice" not in err  # a plane that was fitted may be predicted
+
+
 def test_what_is_named_later_is_held_against_the_inputs_too(folder):
     """Pictures in a folder have names of their own: the writer knows the inputs."""
     with whole_file.inputs_kept(["table.csv"]):
@@ -220,7 +232,7 @@ def test_a_full_disk_names_the_output(folder):
     plane = plane_of(torch.randn(64, 4000).double())
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 16, limit[1]))
     try:
-        with pytest.raises(OSError, match=r"^p\.h5 cannot be written: ") as caught:
+        with pytest.raises(OSError, match=r"^p\.h5 cannot be written: File too large$") as caught:
             plane.write("p.h5")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)

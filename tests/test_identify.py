@@ -518,6 +518,18 @@ def test_command_compares_parameters(tmp_path, capsys):
         (["--free", "mass_loss,mass_loss"], "names mass_loss twice"),
         (["--free", "mass_loss", "-o", "a.csv"], "a law at every frequency and not a table"),
         (["--rest", "x"], "--rest 'x' cannot be read"),
+        (["--reach", "9"], "--reach is of the table that is written; name --output"),
+        (["--reach", "9", "-o", "a.toml", "--free", "mass_loss"], "--reach: of a curve; fit one"),
+        (["--free", "mass_loss", "--freedom", "1"], "--freedom: of a curve; fit one too, with --f"),
+        (["--free", "mass_loss", "--prior", "smooth"], "--prior: of a curve; fit one too"),
+        (
+            ["--free", "mass_loss", "--reactance", "rising", "--rest", "0.1+0.1j"],
+            "--rest, --reactance: of a curve",
+        ),
+        (
+            ["--pressure", str(DATA / "pressure_o115.h5")],
+            "pressures are for references 'in-situ' and 'closure'",
+        ),
         (["--reference", "0.3-0.3j", "x"], "one name, or numbers such as"),
     ],
 )
@@ -543,6 +555,30 @@ def test_in_situ_records_are_matched_by_case():
     assert [row.true for row in found.best.rows] == pytest.approx(wanted)
     with pytest.raises(ValueError, match=r"t00_130.* has no in situ impedance: .* not one case"):
         tl.identify(runs, liner, "in-situ", pressure=records[:2], **options)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # six periods, a law that is too poor
+@pytest.mark.parametrize("reference", ["in-situ", "closure"])
+def test_no_record_of_another_run_is_taken(reference):
+    """By what files state in any order; where they state nothing in the order of the planes."""
+    cases = ("o115", "o130", "o145")
+    runs = [tl.read_plane(path, lazy=True) for path in files(*cases)]
+    runs = [dataclasses.replace(run, reference={}) for run in runs]
+    records = [tl.read_pressure(DATA / f"pressure_{case}.h5") for case in cases]
+    silent = [dataclasses.replace(each, provenance={}, incident_level=None) for each in records]
+
+    def found(pressure):
+        model = {"models": [("vena_contracta",)], "pressure": pressure, "allow_short": True}
+        liner = tl.load_liner("lbm_orifice")
+        return tl.identify(runs, liner, reference, **model).best.fitted.values["vena_contracta"]
+
+    wanted = found(records)
+    assert wanted == pytest.approx(0.44, abs=0.02)
+    assert found(records[::-1]) == found(silent) == wanted
+    with pytest.raises(ValueError, match=r"nothing tells which of the runs .* fit; state"):
+        found(silent[:2])
+    with pytest.raises(ValueError, match="nothing tells which of the runs"):
+        found(silent[0])
 
 
 @pytest.mark.slow

@@ -379,6 +379,9 @@ def test_a_recording_outside_the_band_is_told_of(slit):
          "needs a signal that repeats"),
         (130, tl.Recorded(torch.ones(9), 3e4), {"frequency": 900}, "has 9 samples .* kernel 301"),
         (130, tl.Recorded(torch.ones(999), 3e4), {"sampling_rate": 4e4}, "sampled at 30000 Hz"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "duration": 0.02},
+         "is sent whole, 0.0333 s; cut it"),
+        (130, 1400.0, {"segment": 0.01}, "tones 1400 Hz, .* whole record: leave it out"),
     ],
 )  # fmt: skip
 def test_bad_input(slit, level, incident, options, message):
@@ -447,6 +450,17 @@ def test_command(tmp_path, capsys, unrendered):
     assert "give --frequency of a tone, or --incident" in capsys.readouterr().err
     assert main(["ir-tdibc", "lbm_slot", "--level", "115", "--frequency", "1400"]) == 2
     assert "did you mean 'lbm_slit'" in capsys.readouterr().err
+    for more, message in (
+        (["--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
+        (["--incident", "tones:1400", "--incident-rate", "5e4"], "--incident-rate is for a file"),
+        (
+            ["--kernel", "periodic", "--band", "200", "4000"],
+            "--band is of a kernel, and",
+        ),
+        (["--kernel", "periodic", "--after", "0.02"], "--after is of a kernel, and 'periodic' has"),
+    ):
+        assert main([*words, *more]) == 2
+        assert message in capsys.readouterr().err
     short = ["--velocity-max", "0.1"]
     assert main([*words, *short]) == 2
     assert "give --velocity-max" in capsys.readouterr().err

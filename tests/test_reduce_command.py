@@ -133,6 +133,8 @@ def test_pictures_without_velocity(capsys, files, tmp_path, unrendered):
         (["educe", "{moments}", "--phase", "self-consistent"], "choose --phase averaged"),
         (["educe", "{moments}", "--engine", "unfold"], "cannot replay"),
         (["educe", "{moments}", "--drive", "rms"], "choose --drive instantaneous"),
+        (["educe", "{moments}", "--oncoming-rms", "1"], "leave oncoming_rms out, or reduce"),
+        (["reduce", "{plane}", "-o", "{folder}/m.h5", "--interval", "0.9"], "--interval"),
     ],
     ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",
 )  # fmt: skip

@@ -388,11 +388,24 @@ def test_numbers_of_the_slit():
     assert float((found.per_percent().liner_velocity_first[:, 0] - wanted).abs().max()) < 2e-6
 
 
+TWICE = "--correlation porosity,temperature=0.5 --correlation temperature,porosity=0.2"
+PAIR = ["--tolerance", "porosity=1 %", "--tolerance", "temperature=1 K"]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "names a parameter twice"),
         (["--correlation", "porosity,orifice_diameter=0.5"], "is one of tolerances; state them"),
+        (["--limits", "standard"], "--limits is one of tolerances; state them"),
+        (
+            [*PAIR, *TWICE.split()],
+            "--correlation names temperature and porosity twice",
+        ),
+        (
+            [*PAIR, "--correlation", "porosity,temperature=x"],
+            "'porosity,temperature=x' cannot be r",
+        ),
         (["-o", "rows.h5"], "must be one of .csv"),
         (["--figure", "bars.xyz"], "must be one of .png"),
     ],

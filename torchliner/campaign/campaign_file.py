@@ -172,7 +172,7 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     target = Path(output or folder / (table.output or f"{path.stem}_results"))
     found = [
         (match, each) for each in table.planes for pattern in each.files
-        for match in _one_a_series(_without(_matches(folder, pattern, path), target))
+        for match in _one_a_series(_matches(folder, pattern, path, target))
     ]  # fmt: skip
     paths = [match for match, _ in found]
     twice = next((p for p in paths if paths.count(p) > 1), None)
@@ -199,11 +199,12 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     )  # fmt: skip
 
 
-def _matches(folder: Path, pattern: str, path: Path) -> list[Path]:
-    """Files of a pattern, sorted.
+def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]:
+    """Files of a pattern, sorted, but for what earlier runs have written.
 
     Raises:
         FileNotFoundError: none; files of the same ending that are there are named.
+        ValueError: all of them lie in the folder of the results.
     """
     found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
     if not found:
@@ -216,12 +217,14 @@ def _matches(folder: Path, pattern: str, path: Path) -> list[Path]:
             f"{path}: planes.files = {pattern!r} matches nothing in {folder}"
             + (words if there else f"; there is no such folder as {place}" * (not place.is_dir()))
         )
-    return [Path(each) for each in found]
-
-
-def _without(found: list[Path], output: Path) -> list[Path]:
-    """Planes but for what earlier runs have written."""
-    return [each for each in found if not each.absolute().is_relative_to(output.absolute())]
+    results = output.absolute()
+    planes = [p for each in found if not (p := Path(each)).absolute().is_relative_to(results)]
+    if not planes:
+        raise ValueError(
+            f"{path}: planes.files = {pattern!r}: all that it matches, {found[0]} first, lies in "
+            f"the folder of the results, {output}; name another --output"
+        )
+    return planes
 
 
 def _one_a_series(found: list[Path]) -> list[Path]:

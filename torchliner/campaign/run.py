@@ -86,7 +86,9 @@ def plan(campaign: Campaign) -> Plan:
     names = [unit.name for unit in units]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ValueError(f"{campaign.path}: two units are called {twice}; rename a liner's file")
+        raise ValueError(
+            f"{campaign.path}: two units are called {twice}; rename a plane or a liner's file"
+        )
     current = frozenset(unit.name for unit in units if _kept_rows(unit) is not None)
     return Plan(tuple(units), tuple(failed), current)
 

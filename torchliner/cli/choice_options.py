@@ -102,9 +102,15 @@ def choice_options(
 
 
 def chosen_from(options: argparse.Namespace, wanted: Sequence[str]) -> dict[str, Any]:
-    """What the user chose of the choices ``wanted``, for ``educe(**choices)``."""
+    """What the user chose of the choices ``wanted``, for ``educe(**choices)``.
+
+    Raises:
+        ValueError: a level or a way of error bars, and none of them.
+    """
     chosen = stated(options, wanted)
     if chosen.pop("no_intervals", False):
+        if given := [f"--{name}" for name in ("interval", "resample") if name in chosen]:
+            raise ValueError(f"--no-intervals leaves out what {given[0]} is of; name one of them")
         chosen["interval"] = None
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])

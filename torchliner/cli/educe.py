@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner.cli.choice_options import ALL, choice_options, chosen_from
 from torchliner.cli.files import (
+    incident_signal,
     liner_names,
     planes_of,
     read_records,
@@ -57,6 +58,8 @@ OPTIONS = {
     | shared("--figure", "--json", "--quiet", "--strict"),
 } | choice_options(ALL) | plane_options()  # fmt: skip
 
+OF_TONES = ("interval", "resample", "wall_pressure", "closure_limit", "level_doubt")
+
 
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
@@ -71,6 +74,11 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.pictures import draw_pictures
 
     outputs = _outputs(options.output, options.planes)
+    given = stated(options, OF_TONES) if options.incident is not None else {}
+    if given:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ValueError(f"{words}: of tones; with --incident there are no error bars, and closure "
+                         "is not checked: leave this out")  # fmt: skip
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
     for path in outputs:
@@ -110,7 +118,7 @@ def _educed(
     from torchliner.liners.catalogue import load_liner
     from torchliner.tdibc.educe import educe
 
-    choices = chosen_from(options, ALL) | {"incident": _incident(options)}
+    choices = chosen_from(options, ALL) | {"incident": incident_signal(options)}
     names = liner_names(options.liner, records, options.planes)
     found: dict[int, ImpedanceMap] = {}
     for name in dict.fromkeys(names):
@@ -126,25 +134,6 @@ def _educed(
             )  # fmt: skip
         found |= dict(zip(members, several, strict=True))
     return [found[i] for i in range(len(records))]
-
-
-def _incident(options: argparse.Namespace) -> Any:
-    """The incident signal, or None."""
-    if options.incident is None:
-        if options.incident_rate is not None:
-            raise ValueError("--incident-rate is the rate of an --incident file; name the file")
-        return None
-    from torchliner.io.signal_file import read_signal
-    from torchliner.replay.waves import parse_signal
-
-    generated = parse_signal(options.incident)
-    if generated is None:
-        return read_signal(options.incident, options.incident_rate)
-    if options.incident_rate is not None:
-        raise ValueError(
-            "--incident-rate is for a file; a generated signal has the rate of the plane"
-        )
-    return generated
 
 
 def _outputs(output: Path | None, planes: list[Path]) -> list[Path]:

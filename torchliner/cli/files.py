@@ -170,3 +170,25 @@ def preset_named(name: str, path: Path) -> str:
             f"{path} {fault}; choose a model with --liner ({', '.join(preset_names())})"
         )
     return name
+
+
+def incident_signal(options: argparse.Namespace) -> Any:
+    """The signal of --incident and --incident-rate, or None.
+
+    Raises:
+        ValueError: a rate of what is no file.
+    """
+    if options.incident is None:
+        if options.incident_rate is not None:
+            raise ValueError("--incident-rate is the rate of an --incident file; name the file")
+        return None
+    from torchliner.io.signal_file import read_signal
+    from torchliner.replay.waves import parse_signal
+
+    generated = parse_signal(options.incident)
+    if generated is None:
+        return read_signal(options.incident, options.incident_rate)
+    if options.incident_rate is not None:
+        raise ValueError("--incident-rate is for a file; a generated signal takes the rate that is "
+                         "needed: leave it out")  # fmt: skip
+    return generated

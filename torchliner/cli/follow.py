@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-from torchliner.cli.choice_options import choice_options, chosen_from
+from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import preset_named
 from torchliner.cli.options import frequency_option, number, print_json, shared
 from torchliner.names import GROWING_ORDERS
@@ -26,7 +26,7 @@ OPTIONS = {
     }
     | shared("--liner", "--json", "--quiet")
     | frequency_option("the tone of the file"),
-} | choice_options(CHOICES, dict([ORDER]))  # fmt: skip
+} | choice_options(CHOICES, NO_GIVEN_PHASE | dict([ORDER]))  # fmt: skip
 HEADING = "samples    record s  f Hz      Z               half-width  needed s  until then"
 
 
@@ -39,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
         value = getattr(options, name)
         if value is not None and value <= 0:
             raise ValueError(f"--{name} is {value:g}; it is above 0")
+    if options.until is not None and options.no_intervals:
+        raise ValueError("--until asks for the interval, which --no-intervals leaves out")
     liner = options.liner or preset_named(Frames(options.plane).liner, options.plane)
     following = Following(
         options.plane, load_liner(liner), options.frequency,

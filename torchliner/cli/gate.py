@@ -50,7 +50,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
         The inputs, as the user named them.
     Raises:
         ValueError: an output is an input or another output, or ends in something else than its
-            help names.
+            help names; an option or argument names one file twice.
         OSError: an input is missing or a device; an output cannot be written.
         ImportError: a figure is asked for, and matplotlib is not there.
     """
@@ -60,6 +60,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     files = [path for name in named for path in _matching(name)]
     for path in files:
         require_input(path)
+    _require_once(parser, options)
     with inputs_kept(_with_those_inside(files)):
         outputs: dict[Any, str] = {}
         for action, value in given:
@@ -137,6 +138,16 @@ def require_input(path: Path) -> None:
         raise OSError(f"{path} cannot be read: {text}") from error
     if not (path.is_file() or path.is_dir()):
         raise OSError(f"{path} is a device or a pipe; a file is needed")
+
+
+def _require_once(parser: Parser, options: argparse.Namespace) -> None:
+    """Refuse a file that a list names twice: it would count as two measurements."""
+    for action in parser._actions:
+        seen: dict[Any, Any] = {}
+        for path in _values(options, action) if reads(action, parser.text_of(action)) else ():
+            if (first := seen.setdefault(identity(path), path)) is not path:
+                as_first = "" if str(first) == str(path) else f", as {first} before"
+                raise ValueError(f"{path} is named twice{as_first}; name it once")
 
 
 def _with_those_inside(paths: Iterable[Path]) -> Iterator[Path]:

@@ -10,7 +10,7 @@ from torchliner import names
 from torchliner.cli.calibrate import bounds_given, references_given
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
-from torchliner.cli.options import complex_number, order_option, shared
+from torchliner.cli.options import complex_number, order_option, shared, stated
 from torchliner.cli.plane_options import plane_options
 
 CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
@@ -22,7 +22,8 @@ OPTIONS = {
         "--reference Z ...": {
             "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
             "'closure' (the stated level alone), or one value each; default true"},
-        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ, by case; "
+        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or closure, "
+                               "by case, or in the order of the planes where files state none; "
                                "default: what the planes hold",
         "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
         "--free NAMES": {
@@ -56,6 +57,12 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.pressure_file import read_pressure
     from torchliner.report import identification_report as report
 
+    if options.reach is not None and options.output is None:
+        raise ValueError("--reach is of the table that is written; name --output as well")
+    given = stated(options, ("rest", "freedom", "prior", "reactance", "reach"))
+    if given and options.free and options.fit is None:
+        words = ", ".join(f"--{name}" for name in given)
+        raise ValueError(f"{words}: of a curve; fit one too, with --fit curve, or leave this out")
     paths = [*options.planes, *options.predict]
     both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from torchliner import names
-from torchliner.cli.files import show_results
+from torchliner.cli.files import incident_signal, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared, stated
 
 CHOICES = (
@@ -15,7 +14,7 @@ CHOICES = (
 )  # fmt: skip
 OPTIONS = {
     "": {
-        "liner LINER": "preset, .toml or .csv file",
+        "liner LINER": "preset, .toml, .csv or .py file",
         "--level DB ...": {
             "required": True, "help": "of the whole incident wave, dB re 20 uPa rms"},
         **frequency_option("none; with --incident its tones, or eight in its band"),
@@ -29,13 +28,15 @@ OPTIONS = {
         "--drive": (
             names.STEP_DRIVES, "|v| of the moment (default), or its rms over --running-window"),
         "--sampling-rate HZ": "of the steps; default 48 kHz, or 16 times the highest frequency",
-        "--duration S": "of the record that is read; default 0.25, of tones 0.04",
+        "--duration S": "of the record that is read; default 0.25, of tones 0.04; a file is sent "
+                        "whole",
         "--output FILE": "write the rows as .csv",
         "--figure PICTURE": "draw R and X over level there",
         "--velocity-max M/S": {
             "help": "top of the kernel table; default 20, or the liner's", "further": True},
         "--band HZ HZ": {
-            "help": "of the kernel; default 300 3500, or wider to hold what is read",
+            "help": "of the kernel; default 300 3500, or wider to hold what is sent, of a file "
+            "what is read",
             "further": True},
         "--after S": {"help": "length of the kernel; default 0.01", "further": True},
         "--running-window S": {
@@ -54,28 +55,21 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.level_report import draw_levels, level_facts, level_table, level_text
 
     liner = load_liner(options.liner)
-    incident, choices = _incident(options), stated(options, CHOICES)
+    incident, choices = incident_signal(options), stated(options, CHOICES)
+    if incident is None and options.frequency is None:
+        raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
+    for name in ("band", "after"):
+        if name in choices and options.kernel == "periodic":
+            raise ValueError(f"--{name} is of a kernel, and 'periodic' has none; leave it out")
     if "band" in choices:
         choices["band"] = tuple(choices["band"])
     with progress_bar(0, f"{options.liner}", options, "step") as step:
         curve = ir_tdibc(
-            liner, options.level, incident, progress=step,
-            frequency=options.frequency if options.incident else None, **choices,
+            liner, options.level, incident or options.frequency, progress=step,
+            frequency=options.frequency if incident else None, **choices,
         )  # fmt: skip
     show_results(
         options, lambda: level_text(curve), lambda: level_facts(curve),
         output=level_table(curve).write_csv, figure=lambda path: draw_levels(curve, path),
     )  # fmt: skip
     return 0
-
-
-def _incident(options: argparse.Namespace) -> Any:
-    """The signal that is sent."""
-    from torchliner.io.signal_file import read_signal
-    from torchliner.replay.waves import parse_signal
-
-    if options.incident is None:
-        if options.frequency is None:
-            raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
-        return options.frequency
-    return parse_signal(options.incident) or read_signal(options.incident, options.incident_rate)

@@ -12,7 +12,7 @@ from torchliner.cli.plane_options import plane_options
 
 CHOICES = (
     "phase", "drive", "mean", "order", "oncoming_rms", "running_window", "missing", "allow_short",
-    "window", "pre_roll", "interval", "no_intervals", "device", "dtype", "memory",
+    "window", "pre_roll", "no_intervals", "device", "dtype", "memory",
 )  # fmt: skip
 OPTIONS = {
     "": shared("plane")

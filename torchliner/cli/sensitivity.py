@@ -20,7 +20,7 @@ OPTIONS = {
             'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then '
             "the change of Z for 1 %% of each parameter"},
         "--limits": {
-            "choices": names.LIMITS, "default": "rectangular", "help": "what a half-width is: "
+            "choices": names.LIMITS, "help": "what a half-width is: "
             "limits of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; "
             "default rectangular"},
         "--correlation NAME,NAME=VALUE": {
@@ -52,11 +52,12 @@ def run(options: argparse.Namespace) -> int:
         choices = chosen_from(options, CHOICES)
         found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
     frequency, order = found.found.frequency.tolist(), options.order
+    limits = options.limits or "rectangular"
     if tolerances:
-        budget = found.propagate(tolerances, limits=options.limits, correlation=correlation)
+        budget = found.propagate(tolerances, limits=limits, correlation=correlation)
         table = budget_table(budget, frequency, order)
         text = format_budget(budget, found, order, table)
-        meaning = f"tolerances are {options.limits}"
+        meaning = f"tolerances are {limits}"
         together = [correlation_of(each) for each in budget.covariance[order]]
     else:
         table = sensitivity_table(found, order)
@@ -68,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     text += (f"\nZ by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
              f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
     plain = {
-        "order": order, "limits": options.limits if tolerances else None, "frequency": frequency,
+        "order": order, "limits": limits if tolerances else None, "frequency": frequency,
         "impedance": found.found.of_liner(order).tolist(), "correlation_of_R_and_X": together,
         "rows": rows, "notes": list(found.found.notes),
     }  # fmt: skip
@@ -84,13 +85,22 @@ def _tolerances(options: argparse.Namespace) -> tuple[dict[str, str], dict[tuple
     pairs = [split_pair(text, "--tolerance") for text in options.tolerance]
     if len(dict(pairs)) < len(pairs):
         raise ValueError("--tolerance names a parameter twice; give each once")
-    if options.correlation and not pairs:
-        raise ValueError("--correlation is one of tolerances; state them with --tolerance")
-    found = {}
+    for name in ("correlation", "limits"):
+        if getattr(options, name) and not pairs:
+            raise ValueError(f"--{name} is one of tolerances; state them with --tolerance")
+    found: dict[tuple[str, str], float] = {}
     for text in options.correlation:
         pair, value = split_pair(text, "--correlation")
         first, comma, second = pair.partition(",")
         if not comma:
             raise ValueError(f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE")
-        found[first.strip(), second.strip()] = float(value)
+        both = first.strip(), second.strip()
+        if both in found or both[::-1] in found:
+            raise ValueError(f"--correlation names {' and '.join(both)} twice; give each pair once")
+        try:
+            found[both] = float(value)
+        except ValueError:
+            raise ValueError(
+                f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE, as a,b=0.5"
+            ) from None
     return dict(pairs), found

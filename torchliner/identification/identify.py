@@ -56,7 +56,8 @@ def identify(
         groups: label of the run of each plane: planes of one run (heights, cells) share one
             reference and are left out together. Default the case of its provenance, else its name.
         order: of averaging, one of ``names.ORDERS``.
-        pressure: records of the pressure, for "in-situ" and "closure".
+        pressure: records, for "in-situ" and "closure": each plane has that of its case, tone, level
+            and flow; where the records tell no runs apart they are in the order of the planes.
         noise: standard uncertainty of R and X, as for ``calibrate``, 2 % of |Z| by default; with
             "closure" dB, 0.2 by default. Misfits above it widen every uncertainty.
         rest: standard uncertainty u(R) + j u(X) of the liner's own Z at rest, where that was
@@ -88,6 +89,11 @@ def identify(
     require_choice("prior shape", prior, SHAPES)
     require_choice("direction of the reactance", reactance, SIGNS)
     require_plain_tones(chosen)
+    if pressure is not None and references not in ("in-situ", "closure"):
+        raise ValueError(
+            "pressures are for references 'in-situ' and 'closure'; name one of these, or leave "
+            "pressure out"
+        )
     facts = [each.plane if isinstance(each, Moments) else each for each in several]
     names = _groups(facts, groups, CURVE in models)
     bases = [with_flow(as_liner(liner), plane.mach)

@@ -30,7 +30,7 @@ from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
-from torchliner.records.same_case import require_same_case
+from torchliner.records.same_case import require_same_run
 from torchliner.reduction.basis import ANY_LINER, Chebyshev
 from torchliner.reduction.moments import Moments
 from torchliner.tdibc.choices import Choices
@@ -167,7 +167,7 @@ def gather(
     counts = [len(each.frequency) for each in ready]
     ratios: list[Any] = [None] * len(ready)
     if isinstance(references, str) and references == CLOSURE:
-        ratios, phases = ties_of(ready, None, pressure)
+        ratios, phases = ties_of(ready, None, _by_case(ready, pressure, all_of_them=True))
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(nepers_of(LEVEL_NOISE if noise is None else noise), counts)
     else:
@@ -191,30 +191,69 @@ def gather(
     return runs
 
 
-def _in_situ(ready: Sequence[Prepared], records: Any) -> list[Tensor]:
+def _by_case(ready: Sequence[Prepared], given: Any, *, all_of_them: bool) -> Any:
+    """The pressure record of each plane, found by its case, tone, level and flow; records that do
+    not tell runs apart are taken in the order of the planes. None where there is none.
+
+    Args:
+        ready: prepared planes, of two runs at least.
+        given: records; what is none (a line of microphones, None) stays in its order.
+        all_of_them: whether a plane without a record is refused.
+    Raises:
+        ValueError: a plane without a record; records that could be of several runs.
+    """
+    records = [given] if isinstance(given, PressureRecord) else list(given or [])
+    if not records or not all(isinstance(each, PressureRecord) for each in records):
+        return given
+    faults = [[_fault(one.plane, record) for record in records] for one in ready]
+    in_order = len(records) == len(ready) and not any(faults[i][i] for i in range(len(records)))
+    found: list[PressureRecord | None] = []
+    for i, (one, mine) in enumerate(zip(ready, faults, strict=True)):
+        fitting = [k for k, fault in enumerate(mine) if not fault]
+        if not fitting and all_of_them:
+            raise ValueError(f"{mine[-1]}; give the pressure record of the same run")
+        if any(len(fitting) > 1 or not any(row[k] for row in faults) for k in fitting):
+            if not in_order:
+                names = ", ".join(records[k].name for k in fitting)
+                raise ValueError(
+                    f"nothing tells which of the runs {names} is of: {one.plane.name} and others "
+                    "fit; state case, level or Mach number in the files, or give a record for "
+                    "each plane, in their order"
+                )
+            fitting = [i]
+        found.append(records[fitting[0]] if fitting else None)
+    return found
+
+
+def _fault(plane: VelocityPlane, record: PressureRecord) -> str:
+    """Why a record is of another run than a plane; nothing if it may be of the same."""
+    try:
+        require_same_run(plane, record)
+    except ValueError as error:
+        return str(error).rpartition("; ")[0]
+    return ""
+
+
+def _in_situ(ready: Sequence[Prepared], given: Any) -> list[Tensor]:
     """In situ Z of each plane from the record of its case, or the one it holds."""
-    several = [records] if isinstance(records, PressureRecord) else list(records or [])
+    records = _by_case(ready, given, all_of_them=False) or [None] * len(ready)
     found = []
-    for one in ready:
-        plane, fault = one.plane, "no pressure record is given"
-        for record in several:
-            try:
-                require_same_case(plane, record, ("frequency", "incident_level", "mach"), "",
-                                  where_stated=True)  # fmt: skip
-            except ValueError as error:
-                fault = str(error).removesuffix("; ")
-                continue
-            short = one.chosen.allow_short
+    for one, record in zip(ready, records, strict=True):
+        plane, short = one.plane, one.chosen.allow_short
+        if record is not None:
             beside = in_situ(record, one.frequency, interval=None, allow_short=short)
             found.append(beside.liner_impedance_pressure_first)
-            break
-        else:
-            if "in situ" not in plane.reference:
-                raise ValueError(
-                    f"{plane.name} has no in situ impedance: {fault}; give the pressure record of "
-                    "the same run, or leave the plane out"
-                )
+        elif "in situ" in plane.reference:
             found.append(held_reference(one, "in situ"))
+        else:
+            several = [given] if isinstance(given, PressureRecord) else list(given or [])
+            fault = "no pressure record is given"
+            if several:
+                fault = _fault(plane, several[-1])
+            raise ValueError(
+                f"{plane.name} has no in situ impedance: {fault}; give the pressure record of "
+                "the same run, or leave the plane out"
+            )
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from torchliner.checks import tell
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.records import ImpedanceMap, PressureRecord, VelocityPlane
-from torchliner.records.same_case import require_same_case
+from torchliner.records.same_case import require_same_run
 
 SAME_DURATION = 0.01  # relative; warned of beyond
 
@@ -29,10 +29,7 @@ def with_in_situ(
     made: dict[tuple[float | None, ...], Any] = {}
     found = []
     for result, plane in zip(maps, planes, strict=True):
-        require_same_case(
-            plane, record, ("frequency", "incident_level", "mach"),
-            "name the pressure record of the same run", where_stated=True,
-        )  # fmt: skip
+        require_same_run(plane, record)
         known = result.uncertainty
         level = None if known is None else float(known.settings["level"])
         key = (*result.frequency.tolist(), level)

@@ -37,7 +37,9 @@ def read_signal(
             )
     else:
         if sampling_rate is None:
-            raise ValueError(f"{path} does not state its sampling rate; give it in Hz")
+            raise ValueError(
+                f"{path} does not state its sampling rate; give it in Hz (--incident-rate)"
+            )
         rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
         values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
     if channel is not None:

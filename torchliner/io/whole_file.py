@@ -166,6 +166,8 @@ def _told(path: str | Path, temporary: str | Path, part: Part | None = None) -> 
         at_end = "errno" in str(error) and "read" not in str(error)  # HDF5 writes or closes
         if full or at_end or (isinstance(error, OSError) and str(temporary) in str(error)):
             text = str(error).replace(str(temporary), str(path))
+            if said := re.search(r"error message = '([^']+)'", text):  # HDF5's page of words
+                text = said[1]
             remedy = ""
             if part is not None and part.done:
                 remedy = f"; what is written stays in {part.path}: free space and run this again"

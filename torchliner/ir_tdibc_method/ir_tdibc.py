@@ -56,7 +56,7 @@ def ir_tdibc(
     band: tuple[float, float] | None = None,
     after: float = AFTER,
     running_window: float | None = None,
-    segment: float = SEGMENT,
+    segment: float | None = None,
     progress: Progress | None = None,
 ) -> LevelCurve:
     """Impedance over the level of a normally incident plane wave that alone drives the liner.
@@ -78,11 +78,12 @@ def ir_tdibc(
         realisations: N, phases of several tones or draws of noise.
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in
             whole periods of tones.
-        duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04.
+        duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; not of a
+            recording, which is sent whole.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         band: Hz, of the kernel; default 300-3500, or wider to hold the signal's own band, of a
             recording what is read; energy that is sent outside is told of.
-        after: s, length of the kernel.  segment: s, of the spectra of what is no tone.
+        after: s, length of the kernel.  segment: s, of the spectra of what is no tone, 0.02.
         progress: called with numbers of steps done, of 2 n in all (``periodic``: records).
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or
@@ -97,7 +98,13 @@ def ir_tdibc(
     way = WAYS[require_choice("kernel", kernel, STEP_KERNELS)]
     require_choice("drive", drive, STEP_DRIVES)
     require_positive("after (s)", after)
-    require_positive("segment (s)", segment)
+    if segment is not None:
+        require_positive("segment (s)", segment)
+        if isinstance(signal, Tones):
+            raise ValueError(
+                f"segment is of the spectra of noise, sweeps and recordings; {signal.label} are "
+                "read over the whole record: leave it out"
+            )
     if whole_number("realisations", realisations) < 1:
         raise ValueError(f"realisations is {realisations}; at least one is needed")
     rate = sampling_rate_for(signal, sampling_rate)
@@ -115,7 +122,11 @@ def ir_tdibc(
     review_band(kernel, case.band, signal, unit[0], rate)
     answer = _answered(case, way, levels)
     sent, reflected = answer.motion.incident, answer.motion.reflected
-    cut = {"window": "boxcar"} if isinstance(signal, Tones) else {"segment": min(segment, n / rate)}
+    cut = (
+        {"window": "boxcar"}
+        if isinstance(signal, Tones)
+        else {"segment": min(segment or SEGMENT, n / rate)}
+    )
     reflection = transfer_function(sent, reflected, read, rate, **cut).response
     shape = (len(levels), realisations)
     velocity = answer.motion.velocity

@@ -70,11 +70,17 @@ def record_length(signal: Any, rate: float, duration: Any, kernel: int) -> int:
     """Samples of the record that repeats: whole periods of tones, at least a kernel's length.
 
     Raises:
-        ValueError: a record shorter than the kernel; tones without a common period.
+        ValueError: a record shorter than the kernel; tones without a common period; a duration of
+            a recording.
     """
     if duration is not None:
         require_positive("duration (s)", duration)
     if isinstance(signal, Recorded):
+        if duration is not None:
+            raise ValueError(
+                f"{signal.label} is sent whole, {len(signal.signal) / rate:.6g} s; cut it, or "
+                "leave duration out"
+            )
         samples = len(signal.signal)
     elif isinstance(signal, Tones):
         turns = [Fraction(f / rate).limit_denominator(1_000_000) for f in signal.frequency.tolist()]

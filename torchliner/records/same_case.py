@@ -39,6 +39,18 @@ def require_same_case(
             )
 
 
+def require_same_run(plane: Any, record: Any) -> None:
+    """Refuse a pressure record that states another case, tone, level or flow than the plane.
+
+    Raises:
+        ValueError: it does; what differs is named.
+    """
+    require_same_case(
+        plane, record, ("frequency", "incident_level", "mach"),
+        "name the pressure record of the same run", where_stated=True,
+    )  # fmt: skip
+
+
 def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
     """Files of one plane have the same probes and state the same case.
 

@@ -14,6 +14,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.closure import UNKNOWN
+from torchliner.records.same_case import require_same_run
 from torchliner.signals.blocks import Blocks
 from torchliner.signals.plane_waves import split_waves
 from torchliner.signals.tones import waves
@@ -63,13 +64,15 @@ def known_pressure(prepared: Prepared, given: Any = None) -> KnownPressure | str
             surface) or ``MicrophoneLine`` along the wall; None: the level that the plane states.
     Raises:
         TypeError: something else is given.
-        ValueError: the pressures cannot be compared with this plane; the message says why.
+        ValueError: the record is of another case, or cannot be compared with this plane; the
+            message says why.
     """
     if prepared.chosen.incident is not None:
         return "not checked: an incident signal is replayed, no tone"
     if isinstance(given, MicrophoneLine):
         return _of_line(prepared, given)
     if isinstance(given, PressureRecord):
+        require_same_run(prepared.plane, given)
         return _of_record(prepared, given)
     if given is not None:
         raise TypeError(

@@ -40,9 +40,10 @@ def fitted(known: Moments, chosen: Choices, liner: LinerModel, frequency: Tensor
     for key, made in known.settings.items():
         wanted = getattr(chosen, key)
         if wanted != made and not (key == "order" and wanted != COHERENT_FIRST):
+            remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
             raise ValueError(
-                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; choose "
-                f"{key}={made!r}, or reduce the data again"
+                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, "
+                "or reduce the data again"
             )
     if liner.cell_pitch != known.cell_pitch:
         raise ValueError(
