@@ -187,6 +187,17 @@ def test_a_mesh_that_was_fine_enough_keeps_its_numbers():
     assert found.finer_unknowns > wanted.swept.mesh.unknowns
 
 
+def test_shapes_that_fit_no_frequency_are_refused():
+    """Two ends' reflections or impedances at one frequency, which ended in torch's own errors."""
+    case = case_of(STILL, end_reflection=[0.1, 0.2])
+    with pytest.raises(ValueError, match=r"end_reflection has shape \(2,\); its last axis must"):
+        solve_duct(case, 1500.0, B2A, build_mesh(case, **COARSE), keep="walls")
+    with pytest.raises(ValueError, match=r"impedance has shape \(2,\); one value is needed, or 1"):
+        growing_wave(TANH, 1500.0, [1.0, 2.0])
+    with pytest.raises(TypeError, match=r"count is 1\.5; a whole number is needed"):
+        duct_modes(TANH, 1500.0, count=1.5)
+
+
 def test_fields_of_no_meaning_are_refused(monkeypatch):
     """A law of the wall above a lined wall: 868 dB of growth over 150 mm, three meshes 0.69-1.7."""
     law = case_of(LawOfTheWallProfile(0.3, HEIGHT), (0.0, 0.06))

@@ -76,6 +76,8 @@ def test_selection():
     assert torch.equal(one.coherence, line.coherence[:, 1:])
     with pytest.raises(ValueError, match=r"has microphones 0 to 11; \[3, 12\] asked"):
         line.select([3, 12])
+    with pytest.raises(TypeError, match=r"microphones are \[0\.5, 1\.0\]; whole numbers"):
+        line.select([0.5, 1])
     with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
         line_of(liner_start=0.02, liner_end=0.03).over_liner()
 

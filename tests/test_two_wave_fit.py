@@ -210,6 +210,8 @@ def test_two_flush_microphones_set_the_level():
             turn = cmath.exp(1j * k * 0.2 / 0.75) / cmath.exp(-1j * k * 0.2 / 1.25)
             assert complex(found.reflection[f]) == pytest.approx(0.5j * turn, abs=1e-9)
     assert found.microphones.tolist() == [-0.3, -0.11, -0.05]
+    with pytest.raises(ValueError, match="at is nan m; it must be finite"):
+        sort_waves(line, at=math.nan)
     at_zero = sort_waves(line, at=0.0)
     assert at_zero.reflection.tolist() == pytest.approx([0.5j] * 3, abs=1e-9)
     behind = sort_waves(rigid_line(side="downstream"))

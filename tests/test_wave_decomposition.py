@@ -218,6 +218,7 @@ def test_half_a_wavelength_is_singular():
         ([0.01, 0.02], {"microphones": [0, 5]}, "has microphones 0 to 1, not 5"),
         ([0.01, 0.02], {"microphones": "both"}, "give indices, 'all' or 'pair'"),
         ([0.01, 0.02], {"frequency": 20000.0}, "at or above Nyquist"),
+        ([0.01, 0.02], {"segment": float("inf")}, "segment is inf s; it must be finite"),
         ([0.01, 0.02], {"start": 0.01}, "holds 1.99 periods of 1400 Hz"),
     ],
 )
@@ -228,6 +229,8 @@ def test_refusals(places, options, match):
 
 def test_missing_parts_are_named():
     record = record_of(0.5, [0.01, 0.02])
+    with pytest.raises(TypeError, match=r"microphones is 0\.5; a whole number is needed"):
+        tl.decompose_waves(record, microphones=[0.5, 1])
     with pytest.raises(ValueError, match="no microphone_velocity"):
         tl.decompose_waves(dataclasses.replace(record, microphone_velocity=None), velocities=True)
     silent = dataclasses.replace(

@@ -53,7 +53,13 @@ def growing_wave(
         liners.
     """
     wanted = frequency_tensor(frequency).cpu()
-    reflection = wall_reflection(impedance).detach().cpu().expand(wanted.shape)
+    reflection = wall_reflection(impedance).detach().cpu()
+    if reflection.shape not in ((), (1,), wanted.shape):
+        raise ValueError(
+            f"impedance has shape {tuple(reflection.shape)}; one value is needed, or "
+            f"{len(wanted)}, one a frequency"
+        )
+    reflection = reflection.expand(wanted.shape)
     found = torch.full(wanted.shape, complex(math.nan, math.nan), dtype=torch.complex128)
     heights = torch.linspace(0, profile.duct_height, 201, dtype=torch.float64)
     fastest = float(torch.as_tensor(profile.mach(heights.numpy())).max())

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_choice
+from torchliner.checks import frequency_tensor, require_choice, whole_number
 from torchliner.duct.chebyshev import interpolation_matrix
 from torchliner.duct.homotopy import follow, polish
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
@@ -101,7 +101,7 @@ def duct_modes(
         DataWarning: negative resistance.
     """
     require_choice("direction", direction, DIRECTIONS)
-    if count < 1:
+    if whole_number("count", count) < 1:
         raise ValueError(f"count is {count}; at least one mode is needed")
     profiles, lead = _profiles(profile)
     wanted = frequency_tensor(frequency)

@@ -23,7 +23,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import tell
+from torchliner.checks import tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.in_situ_method.dean import frequencies_of
 from torchliner.in_situ_method.error_bars import (
@@ -148,7 +148,7 @@ def _chosen(
         if microphones not in ("all", "pair"):
             raise ValueError(f"microphones is {microphones!r}; give indices, 'all' or 'pair'")
         return list(range(count))
-    chosen = [int(i) for i in microphones]
+    chosen = [whole_number("microphones", i) for i in microphones]
     wrong = [i for i in chosen if not 0 <= i < count]
     if wrong:
         raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")

@@ -75,7 +75,7 @@ class DuctSolver:
         Returns:
             DuctField of shape (..., F).
         Raises:
-            ValueError: shapes that do not fit, Z nan or -1.
+            ValueError: shapes that do not fit (of Z or of the ends' reflections), Z nan or -1.
             RuntimeError: a singular system.
         Warns:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
@@ -102,10 +102,16 @@ class DuctSolver:
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
         shape = self.frequency.shape
         both = []
-        for value in (case.source_reflection, case.end_reflection):
+        for name in ("source_reflection", "end_reflection"):
+            value = getattr(case, name)
             # A plain complex number would become complex64.
             exact = value if isinstance(value, Tensor) else np.asarray(value, np.complex128)
             tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
+            if tensor.ndim and tensor.shape[-1] not in (1, *shape):
+                raise ValueError(
+                    f"{name} has shape {tuple(tensor.shape)}; its last axis must be one value for "
+                    f"all frequencies or {shape[0]}, one of each"
+                )
             both.append(tensor.expand(np.broadcast_shapes(tensor.shape, shape)))
         returns = torch.stack(torch.broadcast_tensors(*both), -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))

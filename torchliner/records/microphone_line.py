@@ -267,7 +267,10 @@ class MicrophoneLine(Written):
 
     def select(self, microphones: Sequence[int] | Tensor) -> MicrophoneLine:
         """The line with some of its microphones, by index."""
-        index = torch.as_tensor(microphones, dtype=torch.int64).reshape(-1)
+        given = torch.as_tensor(microphones).reshape(-1)
+        index = given.to(torch.int64)
+        if bool((index != given).any()):
+            raise TypeError(f"microphones are {given.tolist()}; whole numbers are needed")
         if len(index) and not bool(((index >= 0) & (index < self.microphones)).all()):
             raise ValueError(
                 f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked"

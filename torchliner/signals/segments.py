@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 
 def segment_starts(
     samples: int, start: int, seconds: float | None, sampling_rate: float, overlap: float = 0.5
@@ -19,6 +21,8 @@ def segment_starts(
         raise ValueError(f"overlap is {overlap:g}; it is a share of a segment, 0 to below 1")
     if seconds is None:
         return [start], samples - start
+    if not math.isfinite(seconds):
+        raise ValueError(f"segment is {seconds:g} s; it must be finite")
     length = round(seconds * sampling_rate)
     if not 2 <= length <= samples - start:
         raise ValueError(

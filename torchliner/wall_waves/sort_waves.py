@@ -7,6 +7,7 @@ towards larger y the one that runs downstream.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -75,7 +76,7 @@ def sort_waves(
         source_side: ``upstream`` or ``downstream``; default what the line says.
     Raises:
         ValueError: fewer than two microphones, microphones that coincide or are half a wavelength
-            apart, no known side of the source.
+            apart, no known side of the source, a place that is not finite.
     Warns:
         DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
     """
@@ -98,6 +99,8 @@ def sort_waves(
     place = edge if at is None else at
     if place is None:
         place = float(some.x[-1 if seen.sign == 1 else 0])
+    if not math.isfinite(place):
+        raise ValueError(f"at is {place:g} m; it must be finite")
     there = some.pressure.device
     waves, residual, condition = split_waves(
         some.pressure, (some.x - place).to(there), line.frequency.to(there),
