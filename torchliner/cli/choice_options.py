@@ -102,9 +102,15 @@ def choice_options(
 
 
 def chosen_from(options: argparse.Namespace, wanted: Sequence[str]) -> dict[str, Any]:
-    """What the user chose of the choices ``wanted``, for ``educe(**choices)``."""
+    """What the user chose of the choices ``wanted``, for ``educe(**choices)``.
+
+    Raises:
+        ValueError: a level of intervals, and no intervals.
+    """
     chosen = stated(options, wanted)
     if chosen.pop("no_intervals", False):
+        if "interval" in chosen:
+            raise ValueError("--interval and --no-intervals exclude each other; keep one")
         chosen["interval"] = None
     if "band" in chosen:
         chosen["band"] = tuple(chosen["band"])
