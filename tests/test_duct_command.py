@@ -419,3 +419,18 @@ def test_a_named_liner_stands_for_the_walls_of_the_file(tmp_path, capsys):
     sound = json.loads(capsys.readouterr().out)["duct"]["sound"]
     assert (sound["impedance_file"], sound["liner"]) == (None, "polito")
     assert "z.csv" not in str(tl.read_microphones(output).provenance)
+
+
+def test_modes_that_an_active_wall_feeds_decay_by_less_than_nothing(tmp_path, capsys):
+    """exp(-j alpha x), Im alpha > 0 downstream, < 0 upstream; a picture for each frequency."""
+    words = ["duct", "modes", "b2a", *SMALL[:2], "--frequency", "900", "1500", "--count", "1"]
+    words += ["--impedance=-0.5+1j", "--json", "--quiet", "--figure", str(tmp_path / "m.png")]
+    assert main(words) == 0
+    rows = [row for row in json.loads(capsys.readouterr().out)["modes"] if row["mode"] == 0]
+    assert len(rows) == 4
+    for row in rows:
+        sign = {"downstream": -1, "upstream": 1}[row["direction"]]
+        decay = sign * row["alpha imaginary (1/m)"] * 20 * np.log10(np.e)
+        assert row["decay (dB/m)"] == pytest.approx(decay)
+        assert row["decay (dB/m)"] < 0
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["m_1500Hz.png", "m_900Hz.png"]

@@ -44,11 +44,27 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
         ([str(DATA / "pressure_n130.h5"), "-o", "rows.txt"], "one of .csv, .h5, .hdf5, .nc"),
         ([str(DATA / "pressure_n130.h5"), "--figure", "no/a.png"], "the folder no does not exist"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
+        ([str(DATA / "pressure_n130.h5"), "--interval", "0.9", "--no-intervals"],
+         "--no-intervals leaves out what --interval is of"),
     ],
 )  # fmt: skip
 def test_command_refuses(arguments, match, capsys):
     assert main(["insitu", *arguments]) == 2
     assert match in capsys.readouterr().err
+
+
+def test_options_of_what_a_record_has_not_are_refused(tmp_path, capsys):
+    """A pair without microphones, losses without a cavity."""
+    whole, path = file_of("n130"), str(tmp_path / "part.h5")
+    dataclasses.replace(whole, microphones=None, microphone_y=None, microphone_velocity=None).write(
+        path
+    )
+    assert main(["insitu", path, "--microphones", "0", "1", "--quiet"]) == 2
+    assert "holds 0 microphones; there is no pair to choose" in capsys.readouterr().err
+    dataclasses.replace(whole, facesheet=None, backplate=None, x=None, probe_cell=None).write(path)
+    assert main(["insitu", path, "--losses", "viscothermal", "--quiet"]) == 2
+    assert "holds microphones alone; losses 'viscothermal' are" in capsys.readouterr().err
+    assert main(["insitu", path, "--microphones", "0", "1", "--quiet"]) == 0
 
 
 def test_maps_carry_the_in_situ_values(tmp_path, capsys):

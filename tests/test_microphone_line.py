@@ -137,7 +137,9 @@ def test_levels_are_no_pressures():
         tl.DataWarning, match=r"change by 5\.\d* in sum, .* 7\.25 rad, 415 degrees; a"
     ):
         MicrophoneLine.from_levels(*given[:2], given[2] - 4, given[3], **about)
-    with pytest.raises(ValueError, match="a level is 100000 dB, above 194 dB"):
+    with pytest.raises(
+        ValueError, match="a level is 100000 dB, above 194 dB, where the rms pressure is"
+    ):
         MicrophoneLine.from_levels([0, 1], [1e5, 1.0], [0.0, 0.0], 900.0, **about)
     with pytest.raises(ValueError, match=r"level has shape \(2,\), phase \(1,\)"):
         MicrophoneLine.from_levels([0, 1], [90.0, 80.0], [0.0], 900.0, **about)

@@ -42,7 +42,7 @@ SOLVE = {
 MODES = {
     "--count N": {"default": 4, "help": "modes in each direction; default 4"},
     "--output FILE": "write the wavenumbers as .csv",
-    "--figure PICTURE": "draw the modes' pressure over the height there",
+    "--figure PICTURE": "draw the modes' pressure over the height there, a picture a frequency",
 }
 TASKS = {
     "solve": (
@@ -200,9 +200,14 @@ def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     modes = modes_of(setup, options.count)
     table = mode_table(setup, modes, growing_of(setup))
+
+    def draw(picture: Path) -> None:
+        for f, path in enumerate(_a_frequency(picture, setup)):
+            draw_modes(modes, path, f)
+
     show_results(
         options, lambda: format_modes(setup, table),
         lambda: {"duct": setup.facts, "modes": table.as_rows()},
-        output=table.write_csv, figure=lambda path: draw_modes(modes, path),
+        output=table.write_csv, figure=draw,
     )  # fmt: skip
     return 0

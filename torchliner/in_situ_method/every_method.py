@@ -66,7 +66,21 @@ def in_situ_report(
     Args:
         pair: the two microphones of the two-microphone row.
         options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval`` of ``in_situ``.
+    Raises:
+        ValueError: losses without a cavity, a pair of fewer than two microphones; as ``in_situ``
+            and ``decompose_waves``.
     """
+    if losses != "none" and record.facesheet is None:
+        raise ValueError(
+            f"{record.name} holds microphones alone; losses {losses!r} are those of a cavity: "
+            "leave them out"
+        )
+    count = 0 if record.microphones is None else len(record.microphones)
+    if pair != "pair" and count < 2:
+        raise ValueError(
+            f"{record.name} holds {count} microphones; there is no pair to choose: leave "
+            "microphones out"
+        )
     rows: list[InSituRow] = []
     notes: tuple[str, ...] = ()
     points = None
@@ -75,7 +89,6 @@ def in_situ_report(
         rows += _dean_rows(record, points)
         notes += points.notes
     if record.microphones is not None:
-        count = len(record.microphones)
         several: list[tuple[str, dict[str, Any]]] = []
         if count > 1 or record.microphone_velocity is None:
             several.append(("two microphones", {"microphones": pair}))

@@ -131,7 +131,7 @@ class MicrophoneLine(Written):
         if levels.numel() and float(levels.max()) > LOUDEST:
             raise ValueError(
                 f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
-                "amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
+                "rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
             )
         if levels.numel() and float(levels.min()) < QUIETEST:
             raise ValueError(

@@ -18,7 +18,7 @@ LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
 # m: probes this far apart, over so long a plane, see no cell of a liner.
 APART, LONG = 0.05, 1.0
 SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
-LOUDEST = 194.0  # dB: a peak of one atmosphere
+LOUDEST = 194.0  # dB: one atmosphere rms
 QUIETEST = -126.0  # dB: its last digit in double precision
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
@@ -51,7 +51,7 @@ def require_gas_flow_and_level(record: Any) -> None:
         raise ValueError(
             f"{name}: incident_level is {level:g} dB; it must be at least {QUIETEST:g} dB, the "
             f"last digit of one atmosphere in double precision, and at most {LOUDEST:g} dB, where "
-            "the amplitude is one atmosphere; SPL in dB re 20 uPa rms is needed"
+            "the rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
         )
 
 

@@ -23,22 +23,24 @@ from torchliner.report.figure import (
 from torchliner.report.table import Column, Table, real_and_imaginary
 
 NEPER = 20 * math.log10(math.e)  # dB
+ROUNDING = 1e-12
 
 
 def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -> Table:
-    """One row per frequency, direction and mode; decay in dB over the liner's length too.
+    """One row per frequency, direction and mode; decay in dB over the liner's length too, below 0
+    of a wave that grows in its direction.
 
-    The growing wave (1/m, (F,), nan for none) has no number, and a decay below 0.
+    The growing wave (1/m, (F,), nan for none) has no number.
     """
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = [
         (frequency, direction, n, complex(solved.wavenumber[f, n]),
-         abs(float(solved.wavenumber[f, n].imag)))
+         _decay(complex(solved.wavenumber[f, n]), direction))
         for direction, solved in modes.items()
         for f, frequency in enumerate(setup.frequency.tolist())
         for n in range(solved.wavenumber.shape[-1])
     ] + [
-        (frequency, "downstream", None, complex(alpha), -float(alpha.imag))
+        (frequency, "downstream", None, complex(alpha), _decay(complex(alpha), "downstream"))
         for frequency, alpha in zip(setup.frequency.tolist(), growing, strict=True)
         if alpha == alpha
     ]  # fmt: skip
@@ -51,6 +53,13 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -
         Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
         Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length, "dB liner", ".2f"),
     ))  # fmt: skip
+
+
+def _decay(alpha: complex, direction: str) -> float:
+    """Neper/m along the wave's direction; rounding is 0."""
+    if abs(alpha.imag) < ROUNDING * abs(alpha):
+        return 0.0
+    return -alpha.imag if direction == "downstream" else alpha.imag
 
 
 def format_modes(setup: DuctSetup, table: Table) -> str:
