@@ -89,6 +89,19 @@ def test_chance_is_not_taken_for_sound(onera):
     assert off < 0.02 * whole
 
 
+def test_slow_turbulence_is_not_taken_for_a_mean(onera):
+    """Blocks of a period that vary together scatter less than their mean does from run to run: with
+    two periods of correlation R of 40 periods was 4 % below that of probes first, now 1 %."""
+    generator = np.random.default_rng(7)
+    fall, apart = np.exp(-1 / 60), []
+    for _ in range(8):
+        white = generator.normal(size=(4 * PROBES, 1700))
+        slow = 3 * lfilter([np.sqrt(1 - fall**2)], [1, -fall], white)[:, 500:]
+        found = educed(on_cells(torch.from_numpy(slow)), onera)
+        apart.append(found.answer.real / found.liner_impedance.real - 1)
+    assert abs(float(torch.cat(apart).mean())) < 0.02
+
+
 @pytest.mark.parametrize("speed", [0.01, 0.7, 6.0])
 def test_frozen_speed_gives_the_model(onera, speed):
     found = educed(frozen_plane(speed, periods=20.0), onera)
@@ -115,11 +128,15 @@ def by_hand(velocity: torch.Tensor) -> torch.Tensor:
 
     whole, length = away(slice(None)), velocity.shape[1] // PERIODS
     each = np.stack([away(slice(i * length, (i + 1) * length)) for i in range(PERIODS)])
-    noise = each.var(0, ddof=1) / PERIODS
+    noise, left = each.var(0, ddof=1) / PERIODS, each - each.mean(0)
     lines = [[0], *([h, 8 + h] for h in range(1, 9))]
     taken = np.zeros_like(whole)
     for line in lines:
-        share = 1 - noise[line].sum((0, 2)) / (whole[line] ** 2).sum((0, 2))
+        power, cross = ((left[i:, line] * left[: PERIODS - i, line]).sum((0, 1, 3)) for i in (0, 1))
+        rho = cross / power + (1 + 4 * cross / power) / PERIODS  # of neighbouring blocks
+        rho = rho.clip(0, 0.9)
+        varies = noise[line].sum((0, 2)) * (1 + rho) / (1 - rho)
+        share = 1 - varies / (whole[line] ** 2).sum((0, 2))
         taken[line] = np.maximum(share, 0)[:, None] * whole[line]
     return torch.from_numpy(v - np.einsum("kcp,kt->cpt", taken, basis)).reshape(velocity.shape)
 

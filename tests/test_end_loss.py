@@ -146,7 +146,7 @@ def test_the_page_says_what_its_numbers_say():
         )
     paper, speed, mach, both = (np.array(list(each.values())) for each in list(away.values())[:4])
     assert abs(paper).max() == pytest.approx(0.33, abs=5e-3)
-    assert abs(speed).max() == pytest.approx(0.21, abs=5e-3)
+    assert abs(speed).max() == pytest.approx(0.20, abs=5e-3)
     assert abs(mach).max() == pytest.approx(0.30, abs=5e-3)
     assert (abs(both) < 0.1).sum() == 8
     assert (both**2).mean() ** 0.5 == pytest.approx(0.060, abs=1e-3)
@@ -158,7 +158,7 @@ def test_a_case_of_the_page_comes_out_again():
     plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
     made = liner("lbm_orifice_coarse", mach=plane.mach, vena_contracta=0.411)
     z = complex(tl.educe(plane, made, interval=None).of_liner("coherent first")[0])
-    assert z == pytest.approx(2.317 - 0.800j, abs=6e-3)
+    assert z == pytest.approx(2.330 - 0.803j, abs=6e-3)
 
 
 def test_another_mach_number_than_that_of_the_data_is_told():

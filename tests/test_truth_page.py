@@ -348,7 +348,7 @@ def test_claims_of_the_page():
     right = [abs(r.closure) for r in coherent if abs(r.miss.real) <= 0.15 * r.true.real]
     wrong = [abs(r.closure) for r in coherent if abs(r.miss.real) > 0.15 * r.true.real]
     assert (len(right), len(wrong)) == (14, 23)
-    assert (min(right), max(right)) == pytest.approx((0.03, 0.54), abs=6e-3)
+    assert (min(right), max(right)) == pytest.approx((0.03, 0.53), abs=6e-3)
     assert (min(wrong), max(wrong)) == pytest.approx((0.57, 4.85), abs=6e-3)
     best = [
         min((r for r in ROWS if r.case == case), key=lambda r: round(r.error, 4))
@@ -376,7 +376,7 @@ def test_claims_of_the_calibration():
     found = {
         r.case: r for r in PREDICTED if r.order == "coherent first" and abs(r.height - 5e-4) < 1e-9
     }
-    for case, share in {"o145": -0.03, "t03_130": -0.035, "t015_145": 0.56, "g01_145": 0.53,
+    for case, share in {"o145": -0.03, "t03_130": -0.029, "t015_145": 0.56, "g01_145": 0.53,
                         "g03_145": -0.08, "n145": 0.02}.items():  # fmt: skip
         row = found[case]
         assert row.after.real / row.true.real - 1 == pytest.approx(share, abs=6e-3), case
@@ -392,7 +392,7 @@ def test_the_fit_without_flow_is_current():
     assert float(found.values[0]) == pytest.approx(0.411, abs=1e-3)
     plane = flowless.planes_of("t03_130")[0]
     value = complex(tl.educe(plane, found.liner, interval=None).answer[0])
-    assert value == pytest.approx(2.290 - 0.514j, abs=3e-3)
+    assert value == pytest.approx(2.304 - 0.516j, abs=3e-3)
 
 
 def test_tables_are_put_into_the_page():

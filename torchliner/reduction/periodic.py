@@ -12,7 +12,8 @@ taken off by the share
 
     g = 1 - (variance of the mean of the blocks)/(mean square of d), at least 0,
 
-over the cell's probes, the least mean square error of an estimate with such noise. Without
+over the cell's probes, the least mean square error of an estimate with such noise. (That variance
+is the blocks' over S - 1, times (1 + rho)/(1 - rho) where neighbours correlate by rho.) Without
 turbulence g = 1 and v* is the velocity averaged over the cell; without sound d is noise, g is next
 to 0 and v* is v.
 """
@@ -29,6 +30,7 @@ from torch import Tensor
 from torchliner.compiled.threads import one_thread
 from torchliner.records.cells import Cells
 from torchliner.records.slabs import bounds_of
+from torchliner.signals.bootstrap import correlation_of
 from torchliner.signals.tones import BLOCK, waves
 
 HARMONICS = 8
@@ -162,8 +164,10 @@ class PeriodicSums:
         rows = len(harmonics.owner)
         zeros = torch.zeros(rows, width, dtype=torch.float64, device=device)
         self.current, self.total = zeros, zeros.clone()
-        # Coefficients of all blocks, and their squares.
-        self.fitted, self.squares = zeros.clone(), zeros.clone()
+        # Coefficients of all blocks, their squares, their products with those of the block before;
+        # those of the first block and of the last.
+        self.fitted, self.squares, self.cross = zeros.clone(), zeros.clone(), zeros.clone()
+        self.first = self.last = zeros.clone()
         self.gram = torch.zeros(rows, rows, dtype=torch.float64)
         self.current_gram = self.gram.clone()
         self.blocks = 0
@@ -180,6 +184,8 @@ class PeriodicSums:
             found = solved(self.current_gram, self.current)
             self.fitted += found
             self.squares.addcmul_(found, found)
+            self.cross.addcmul_(found, self.last)
+            self.first, self.last = self.first if self.blocks else found, found
             self.blocks += 1
             self._close()
 
@@ -192,6 +198,12 @@ class PeriodicSums:
     def finish(self) -> None:
         """After the last sample."""
         self._close()
+
+    @property
+    def neighbours(self) -> Tensor:
+        """Sum over the blocks of the product with the next one, less their mean, (K, P)."""
+        mean = self.fitted / self.blocks
+        return self.cross + mean * (self.first + self.last - (self.blocks + 1) * mean)
 
 
 def solved(gram: Tensor, sums: Tensor) -> Tensor:
@@ -246,13 +258,17 @@ def _shares(
         own = of_probes.T[inside]
         total = own.new_zeros(count, len(owner)).index_add_(0, labels[inside], own)
         rows = total.T - sizes * of_means
-        return rows.new_zeros(lines, count).index_add_(0, owner, rows).clamp(min=0)
+        return rows.new_zeros(lines, count).index_add_(0, owner, rows)
 
-    square = over_cells(probes.squares, of_cells.squares) / blocks
-    mean_square = over_cells((probes.fitted / blocks) ** 2, (of_cells.fitted / blocks) ** 2)
-    noise = (square - mean_square).clamp(min=0) / (blocks - 1)
-    power = over_cells(fit**2, mean**2)
-    return (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
+    square = over_cells(probes.squares, of_cells.squares).clamp(min=0) / blocks
+    means = over_cells((probes.fitted / blocks) ** 2, (of_cells.fitted / blocks) ** 2)
+    variance = (square - means.clamp(min=0)).clamp(min=0)
+    # Slow turbulence lasts from block to block, and scatters less than the mean of them varies.
+    cross = over_cells(probes.neighbours, of_cells.neighbours)
+    rho = correlation_of(torch.stack([blocks * variance, cross]), blocks)
+    noise = variance / (blocks - 1) * (1 + rho) / (1 - rho)
+    power = over_cells(fit**2, mean**2).clamp(min=1e-300)
+    return (1 - noise / power).clamp(min=0)
 
 
 def coherent_tones(tone: float | None, asked: Tensor) -> tuple[float, ...]:
