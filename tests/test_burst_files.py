@@ -107,6 +107,23 @@ def test_the_channel_that_is_skipped_may_be_the_longer_one(tmp_path):
     assert second.wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
 
 
+@pytest.mark.parametrize("option", [
+    {"components": ["-wall_normal"]}, {"coincidence_window": 1e-5}, {"separator": "comma"},
+])  # fmt: skip
+def test_options_of_other_formats_are_refused(tmp_path, option):
+    """A minus in ``components`` turned nothing in a file with a header."""
+    record = tl.BurstRecord([0.1, 0.2], wall_normal=[1.0, 2.0], x=0.0, y=1e-3, z=0.0)
+    for ending in (".csv", ".h5"):
+        path = tmp_path / f"a{ending}"
+        record.write(path)
+        with pytest.raises(ValueError, match=rf"a{ending} is .* takes no {next(iter(option))}="):
+            read_bursts(path, **option)
+    if "separator" not in option:
+        return
+    with pytest.raises(ValueError, match=r"b.txt is of format DXEX and takes no columns="):
+        read_bursts(dxex(tmp_path / "b.txt"), columns=LAYOUT)
+
+
 def test_non_coincident_channel_that_ends_in_the_middle_is_refused(tmp_path):
     rows = [list(row) for row in LONE]
     rows[1][5] = ""

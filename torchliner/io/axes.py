@@ -188,8 +188,8 @@ def read_clock(
     if stated is None and exact * rate > UNIFORMITY:
         tell(
             f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, "
-            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; write times "
-            "in float64, or state sampling_rate=... (--sampling-rate HZ)"
+            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; count times "
+            "from a nearer origin, or in float64, or, of a plane, state sampling_rate=..."
         )
     if epoch:
         calendar = text_attribute(group[key], "calendar") or "standard"

@@ -27,12 +27,14 @@ class BurstFormat:
         places: (x, y, z), m, of its stations, None where unknown; bursts are not read.
         read: one station: path, its number, options, further fields of the record.
         own_fields: whether the file states all of them, so that none may be added.
+        takes: options of ``list_stations`` that say how such a file is read.
     """
 
     recognises: Callable[[Path, Options], bool]
     places: Callable[[Path], list[Place]]
     read: Callable[[Path, int, Options, Options], BurstRecord]
     own_fields: bool = False
+    takes: tuple[str, ...] = ()
 
 
 def read_head(path: str | Path) -> list[str]:

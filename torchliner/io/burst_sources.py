@@ -14,6 +14,7 @@ from torchliner.io.burst_format import Place, burst_format, format_of
 from torchliner.records import BurstRecord
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
+UNSAID = {"separator": "blank"}  # defaults of how a file is read that are not None
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres
 
 
@@ -86,13 +87,21 @@ def list_stations(
     Raises:
         FileNotFoundError, OSError: no such file or folder, or it cannot be read.
         ValueError: a folder without files of bursts, two stations at the same position, a file of
-            no known layout.
+            no known layout, or none of which an option says how it is read.
     """
     path = Path(path)
     options = {"columns": columns, "separator": separator, "components": components,
                "coincidence_window": coincidence_window}  # fmt: skip
     files = _files(path) if path.is_dir() else [path]
-    return sort_stations([each for file in files for each in _sources(file, options, about)])
+    sources = [each for file in files for each in _sources(file, options, about)]
+    taken = {key for each in sources for key in burst_format(each.format).takes}
+    for key, value in options.items():
+        if value not in (None, UNSAID.get(key)) and key not in taken:
+            raise ValueError(
+                f"{path} is of format {sources[0].format} and takes no {key}=..., as it says this "
+                "itself: leave it out, or correct the file"
+            )
+    return sort_stations(sources)
 
 
 def _files(folder: Path) -> list[Path]:

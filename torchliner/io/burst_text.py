@@ -127,4 +127,5 @@ FORMAT = BurstFormat(
     read=lambda path, _, options, about: read_burst_columns(
         path, options["columns"], options["separator"], **about
     ),
+    takes=("columns", "separator"),
 )

@@ -253,4 +253,5 @@ FORMAT = BurstFormat(
     read=lambda path, _, options, about: read_dantec(
         path, options["components"], options["coincidence_window"], **about
     ),
+    takes=("components", "coincidence_window"),
 )
