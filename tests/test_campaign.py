@@ -25,10 +25,11 @@ from test_cli import run
 
 import torchliner as tl
 from torchliner.campaign import run as campaign_run
-from torchliner.campaign.campaign_file import choice_sets, read_campaign, unique_names
+from torchliner.campaign.campaign_file import choice_sets, read_campaign
 from torchliner.campaign.index import COLUMNS
 from torchliner.campaign.inputs import fingerprint
 from torchliner.campaign.kept_parts import KeptParts
+from torchliner.file_names import unique_names
 from torchliner.io import whole_file
 from torchliner.io.lock import locked
 from torchliner.tdibc import slices

@@ -551,6 +551,26 @@ def test_spectra_are_drawn(capsys, tmp_path, small, unrendered):
     } <= made
 
 
+def test_files_of_two_planes_or_frequencies_are_told_apart(capsys, tmp_path, small, unrendered):
+    """Planes called alike, and frequencies alike in six digits: one took the place of the other."""
+    planes = [tmp_path / name / "p.h5" for name in ("low", "high")]
+    for height, path in zip(("0.5", "2.5"), planes, strict=True):
+        path.parent.mkdir()
+        path.write_bytes((small / f"y{height}mm.h5").read_bytes())
+    words = ["--frequency", "1400:1401:1", "1400", "1400.0001", "--quiet", "--no-intervals"]
+    code, out, _ = run(capsys, "educe", *map(str, planes), *words, "--figure", str(tmp_path / "f"))
+    assert (code, out.count("1400.0 "), out.count("1401.0 ")) == (DONE, 4, 2)
+    made = {path.name for path in (tmp_path / "f").iterdir()}
+    assert {"velocity_low_p.csv", "velocity_high_p.csv", "along_x_low_p_1400Hz.csv"} <= made
+    assert "along_x_high_p_1400.0001Hz.csv" in made
+    code, _, _ = run(capsys, "educe", str(planes[0]), *words, "-o", str(tmp_path / "m.vtkhdf"))
+    with h5py.File(tmp_path / "m.vtkhdf") as file:
+        fields = file["VTKHDF/PointData"]
+        names = {f"resistance_{f}Hz" for f in ("1400", "1401", "1400.0001")}
+        assert names <= set(fields)
+        assert fields["resistance_1400Hz"].size == 8
+
+
 def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path, small, unrendered):
     """Default lines follow each plane's rate and length; pictures are never mislabelled."""
     planes = [str(small / f"y{y}mm.h5") for y in ("0.5", "2.5")]

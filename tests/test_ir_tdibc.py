@@ -466,6 +466,15 @@ def test_command(tmp_path, capsys, unrendered):
     assert "give --velocity-max" in capsys.readouterr().err
 
 
+def test_a_python_file_has_a_name(tmp_path, capsys):
+    """In heading, JSON and figure, where nothing stood."""
+    text = "def impedance(frequency, speed):\n    return 0.2 + 0.3 * speed + 0j * frequency\n"
+    (tmp_path / "mine.py").write_text(text)
+    words = ["ir-tdibc", str(tmp_path / "mine.py"), "--level", "115", "--frequency", "1400"]
+    assert main([*words, "--kernel", "periodic", "--quiet"]) == 0
+    assert capsys.readouterr().out.startswith("mine: tones 1400 Hz")
+
+
 def test_command_sends_noise(capsys):
     """Draws of noise, a band of Z, a spread."""
     words = ["ir-tdibc", "lbm_slit", "--incident", "noise:800:2500", "--level", "120",

@@ -5,8 +5,7 @@ from __future__ import annotations
 import glob
 import itertools
 import os
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +14,7 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from torchliner import ranges
 from torchliner.campaign.inputs import NAMED
+from torchliner.file_names import unique_names
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.origin import series_of
@@ -32,7 +32,8 @@ def _listed(value: Any) -> Any:
 
 
 def _in_hertz(value: Any) -> Any:
-    return [f for each in _listed(value) for f in ranges.frequencies(str(each))]
+    found = (f for each in _listed(value) for f in ranges.frequencies(str(each)))
+    return list(dict.fromkeys(found))  # ranges may overlap
 
 
 Texts = Annotated[list[str], BeforeValidator(_listed)]
@@ -261,13 +262,3 @@ def _liner(folder: Path, name: str) -> str:
             "(frequency, speed, resistance, reactance), or name it on the command line of educe"
         )
     return str(folder / name) if Path(name).suffix.lower() in (".toml", ".csv") else name
-
-
-def unique_names(paths: Iterable[str | Path]) -> list[str]:
-    """Stems, with as many folders before all of them as tell them apart; else whole paths."""
-    every = [Path(path) for path in paths]
-    for depth in range(1, max(len(path.parts) for path in every)):
-        found = ["_".join([*path.parts[:-1], path.stem][-depth:]) for path in every]
-        if len(set(found)) == len(found):
-            return found
-    return [re.sub(r"[\W]+", "_", str(path)).strip("_") for path in every]

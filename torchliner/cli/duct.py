@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from torchliner import names
 from torchliner.cli.files import show_results, write_copy
 from torchliner.cli.options import complex_number, frequency_option, shared, stated
+from torchliner.file_names import frequency_ends
 
 if TYPE_CHECKING:
     from torchliner.duct.presets import DuctSetup
@@ -189,9 +190,7 @@ def _mesh(sizes: list[float] | None, setup: DuctSetup) -> DuctMesh | None:
 
 def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
     """The picture of each frequency: the path itself for one, else NAME_1500Hz.png."""
-    if len(setup.frequency) == 1:
-        return [path]
-    return [path.with_stem(f"{path.stem}_{f:g}Hz") for f in setup.frequency.tolist()]
+    return [path.with_stem(path.stem + end) for end in frequency_ends(setup.frequency.tolist())]
 
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:

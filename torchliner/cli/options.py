@@ -44,11 +44,11 @@ def count(text: str) -> int:
 
 
 class Joined(argparse.Action):
-    """Lists of an option as one list."""
+    """Lists of an option as one list, each value once: ranges may overlap."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, *_: Any) -> None:
         """Store it."""
-        setattr(namespace, self.dest, list(chain(*values)))
+        setattr(namespace, self.dest, list(dict.fromkeys(chain(*values))))
 
 
 KINDS = {

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from torchliner.file_names import frequency_ends
 from torchliner.io.result_writers import ResultFile, ResultWriter
 from torchliner.io.whole_file import written_whole
 
@@ -38,8 +39,7 @@ def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
         if "(m)" in heading or "(Hz)" in heading or isinstance(rows[0][heading], str | None):
             continue
         values = np.array([row[heading] for row in rows], dtype=np.float64)
-        for i, frequency in enumerate(frequencies):
-            end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
+        for i, end in enumerate(frequency_ends(frequencies)):
             fields[name + end] = values[i :: len(frequencies)]
     with written_whole(path, ".vtkhdf") as temporary, h5py.File(temporary, "w") as whole:
         root = whole.create_group("VTKHDF", track_order=True)

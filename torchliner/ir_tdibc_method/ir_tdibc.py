@@ -143,7 +143,7 @@ def ir_tdibc(
         frozen=impedance_from_reflection(frozen) - own,
         kernel=kernel, kernel_error=answer.error, kernel_gain=answer.gain, kernel_band=case.band,
         slope=answer.slope, drive=drive, incident=signal.label,
-        liner=str(getattr(liner, "name", "") or model.model), sampling_rate=rate, samples=n,
+        liner=str(model.describe().get("name") or model.model), sampling_rate=rate, samples=n,
     )  # fmt: skip
     judge(curve)
     return curve

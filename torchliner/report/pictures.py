@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from torchliner.file_names import frequency_ends, unique_names
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.reduction.moments import ReducedVelocity
 from torchliner.report import figures
@@ -21,23 +22,22 @@ def draw_pictures(
     groups: dict[tuple[float, ...], list[int]] = {}
     for i, result in enumerate(results):
         groups.setdefault(tuple(result.frequency.tolist()), []).append(i)
+    stems = unique_names(Path(plane.name.split(":/")[0]).absolute() for plane in planes)
     for number, members in enumerate(groups.values()):
-        where = folder if number == 0 else folder / _stem(planes[members[0]])
-        _draw_group([results[i] for i in members], [planes[i] for i in members], where)
-
-
-def _stem(plane: VelocityPlane) -> str:
-    return Path(plane.name.split(":/")[0]).stem
+        where = folder if number == 0 else folder / stems[members[0]]
+        _draw_group(
+            [results[i] for i in members], [planes[i] for i in members],
+            [stems[i] for i in members], where,
+        )  # fmt: skip
 
 
 def _draw_group(
-    results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path
-) -> None:
+    results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], stems: Sequence[str],
+    folder: Path,
+) -> None:  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     frequencies = results[0].frequency.tolist()
-    stems = [_stem(plane) for plane in planes]
-    for i, frequency in enumerate(frequencies):
-        end = "" if len(frequencies) == 1 else f"_{frequency:g}Hz"
+    for i, end in enumerate(frequency_ends(frequencies)):
         limits = map_limits(results, i)  # maps of one call are to be compared
         for result, stem in zip(results, stems, strict=True):
             if result.mean_velocity.ndim == 2 or figures.over_surface(result, i):
