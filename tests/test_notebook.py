@@ -189,8 +189,9 @@ def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendere
     assert "0.174-0.063j" in out
     assert "true: 0.168-0.066j" in out
     assert list(tmp_path.iterdir()) == []
-    assert main(["demo", "--folder", "new/folder"]) == DONE
-    there = {each.name for each in Path("new/folder").iterdir()}
+    assert main(["demo", "--folder", "new/my folder"]) == DONE
+    assert "-o 'new/my folder/map.h5'" in capsys.readouterr().out  # to be typed as it stands
+    there = {each.name for each in Path("new/my folder").iterdir()}
     assert {"map_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
 
 

@@ -300,6 +300,7 @@ def test_tolerances_are_read(text, name, wanted):
         ({"porosity": "0.1 mm"}, "unit 'mm' is none of a number: %"),
         ({"porosity": "0 %"}, "must be finite and above 0"),
         ({"porosity": "-1 %"}, "write a half-width above 0"),
+        ({"porosity": "2"}, "a half-width of 2, more than its value, .* write '2 %' where per"),
         ({"porosty": "1 %"}, "did you mean 'porosity'"),
         ({}, "no tolerance is stated"),
     ],

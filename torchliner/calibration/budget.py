@@ -123,6 +123,8 @@ def budget_of(
         slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
             ``OF_PLACES``.
         tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
+    Raises:
+        ValueError: a half-width that reaches below what the parameter can be.
     """
     factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
     if not tolerances:
@@ -133,6 +135,13 @@ def budget_of(
     stated = {name: number for name, number in numbers.items() if name in tolerances}
     widths = [parse_tolerance(tolerances[name], name, number.quantity, number.value)
               for name, number in stated.items()]  # fmt: skip
+    for (name, number), width in zip(stated.items(), widths, strict=True):
+        if number.low >= 0 and width > abs(number.value) > 0:
+            raise ValueError(
+                f"tolerance of {name} is {tolerances[name]!r}, a half-width of {width:g}, more "
+                f"than its value, {number.value:.6g}, which is never below {number.low:g}; write "
+                "'2 %' where per cent are meant"
+            )
     half_widths = torch.tensor(widths, dtype=torch.float64)
     standard = factor * half_widths
     matrix = _correlation_matrix(tuple(stated), correlation or {})

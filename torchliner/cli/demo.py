@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from importlib import resources
 from importlib.util import find_spec
 
@@ -27,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
             if find_spec("matplotlib") is not None:
                 words += ["--figure", str(options.folder)]
         print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that "
-              f"resolves its holes.\n$ torchliner {' '.join(words)}\n", flush=True)  # fmt: skip
+              f"resolves its holes.\n$ torchliner {shlex.join(words)}\n", flush=True)  # fmt: skip
         code = main([*words, "--quiet"])
     if options.folder is not None and code == 0:
         print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {options.folder}")
