@@ -191,6 +191,16 @@ def test_a_table_serves_the_speeds_that_drive(choices):
         tl.educe(plane_of(v), table)
 
 
+def test_a_table_serves_the_rms_about_a_mean_beyond_it():
+    """A mean of 6 m/s that is removed drives nothing."""
+    table = tl.TabulatedLiner([200.0, 4000.0], np.full((2, 2), 0.5 + 0.1j), speed=[0.0, 4.0])
+    plane = plane_of(6.0 + turbulence((3, 600), rms=0.8))
+    found = tl.educe(plane, table, drive="rms", mean="removed")
+    assert complex(found.answer[0]) == pytest.approx(0.5 + 0.1j)
+    with pytest.raises(ValueError, match="above the liner's table"):
+        tl.educe(plane, table, drive="rms")
+
+
 def test_phases_of_probes_are_not_those_of_frequencies(liner):
     """Two values for two probes and two frequencies may be either."""
     plane = plane_of(turbulence((2, 600)))

@@ -55,7 +55,8 @@ def velocity_grid(
         if chosen.mean == "removed":
             peak = torch.maximum(seen.largest - seen.mean, seen.mean - seen.smallest)
         if chosen.drive == "rms":  # which alone the liner is asked for
-            peak = seen.mean_square.sqrt()
+            removed = seen.mean**2 if chosen.mean == "removed" else 0
+            peak = (seen.mean_square - removed).clamp(min=0).sqrt()
         if float(peak.max()) > top:  # of averages and of v* too
             top, plane = float(peak.max()), one
             fastest = int(peak[: one.probes].argmax())
