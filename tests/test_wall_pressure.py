@@ -132,6 +132,17 @@ def test_microphones_over_the_liner_alone_are_used():
     assert len(kumaresan_tufts(line, margin=2e-3).x) == 7
 
 
+def test_signals_in_parts_are_signals_one_by_one(monkeypatch):
+    """But for rounding, with any leading axes."""
+    generator = torch.Generator().manual_seed(1)
+    signal = torch.randn(3, 5, 12, dtype=torch.complex128, generator=generator)
+    whole = vars(find_exponentials(signal, 2, 6))
+    for count in (1, 4, 15):
+        monkeypatch.setattr("torchliner.wall_waves.kumaresan_tufts.SIGNALS", count)
+        for name, value in vars(find_exponentials(signal, 2, 6)).items():
+            assert torch.allclose(value, whole[name], rtol=1e-11, atol=1e-13), name
+
+
 def test_exponentials_by_hand():
     """1, 1/2, 1/4, 1/8: lambda = 1/2, a = 1, energy all of it."""
     signal = torch.tensor([1, 0.5, 0.25, 0.125], dtype=torch.complex128)

@@ -36,6 +36,9 @@ from torchliner.wall_waves.from_source import (
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
+SIGNALS = (
+    1 << 14
+)  # that are solved at once, 4 kB each: draws of many frequencies are not held whole
 
 
 def kumaresan_tufts(
@@ -142,6 +145,17 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     if not 1 <= rank <= order:
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
     values = signal.to(torch.complex128)
+    parts = [
+        _exponentials(each, rank, order) for each in values.reshape(-1, samples).split(SIGNALS)
+    ]
+    return Exponentials(*(
+        torch.cat(each).reshape((*values.shape[:-1], *each[0].shape[1:]))
+        for each in zip(*(tuple(vars(part).values()) for part in parts), strict=True)
+    ))  # fmt: skip
+
+
+def _exponentials(values: Tensor, rank: int, order: int) -> Exponentials:
+    """Of some signals, (S, N)."""
     windows = values.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     floor = ROUNDING * s[..., :1]
