@@ -539,6 +539,14 @@ def test_closure_without_a_level_is_refused(references, about, message):
                      closure=True, **TIGHT)  # fmt: skip
 
 
+@pytest.mark.parametrize("noise", [0.2 + 0.1j, [0.2 + 0.1j]])
+def test_noise_of_levels_is_no_pair(noise):
+    """A traceback, and in a list u(X) in dB weighed the phase."""
+    with pytest.raises(ValueError, match="with closure it is of levels: state dB"):
+        tl.calibrate(known_planes(2.0), MODEL, None, {"a": (0.1, 1.0)}, closure=True, noise=noise,
+                     draws=0, **TIGHT)  # fmt: skip
+
+
 @pytest.mark.parametrize(("speed", "words"), [(1.5, None), (6.0, "2 times that of the fastest"),
                                               (0.5, "0.5 times that of the slowest")])  # fmt: skip
 def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, words):

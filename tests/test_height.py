@@ -16,6 +16,7 @@ from test_audit import Counted
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.heights.facts import cell_imprint, fit_decay
+from torchliner.heights.jets import jet_velocity
 from torchliner.heights.recommend import Limits, recommend_height
 from torchliner.heights.study import study_heights
 from torchliner.records.boxes import averaged_planes, grid_of, windows_of
@@ -309,6 +310,19 @@ def test_with_flow_closure_chooses(case, height, probes_first):
     assert found.height == height
     assert ("no height of these qualifies" in found.reasons[0]) == (probes_first is None)
     assert all(0 < facts.jet_height < 1.2e-3 for facts in study.facts)
+
+
+def test_jets_are_of_the_impedance_that_the_answer_gives():
+    """Probes first has |Z| = 0.47 in n145 at 0.5 mm, and U_j would be 33 m/s; true: 0.82, 19."""
+    plane = tl.read_plane(DATA / "slit_n145_y0.5mm.h5")
+    liner = tl.load_liner(plane.liner)
+    for order in ("probes first", "coherent first"):
+        (facts,) = study_heights([plane], liner, lengths=[liner.cell_pitch], order=order).facts
+        expected = jet_velocity(
+            plane.incident_level, float(liner.surface_porosity), facts.impedance[order], plane.fluid
+        )
+        assert facts.jet_velocity == pytest.approx(expected, rel=1e-12)
+    assert facts.jet_velocity == pytest.approx(19.0, abs=0.1)
 
 
 @pytest.mark.parametrize("case", ["slit_n115", "slit_n130", "orifice_o115"])

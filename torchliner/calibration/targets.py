@@ -164,7 +164,15 @@ def ties_of(
 
 
 def nepers_of(decibels: Any) -> Any:
-    """Noise of levels, dB, as that of logarithms."""
-    if isinstance(decibels, (int, float)):
-        return decibels * math.log(10) / 20
-    return [value * math.log(10) / 20 for value in decibels]
+    """Noise of levels, dB, as that of logarithms.
+
+    Raises:
+        ValueError: a complex number, which is of R and X.
+    """
+    stated = [decibels] if isinstance(decibels, (int, float, complex)) else list(decibels)
+    if any(isinstance(value, complex) for value in stated):
+        raise ValueError(
+            f"noise is {decibels}, and with closure it is of levels: state dB, one number, or one "
+            "by plane"
+        )
+    return [value * math.log(10) / 20 for value in stated]

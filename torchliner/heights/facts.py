@@ -184,7 +184,8 @@ class HeightFacts:
         velocity_rms: v', m/s, over the plane.
         imprint, mean_imprint, streamwise_imprint: of v'_rms, v_0 and u'_rms along x; None without
             a whole cell (or without u).
-        jet_velocity, jet_height: m/s and m, eqs (A3) and (A2); None where something is unknown.
+        jet_velocity, jet_height: m/s and m, eqs (A3) and (A2), with |Z| in the order of averaging
+            that the answer follows; None where something is unknown.
         impedance: Z of the whole plane by order of averaging.
         closure: level of the incident wave that Z and velocity imply over the one that is known,
             dB, by order; empty where it was not checked.
@@ -217,7 +218,7 @@ def facts_of_plane(
     assert plane.height is not None
     rms = seen.velocity_rms.detach().cpu()
     (waves, steady, stream), notes = _imprints(plane, rms, seen.mean_velocity.detach().cpu(), pitch)
-    speed, reach, reason = _jet(plane, complex(seen.liner_impedance[0]), liner, flow)
+    speed, reach, reason = _jet(plane, complex(seen.answer[0]), liner, flow)
     facts = HeightFacts(
         plane.height, float(seen.coherence[..., 0].nanmedian()),
         float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
