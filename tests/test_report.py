@@ -268,3 +268,12 @@ def test_a_figure_shows_the_heights_of_one_case(liner, tmp_path):
         for path in tmp_path.rglob("along_x.png")}  # fmt: skip
     assert shown == {"": ["p0", "p1"], "p2": ["p2"], "p3": ["p3"], "p4": ["p4"]}
     assert [path.parent for path in tmp_path.rglob("height.png")] == [tmp_path]
+
+
+def test_a_legend_names_no_cells_that_are_not_drawn(liner):
+    """Of a plane without coordinates the cells have no place."""
+    for x, there in ((None, False), ([0.0, 0.01, 0.02], True)):
+        plane = plane_of(turbulence((3, 480)), x=x)
+        figure = figures.draw_along_x([tl.educe(plane, liner, FREQUENCY)])
+        names = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert any(name.startswith("cells") for name in names) == there
