@@ -33,7 +33,7 @@ from torchliner.records.origin import (
 from torchliner.records.velocity_plane import restated
 from torchliner.report.page.origin import files_of, stated_origin
 from torchliner.report.page.origin import origin as section
-from torchliner.report.page.repeat import JOINS, UNTOLD
+from torchliner.report.page.repeat import JOINS, UNTOLD, Repeated
 from torchliner.report.page.subject import inputs_of, subject_of
 from torchliner.report.page.warned import of_map
 
@@ -216,6 +216,27 @@ def test_the_program_of_the_page_gives_the_map_again(kind, files):
     exec(program(subject_of(found, path=files / "map.h5")), space)
     assert torch.equal(space["found"].reflection, found.reflection)
     assert set(held(space["found"])) == {each for each in held(found) if each[0] != "liner"}
+
+
+@pytest.mark.parametrize("signal", ["tones:1400", "s.npy"])
+def test_page_and_command_repeat_what_was_sent(capsys, signal, files):
+    """As it was asked for, in one word or in two; of a map made in Python as far as it is held."""
+    np.save("s.npy", turbulence((600,), seed=3).numpy())
+    rate = ["--incident-rate", "42000"] if signal == "s.npy" else []
+    typed = ["educe", "p0.h5", "--liner", "l.toml", f"--incident={signal}", *rate]
+    assert run(capsys, *typed, "--frequency", "1400", "-o", "map.h5")[0] == DONE
+    found, space = tl.read_map("map.h5"), {}
+    exec(program(subject_of(found, path=files / "map.h5")), space)
+    assert torch.equal(space["found"].reflection, found.reflection)
+    untyped = {key: value for key, value in found.choices.items() if key != "command"}
+    found = dataclasses.replace(found, choices=untyped)
+    words = Repeated(subject_of(found)).words()
+    if signal != "s.npy":
+        assert words[words.index("--incident") + 1] == "INCIDENT"
+        words[words.index("--incident") + 1] = signal
+    words[words.index("-o") + 1] = "again.h5"
+    assert run(capsys, *words[1:])[0] == DONE
+    assert torch.equal(tl.read_map("again.h5").reflection, found.reflection)
 
 
 def two_variables(path):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from conftest import plane_of, turbulence
+from conftest import FREQUENCY, RATE, plane_of, turbulence
+from matplotlib.collections import LineCollection
 
 import torchliner as tl
 from torchliner.audits.truth_rows import DEFAULT, TruthRow, true_wave_phase, truth_table
 from torchliner.names import ORDERS
 from torchliner.report import figures
+from torchliner.report.closure_report import draw_closure
 from torchliner.report.figures import draw_spectrum
 from torchliner.report.numbers import (
     against_height,
@@ -18,6 +20,7 @@ from torchliner.report.numbers import (
     impedance_over_frequency,
     velocity_along_x,
 )
+from torchliner.report.pictures import draw_pictures
 from torchliner.report.truth_table import format_summary, format_truth
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -228,3 +231,49 @@ def test_a_figure_over_height_needs_heights(liner):
     found = tl.educe(plane_of(turbulence((2, 480)), title="bare"), liner, interval=None)
     with pytest.raises(ValueError, match="bare states no height; a figure over height needs one"):
         draw_against_height([found])
+
+
+def test_every_spectrum_has_its_bars(liner):
+    """Bars of planes are drawn at frequencies in turn only where there are enough of them."""
+    planes = [plane_of(turbulence((6, 400), seed=i), height=i * 1e-3) for i in (1, 2, 3)]
+    results = tl.educe(planes, liner, [1000.0, 2000.0])
+    bars = [lines for lines in draw_spectrum(results).axes[0].collections
+            if isinstance(lines, LineCollection)]  # fmt: skip
+    assert [len(lines.get_segments()) for lines in bars] == [2, 2, 2]
+
+
+def test_closure_is_drawn_where_a_pressure_is_known(liner, tmp_path):
+    """None of the other frequencies has a picture, and no height that is not stated is 0."""
+    tone = torch.cos(2 * torch.pi * FREQUENCY * torch.arange(480) / RATE)
+    plane = plane_of(tone.expand(3, -1) + 0.1 * turbulence((3, 480)), frequency=FREQUENCY,
+                     incident_level=120.0, source_side="normal")  # fmt: skip
+    found = tl.educe(plane, liner, [1000.0, FREQUENCY])
+    draw_pictures([found], [plane], tmp_path)
+    assert sorted(path.name for path in tmp_path.glob("closure*")) == [
+        f"closure_{FREQUENCY:g}Hz.csv", f"closure_{FREQUENCY:g}Hz.png"]  # fmt: skip
+    (axis,) = draw_closure([found], None, 1).axes
+    assert axis.get_xlabel() == "height not stated"
+    assert len(axis.get_xticks()) == 0
+
+
+def test_a_figure_shows_the_heights_of_one_case(liner, tmp_path):
+    """Other cases, and planes whose legends would be alike, have folders of their own."""
+    stated = [{"height": 1e-3}, {"height": 2e-3}, {"height": 1e-3},
+              {"height": 3e-3, "provenance": {"case": "other"}}, {}]  # fmt: skip
+    planes = [plane_of(turbulence((2, 480), seed=i), name=f"p{i}.h5", **about)
+              for i, about in enumerate(stated)]  # fmt: skip
+    draw_pictures(tl.educe(planes, liner, FREQUENCY), planes, tmp_path)
+    shown = {path.parent.name if path.parent != tmp_path else "": sorted(
+        each.stem[-2:] for each in path.parent.glob("along_x_*.csv"))
+        for path in tmp_path.rglob("along_x.png")}  # fmt: skip
+    assert shown == {"": ["p0", "p1"], "p2": ["p2"], "p3": ["p3"], "p4": ["p4"]}
+    assert [path.parent for path in tmp_path.rglob("height.png")] == [tmp_path]
+
+
+def test_a_legend_names_no_cells_that_are_not_drawn(liner):
+    """Of a plane without coordinates the cells have no place."""
+    for x, there in ((None, False), ([0.0, 0.01, 0.02], True)):
+        plane = plane_of(turbulence((3, 480)), x=x)
+        figure = figures.draw_along_x([tl.educe(plane, liner, FREQUENCY)])
+        names = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert any(name.startswith("cells") for name in names) == there

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.io
 import torch
-from conftest import turbulence
+from conftest import DATA, turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
@@ -183,6 +183,20 @@ def test_closure_comes_back_from_its_group(tmp_path):
     assert again.liner.level.tolist() == found.closure.liner.level.tolist()
     assert again.known == found.closure.known
     assert "order" in found.to_xarray("closure").closure_level.dims
+
+
+def test_intervals_of_closure_of_any_width_come_back(tmp_path):
+    """Where there is no sound, beside the tone, nothing is known of V: it may be 1e5 dB off."""
+    plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
+    pressure = tl.read_pressure(DATA / "pressure_n130.h5")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = tl.educe(plane, tl.load_liner("lbm_slit"), 1000.0, pressure=pressure)
+    assert float(found.closure.liner.level_low.min()) < -1e5
+    found.write(tmp_path / "c.h5")
+    again = tl.read_map(tmp_path / "c.h5").closure.liner
+    for end in ("level_low", "level_high", "phase_low", "phase_high"):
+        assert torch.equal(getattr(again, end), getattr(found.closure.liner, end))
 
 
 # Files by ending.

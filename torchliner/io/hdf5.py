@@ -161,7 +161,7 @@ def factor_to(
 
 def read_si(
     group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None,
-    stated: str | None = None,
+    stated: str | None = None, any_size: bool = False,
 ) -> np.ndarray:  # fmt: skip
     """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
@@ -169,13 +169,14 @@ def read_si(
 
     Raises:
         ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
-            no measurement has; as ``read_values``.
+            no measurement has, unless ``any_size``; as ``read_values``.
     """
     factor = factor_to(unit, group, key, path, stated)
     label = place(group, key, path)
     values = read_values(group[key], label, path, () if part is None else part)
     values = values if factor == 1 else values.astype(np.float64) * factor
-    require_plausible(values, SI_QUANTITY[unit], label)
+    if not any_size:
+        require_plausible(values, SI_QUANTITY[unit], label)
     return values
 
 

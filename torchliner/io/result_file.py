@@ -100,7 +100,7 @@ def gap_table(stem: str, dims: tuple[str, ...]) -> Table:
     """Variables ``<stem>closure_level`` and so on, of one ``Gap`` over ``dims``."""
     return tuple(
         real(f"{stem}closure_{name}", "degree" if name.startswith("phase") else "dB", dims,
-             field=name, attributes={
+             field=name, any_size=name.endswith(("_low", "_high")), attributes={
                  "long_name": f"{name.replace('_', ', ')}: implied over known pressure; {{words}}"})
         for name in ("level", "level_low", "level_high", "phase", "phase_low", "phase_high")
     )  # fmt: skip

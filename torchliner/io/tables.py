@@ -50,6 +50,7 @@ class Variable:
         optional: may be None in the record and absent from the file.
         derived: follows from other fields: written, not read.
         flag: True and False in the record, 1 and 0 in the file, as netCDF has no booleans.
+        any_size: an end of an interval, which may be far from all that is measured.
         attributes: beside ``units``; "{part}" becomes the part of an impedance, "{words}" those
             given to the writer.
     """
@@ -61,6 +62,7 @@ class Variable:
     optional: bool = False
     derived: bool = False
     flag: bool = False
+    any_size: bool = False
     attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -152,7 +154,8 @@ def read_variables(
         if not row.dims:
             found[row.field] = read_number(group, row.names[0], row.unit, path)
             continue
-        parts = [_tensor(read_si(group, name, row.unit, path, part)) for name in row.names]
+        parts = [_tensor(read_si(group, name, row.unit, path, part, any_size=row.any_size))
+                 for name in row.names]  # fmt: skip
         for name, one in zip(row.names, parts, strict=True):
             _require_shape(tuple(one.shape), row.dims, sizes, place(group, name, path))
         value = parts[0] if len(parts) == 1 else torch.complex(*parts)

@@ -22,7 +22,10 @@ def draw_cells(
     axis: Any, ordered: Sequence[ImpedanceMap], part: str, frequency_index: int
 ) -> list[Any]:
     """All orders of averaging about the cells' centres, that of the answer filled, heights side by
-    side; the others of many heights as a band with their median. Returns the values."""
+    side; the others of many heights as a band with their median. Returns the values, none where
+    no cell has a place."""
+    if not any(np.isfinite(one.cell_x.numpy()).any() for one in ordered):
+        return []
     left, right = axis.get_xlim()
     shown = []
     for order in sorted(ordered[0].orders, key=lambda each: each == ordered[0].order):

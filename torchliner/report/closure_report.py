@@ -82,6 +82,8 @@ def draw_closure(
 ) -> Figure:
     """dB, and degrees where the phase is known, over height, with statistical bars.
 
+    Planes without a height stand beside no axis of heights, or not at all where others have one.
+
     Raises:
         ValueError: no map has a closure.
     """
@@ -90,13 +92,15 @@ def draw_closure(
     if not checked:
         raise ValueError(f"closure: {results[0].closure_words}; nothing to draw")
     kinds = [kind for kind in LABELS if any(row[kind] is not None for row in rows)]
+    placed = any(row["height"] is not None for row in rows)
     figure, axes = subplots(1, max(1, len(kinds)), 2.9)
     for axis, kind in zip(axes[0], kinds or ["level"], strict=True):
         limit = checked[0].limit * (1 if kind == "level" else DEGREES_PER_DB)
         axis.axhspan(-limit, limit, color="0.88", zorder=0, label="limit")
         axis.axhline(0, color="0.6", linewidth=0.6, zorder=1)
         for i, order in enumerate(dict.fromkeys(row["order"] for row in rows)):
-            mine = [row for row in rows if row["order"] == order and row[kind] is not None]
+            mine = [row for row in rows if row["order"] == order and row[kind] is not None
+                    and (row["height"] is not None or not placed)]  # fmt: skip
             x = [1e3 * (row["height"] or 0.0) for row in mine]
             axis.plot(x, [row[kind] for row in mine], MARKERS[i] + "-", color=COLOURS[i],
                       label=order, zorder=3)  # fmt: skip
@@ -107,7 +111,9 @@ def draw_closure(
                 [row[f"{kind}_high"] for row in barred],
                 color=COLOURS[i], zorder=2,
             )  # fmt: skip
-        label_axes(axis, "$y$ (mm)", LABELS[kind])
+        label_axes(axis, "$y$ (mm)" if placed else "height not stated", LABELS[kind])
+        if not placed:
+            axis.set_xticks([])
     frequency = float(results[0].frequency[frequency_index])
     title = f"{case_title(results[0])}, {frequency:g} Hz\noff {checked[0].known}"
     return finish(figure, path, title, legend=4)

@@ -296,7 +296,8 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
             low, high = (numbers.values[f"{part}, {share} % of probes"] for share in (25, 75))
             draw_band(axis, kilohertz, low, high, colour)
             if f"{part} low" in numbers.values:
-                some = slice(i, None, max(1, len(kilohertz) // BARS))
+                step = max(1, len(kilohertz) // BARS)
+                some = slice(i % step, None, step)
                 ends = (numbers.values[f"{part} {end}"][some] for end in ("low", "high"))
                 axis.vlines(kilohertz[some], *ends, color=colour, linewidth=1.2, zorder=3)
         # A cavity's antiresonance, where Z has a pole, would hide all the rest.

@@ -76,6 +76,7 @@ class Repeated:
         words = [str(each) for each in words] if isinstance(words, list) else []
         # A generated signal is kept in words; the command has it as it is asked for.
         stated = [words[i + 1] for i, each in enumerate(words[:-1]) if each == "--incident"]
+        stated += [each.partition("=")[2] for each in words if each.startswith("--incident=")]
         self.sent = stated[-1] if stated else "INCIDENT"
         self.rebuilt, self.preset = subject.model is not None, preset_of(result)
         beside = [str(o.choices["source"]) for o in result.alongside if "source" in o.choices]
@@ -93,9 +94,9 @@ class Repeated:
         """On the command line."""
         liner = self.preset or next(iter(self.files.get("liner", [])), "LINER.toml")
         found = ["torchliner", "educe", *self.data, "--liner", liner]
-        found += ["--frequency", *(f"{f:.12g}" for f in self.frequencies)]
+        found += ["--frequency", *map(_number, self.frequencies)]
         for key, value in self.chosen.items():
-            found += _option(key, value)
+            found += self._sent() if key == "incident" else _option(key, value)
         facts = {key: fact for key, fact in self.restated.items() if key in EDUCED}
         for key, value in (self.read | facts).items():
             found += _option(key, _typed(key, value))
@@ -141,6 +142,12 @@ class Repeated:
         body = ",\n    ".join(arguments)
         return "\n".join([*lines, f"found = tl.educe(\n    {body},\n)"])
 
+    def _sent(self) -> list[str]:
+        if signal := self.files.get("incident signal"):
+            rate = repr(self.result.choices["sampling_rate"])
+            return ["--incident", signal[0], "--incident-rate", rate]
+        return ["--incident", self.sent]
+
     def _value(self, key: str) -> str:
         signal = self.files.get("incident signal")
         if key == "incident" and signal:
@@ -182,7 +189,7 @@ def _typed(key: str, value: Any) -> Any:
     if key == "axes":
         return ",".join(map(str, value))
     if key == "region" and not isinstance(value, str):
-        sides = [["" if side is None else f"{side:.12g}" for side in limits] for limits in value]
+        sides = [["" if side is None else _number(side) for side in limits] for limits in value]
         return ",".join(":".join(limits) for limits in sides)
     return value
 
@@ -197,4 +204,10 @@ def _option(key: str, value: Any) -> list[str]:
     if isinstance(value, str) and value.startswith("-"):
         return [f"{flag}={value}"]
     values = value if isinstance(value, (list, tuple)) else [value]
-    return [flag, *(f"{v:.12g}" if isinstance(v, float) else str(v) for v in values)]
+    return [flag, *(_number(v) if isinstance(v, float) else str(v) for v in values)]
+
+
+def _number(value: float) -> str:
+    """In few digits where these are the number itself."""
+    short = f"{value:.12g}"
+    return short if float(short) == value else repr(value)
