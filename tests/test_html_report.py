@@ -450,6 +450,13 @@ def test_lines_and_points(capsys, make, noun, tmp_path):
         found.report(tmp_path / "memory.html", liner=tl.load_liner("polito"))
 
 
+def test_the_interval_of_points_has_its_level(tmp_path):
+    """In the headline."""
+    record = tl.read_pressure(DATA / "pressure_n130.h5")
+    tl.in_situ(record, interval=0.9).report(tmp_path / "page.html")
+    assert "90 % statistical interval" in Page(tmp_path / "page.html").text["header"]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A campaign of two planes at two frequencies, and of one that cannot be opened."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+import torch
 from conftest import plane_of, turbulence
 
 import torchliner as tl
@@ -162,6 +165,17 @@ def test_many_heights_become_a_band_with_a_median(maps, liner):
     assert "cells, coherent first" in words
     few = figures.draw_along_x(maps[:2])
     assert "cells, velocity first" in [text.get_text() for text in few.legends[0].get_texts()]
+
+
+def test_a_band_is_of_the_heights_that_know_the_cell(maps):
+    """One that does not, excluded or not spanned, takes no other's band away."""
+    name = "cell_reflection_velocity_first"
+    unknown = torch.full_like(getattr(maps[0], name), complex(np.nan, np.nan))
+    heights = [dataclasses.replace(maps[0], **{name: unknown}), *maps[1:]]
+    bands = [bar for bar in figures.draw_along_x(heights).axes[0].collections
+             if bar.get_zorder() == 2.1]  # fmt: skip
+    ends = [[len(ends) for ends in bar.get_segments()] for bar in bands]
+    assert ends == [[2] * len(maps[0].cell_x)] * 2
 
 
 def test_a_legend_is_no_wider_than_its_figure():

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import torch
 
 from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap
@@ -34,7 +35,9 @@ def draw_cells(
         shown += values
         crowd = not mine and len(ordered) > CROWD and len({len(each) for each in values}) == 1
         if crowd:
-            low, middle, high = np.quantile(values, (0, 0.5, 1), axis=0)
+            shares = torch.tensor([0, 0.5, 1], dtype=torch.float64)
+            every = torch.from_numpy(np.stack(values)).double()
+            low, middle, high = torch.nanquantile(every, shares, 0).numpy()  # of known heights
             place = len(ordered) / 2 + 1 + 2 * ORDERS.index(order)
             x = 1e3 * ordered[0].cell_x.numpy() + (right - left) * ASIDE * place
             face = FACES[order]

@@ -203,7 +203,7 @@ def _height_labels(rows: Any, values: Any, close: float) -> list[tuple[str, comp
         if i < len(rows) and abs(values[i] - values[last]) < close:
             continue
         heights = [row.height for row in rows[last:i] if row.height is not None]
-        text = " to ".join(f"{1e3 * h:.2g}" for h in sorted({min(heights), max(heights)}))
+        text = " to ".join(f"{1e3 * h:.3g}" for h in sorted({min(heights), max(heights)}))
         found.append((text, complex(values[last])))
         last = i
     return found

@@ -31,7 +31,10 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
     files = [("points", path, "" if path else "these points, in memory")]
     files += [("pressures", Path(source), source)] if source else []
     bounds, z = found.bounds_of_liner(), complex(found.answer[0])
-    level = f"; statistical interval: {format_bounds(bounds)}" if bounds else ""
+    level = ""
+    if bounds is not None and found.uncertainty is not None:
+        share = 100 * found.uncertainty.settings["level"]
+        level = f"; {share:g} % statistical interval: {format_bounds(bounds)}"
     answer = (
         f"At {float(found.frequency[0]):g} Hz the impedance of the whole surface is Z = "
         f"{format_complex(z)} in units of ρc ({shown(found.name)}, admittance over points{level})."
