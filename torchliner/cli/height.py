@@ -15,16 +15,8 @@ if TYPE_CHECKING:
     from torchliner.heights.study import HeightStudy
 
 CHOICES = (
-    "order",
-    "phase",
-    "drive",
-    "mean",
-    "edge",
-    "missing",
-    "allow_short",
-    "wall_filter",
-    "memory",
-)
+    "order", "phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory",
+)  # fmt: skip
 
 OPTIONS = {
     "": {

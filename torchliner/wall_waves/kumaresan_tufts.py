@@ -36,9 +36,7 @@ from torchliner.wall_waves.from_source import (
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
-SIGNALS = (
-    1 << 14
-)  # that are solved at once, 4 kB each: draws of many frequencies are not held whole
+SIGNALS = 1 << 14  # solved at once, 4 kB each: draws of many frequencies are not held whole
 
 
 def kumaresan_tufts(
