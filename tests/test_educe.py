@@ -12,6 +12,7 @@ from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, tu
 import torchliner as tl
 from torchliner.names import PHASE_RULES
 from torchliner.replay.phase_rule import PhaseRule
+from torchliner.tdibc.choices import Choices
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -462,3 +463,8 @@ def test_sound_of_another_frequency_is_not_coherent(sound, asked):
     assert torch.equal(found.reflection, plain.reflection)
     own = tl.educe(plane, liner, phase="self-consistent", **options)
     assert float(own.coherence.min()) > 0.9
+
+
+def test_the_reference_names_every_phase_rule():
+    about = Choices.__doc__.split("phase: ", 1)[1].split("edge: ", 1)[0]
+    assert [rule for rule in PHASE_RULES if f"``{rule}``" not in about] == []

@@ -1,6 +1,8 @@
 """Restarts joined in time, parts of planes, and the conversion that streams and goes on."""
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -8,6 +10,7 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -307,6 +310,19 @@ def test_all_that_has_a_unit_is_scaled(tmp_path):
         assert main(["convert", str(tmp_path / "a.h5"), "-o", str(path), "--quiet", *scale, *more]
                     ) == 0  # fmt: skip
         assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
+
+
+def test_the_page_scales_to_the_rate_that_it_says(tmp_path, monkeypatch, capsys):
+    """The example of docs/formats.md, run as it is printed."""
+    page = (Path(__file__).parents[1] / "docs" / "formats.md").read_text(encoding="utf-8")
+    command = re.search(r"torchliner (convert raw\.h5 .*\\\n.*)", page).group(1)
+    stated = re.search(r"samples a unit of time are ([\d.]+) kHz", page)
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("raw.h5", "w") as file:
+        file["v"] = np.ones((60, 3), "f4")
+    assert main(shlex.split(command.replace("\\\n", " "))) == 0
+    assert stated, capsys.readouterr().out
+    assert tl.read_plane("plane.h5").sampling_rate == pytest.approx(1e3 * float(stated[1]), 1e-3)
 
 
 def test_a_level_is_not_that_of_other_velocities(tmp_path, capsys):

@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 import json
 import math
+import re
 import threading
 import warnings
 
@@ -498,3 +499,49 @@ def test_few_runs_are_told_of_where_they_bound_nothing(liner):
         found = tl.educe(plane_of(velocity), liner, order="probes first")
     assert float(found.uncertainty.liner.high.real) == math.inf
     assert found.uncertainty.liner.widths.tolist() == [[math.inf], [math.inf]]
+
+
+# Numbers of docs/uncertainty.md
+
+
+def page() -> str:
+    return (DATA.parent / "docs" / "uncertainty.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_the_page_has_the_interval_that_misses():
+    """Of ``o145`` at 2.5 mm, in the order that ``educe`` answers in."""
+    stated = re.search(r"`o145` at 2\.5 mm has R between ([\d.]+) and ([\d.]+)", page())
+    plane = tl.read_plane(DATA / "orifice_o145_y2.5mm.h5")
+    found = tl.educe(plane, tl.load_liner(plane.liner)).uncertainty.liner_coherent_first
+    ends = [float(found.low.real), float(found.high.real)]
+    assert ends == pytest.approx([float(each) for each in stated.groups()], abs=6e-4)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+def test_the_page_has_the_halves_that_differ():
+    stated = re.search(
+        r"halves of `g03_145` differ by ([\d.]+) in R at 0\.5 mm, by ([\d.]+)", page()
+    )
+    for height, apart in zip(("0.5", "2.5"), stated.groups(), strict=True):
+        plane = tl.read_plane(DATA / f"slit_g03_145_y{height}mm.h5")
+        middle, liner = plane.samples // 2, tl.load_liner(plane.liner)
+        halves = [
+            tl.educe(
+                dataclasses.replace(plane, velocity=plane.velocity[..., part], streamwise=None),
+                liner,
+                interval=None,
+            ).answer.real
+            for part in (slice(None, middle), slice(middle, None))
+        ]
+        assert float(halves[1] - halves[0]) == pytest.approx(float(apart), abs=6e-3)
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+@pytest.mark.parametrize(("periods", "fewest"), [(4, 2), (6, 3), (7, 3.5), (8, 4), (20, 4)])
+def test_fewest_independent_runs(liner, periods, fewest):
+    """As the page has them, of a flow that drifts all along the record."""
+    drift = torch.linspace(1, 4, round(periods * RATE / FREQUENCY), dtype=torch.float64)
+    found = tl.educe(plane_of(drift[None]), liner, order="probes first")
+    assert float(found.uncertainty.liner.runs) == fewest
+    assert "(of 4 to 7 periods: half as many)" in page()

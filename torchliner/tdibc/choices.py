@@ -51,7 +51,8 @@ class Choices:
             H1 estimate, sum Y X* / sum |X|^2 over the segments.
         segment: s of a segment of the estimate, overlapping by half; default the whole record.
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known),
-            ``self-consistent`` (from v's own part at f) or ``given``.
+            ``self-consistent`` (from v's own part at f), ``given``, or ``joint`` (all frequencies
+            asked for are tones of one wave, 5 at most).
         edge: ``finite``, ``wrap`` or ``silent``; see ``torchliner.replay.edges``. ``auto``:
             ``finite``, also with ``Tones``; ``wrap`` with ``Sweep`` and ``BandNoise``, ``silent``
             with ``Recorded``.
