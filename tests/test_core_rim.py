@@ -134,12 +134,32 @@ def test_choices_of_a_wrong_kind(liner, choice, error, text):
         (lambda v: plane_of(v.to("meta")), "velocity is a meta tensor"),
         (lambda v: plane_of(v.numpy().astype(np.longdouble)), "convert it to float64"),
         (lambda v: tl.load_liner("polito").replace(impedance_offset="1"), "offset is '1'"),
+        (lambda v: plane_of(v, x=np.array([0, 1 + 1j])), "velocity: x: a real .* not complex128"),
+        (lambda v: plane_of(v, z=["0", "1"]), "velocity: z: a real number is needed, not <U1"),
+        (lambda v: plane_of(v, area="a"), "velocity: area: a real number is needed, not <U1"),
     ],
 )
 def test_records_of_a_wrong_kind(make, text):
     """The message names the field and what it takes."""
     with pytest.raises(TypeError, match=text):
         make(turbulence((2, 600)))
+
+
+@pytest.mark.parametrize("kind", [np.array, torch.DoubleTensor])
+def test_coordinates_are_copies(kind):
+    """An array that is filled again for the next plane leaves those before as they were."""
+    places, areas = kind([0.0, 0.01]), kind([1e-6, 2e-6])
+    plane = plane_of(turbulence((2, 600)), x=places, z=places, area=areas)
+    places += 5
+    areas += 5
+    assert plane.x.tolist() == plane.z.tolist() == [0.0, 0.01]
+    assert plane.area.tolist() == [1e-6, 2e-6]
+
+
+def test_coordinates_may_run_backwards():
+    """A view with a negative stride, as of planes that are turned over."""
+    plane = plane_of(turbulence((3, 600)), x=np.arange(3.0)[::-1], area=np.ones(6)[::-2])
+    assert plane.x.tolist() == [2.0, 1.0, 0.0]
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

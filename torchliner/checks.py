@@ -203,15 +203,22 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
     return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
 
 
-def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
-    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept."""
+def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
+    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept.
+
+    Args:
+        value: an array is copied, a tensor of ``dtype`` is not.
+        name: for messages.
+    Raises:
+        TypeError: complex numbers, truth values, text, None, lists of unequal lengths.
+    """
     if isinstance(value, Tensor):
         if value.is_complex():
-            raise TypeError("a real number is needed, not a complex tensor")
+            raise TypeError(f"{name}: a real number is needed, not a complex tensor")
         return value.to(dtype)
-    array = plain_array(value, "the array")
+    array = plain_array(value, name)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"a real number is needed, not {array.dtype}")
+        raise TypeError(f"{name}: a real number is needed, not {array.dtype}")
     return torch.as_tensor(array.astype(np.float64)).to(dtype)
 
 
@@ -247,7 +254,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tens
         ValueError: a frequency is not finite and positive, or is at or above half the
             sampling rate.
     """
-    wanted = real_tensor(frequency).reshape(-1)
+    wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")
     for value in wanted.tolist():

@@ -8,10 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
-import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, require_positive, require_positive_where_stated, tell
+from torchliner.checks import (
+    make_plain,
+    real_tensor,
+    require_positive,
+    require_positive_where_stated,
+    tell,
+)
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.holes import Holes, require_holes_on_plane
@@ -109,7 +114,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
         if self.area is not None:
-            area = torch.as_tensor(self.area, dtype=torch.float64).reshape(-1)
+            area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
             if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
                 raise ValueError(f"{self.name}: area has {len(area)} values from "
                                  f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
