@@ -162,6 +162,35 @@ def test_coordinates_may_run_backwards():
     assert plane.x.tolist() == [2.0, 1.0, 0.0]
 
 
+def test_constants_of_a_liner_keep_their_digits():
+    """Python's own numbers are not rounded to the default precision of torch."""
+
+    class Constant:
+        def impedance(self, frequency, speed):
+            return 1.3 - 0.3j
+
+    torch.set_default_dtype(torch.float16)
+    try:
+        found = tl.educe(plane_of(turbulence((2, 600))), Constant(), 1400.0)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert abs(complex(found.impedance[0, 0]) - (1.3 - 0.3j)) < 1e-12
+
+
+@pytest.mark.parametrize("given", [None, "1"])
+def test_what_is_no_impedance_is_refused(given):
+    """The message names the liner."""
+
+    class Broken:
+        def impedance(self, frequency, speed):
+            return given
+
+    with pytest.raises(
+        TypeError, match=r"Broken.impedance\(frequency, speed\) gave .* numbers are"
+    ):
+        tl.educe(plane_of(turbulence((2, 600))), Broken(), 1400.0)
+
+
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 @pytest.mark.parametrize("resample", ["time", "time-cells"])
 def test_a_cell_in_a_gap_counts_in_no_average(liner, resample):
