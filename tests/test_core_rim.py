@@ -134,6 +134,13 @@ def test_choices_of_a_wrong_kind(liner, choice, error, text):
         (lambda v: plane_of(v.to("meta")), "velocity is a meta tensor"),
         (lambda v: plane_of(v.numpy().astype(np.longdouble)), "convert it to float64"),
         (lambda v: tl.load_liner("polito").replace(impedance_offset="1"), "offset is '1'"),
+        (lambda v: plane_of(v, reference=None), "velocity: reference is NoneType; a dictionary"),
+        (lambda v: plane_of(v, provenance=[1]), "velocity: provenance is list; a dictionary"),
+        (lambda v: tl.load_liner("polito").replace(fluid="air"), "fluid is str; a Fluid is needed"),
+        (
+            lambda v: tl.MicrophoneLine([0, 1], [1j, 1j], 1e3, duct_height=0.05, fluid=None),
+            "microphones: fluid is NoneType; a Fluid",
+        ),
         (lambda v: plane_of(v, x=np.array([0, 1 + 1j])), "velocity: x: a real .* not complex128"),
         (lambda v: plane_of(v, z=["0", "1"]), "velocity: z: a real number is needed, not <U1"),
         (lambda v: plane_of(v, area="a"), "velocity: area: a real number is needed, not <U1"),
@@ -148,10 +155,13 @@ def test_records_of_a_wrong_kind(make, text):
 @pytest.mark.parametrize("kind", [np.array, torch.DoubleTensor])
 def test_coordinates_are_copies(kind):
     """An array that is filled again for the next plane leaves those before as they were."""
-    places, areas = kind([0.0, 0.01]), kind([1e-6, 2e-6])
-    plane = plane_of(turbulence((2, 600)), x=places, z=places, area=areas)
+    places, areas, said = kind([0.0, 0.01]), kind([1e-6, 2e-6]), {"case": "first"}
+    plane = plane_of(turbulence((2, 600)), x=places, z=places, area=areas,
+                     provenance=said)  # fmt: skip
     places += 5
     areas += 5
+    said["case"] = "second"
+    assert plane.provenance["case"] == "first"
     assert plane.x.tolist() == plane.z.tolist() == [0.0, 0.01]
     assert plane.area.tolist() == [1e-6, 2e-6]
 

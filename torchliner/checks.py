@@ -102,8 +102,26 @@ def _complex_number(name: str, value: Any) -> complex:
         raise TypeError(f"{name} is {value!r}; one number is needed, complex or real") from None
 
 
-def _named_values(name: str, values: Mapping[str, Any]) -> dict[str, complex]:
-    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in values.items()}
+def _named_values(name: str, values: Any) -> dict[str, complex]:
+    pairs = _mapping(name, values).items()
+    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in pairs}
+
+
+def _mapping(name: str, values: Any) -> dict[str, Any]:
+    if not isinstance(values, Mapping):
+        raise TypeError(
+            f"{name} is {type(values).__name__}; a dictionary is needed (leave it out if there is "
+            "nothing to say)"
+        )
+    return dict(values)
+
+
+def _gas(name: str, value: Any) -> Any:
+    if not hasattr(value, "characteristic_impedance"):  # Fluid itself is checked from here
+        raise TypeError(
+            f"{name} is {type(value).__name__}; a Fluid is needed (leave it out for air at 20 C)"
+        )
+    return value
 
 
 def _without_array(value: Any) -> Any:
@@ -116,6 +134,7 @@ def _without_array(value: Any) -> Any:
 KINDS = {
     "float": one_number, "Parameter": one_number, "int": whole_number, "bool": truth_value,
     "complex | Tensor": _complex_number, "Mapping[str, complex]": _named_values,
+    "Mapping[str, Any]": _mapping, "Fluid": _gas,
 }  # fmt: skip
 
 

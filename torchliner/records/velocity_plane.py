@@ -24,7 +24,7 @@ from torchliner.records.outlets import Drawn, outlet
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
-from torchliner.records.unit_checks import require_gas_flow_and_level
+from torchliner.records.unit_checks import require_flow_and_level
 
 
 @runtime_checkable
@@ -123,7 +123,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         if self.holes is not None:
             require_holes_on_plane(self.holes, self.x, self.z, self.name)
         require_positive_where_stated(self, "height", "frequency")
-        require_gas_flow_and_level(self)
+        require_flow_and_level(self)
         thickness = self.displacement_thickness
         if thickness is not None and not 0 <= thickness < math.inf:
             raise ValueError(
