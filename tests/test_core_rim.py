@@ -34,7 +34,7 @@ def notes_of(plane, liner, *wanted, **choices) -> str:
         ({"x": [0.0, 0.6, 1.2]}, FREQUENCY, "x runs in steps of 0.6 m over 1.2 m; are these mm"),
         ({"sampling_rate": 3.0 * FREQUENCY}, FREQUENCY, "3 samples a period of .* are plausible"),
         ({"height": 0.03}, FREQUENCY, "lies 30 mm above the liner, more than its cell pitch of"),
-        ({"height": 1.0}, FREQUENCY, "height is 1 m, above 0.5 m; are these mm"),
+        ({"height": 0.5}, FREQUENCY, "height is 0.5 m, above 0.05 m; are these mm"),
         ({"displacement_thickness": 1.7}, FREQUENCY, "displacement_thickness is 1.7 m"),
         ({"incident_level": 0.6}, FREQUENCY, "incident level is 0.6 dB, below 20 dB; .* pascals"),
     ],

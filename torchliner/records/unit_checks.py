@@ -13,7 +13,7 @@ from torchliner.conversions import spl_from_pressure_amplitude
 LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
 LOWEST_RATE = 500.0  # Hz
 # m: what a liner's data may span, and lie above it; a boundary layer's displacement.
-LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
+LONGEST, HIGHEST, THICKEST = 20.0, 0.05, 0.1
 # m: probes this far apart, over so long a plane, see no cell of a liner.
 APART, LONG = 0.05, 1.0
 SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
