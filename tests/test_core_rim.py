@@ -187,6 +187,17 @@ def test_constants_of_a_liner_keep_their_digits():
     assert abs(complex(found.impedance[0, 0]) - (1.3 - 0.3j)) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "most"),
+    [("facesheet_thickness", 0.635, "0.1"), ("orifice_diameter", 0.991, "0.1"),
+     ("cavity_depth", 38.1, "10"), ("cavity_hydraulic_radius", 12.5, "10")],
+)  # fmt: skip
+def test_a_liner_in_millimetres_is_refused(name, value, most):
+    """As in a file: a depth of 38.1 m has no resonance, and an impedance all the same."""
+    with pytest.raises(ValueError, match=rf"liner {name} is {value}; it is in m, at most {most} "):
+        tl.load_liner("onera").replace(cell_pitch=None, **{name: value})
+
+
 @pytest.mark.parametrize("given", [None, "1"])
 def test_what_is_no_impedance_is_refused(given):
     """The message names the liner."""
