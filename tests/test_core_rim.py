@@ -114,6 +114,8 @@ KINDS = [
     ({"window": 5}, TypeError, "window is int; it is given by name"),
     ({"band": (300,)}, TypeError, r"band is \(300,\); give its lowest and its highest"),
     ({"band": 300}, TypeError, "band is 300; give its lowest"),
+    ({"device": "mps"}, ValueError, "unknown device 'mps'; use 'cpu', 'cuda'"),
+    ({"device": 1.5}, ValueError, "unknown device 1.5; use 'cpu', 'cuda'"),
     ({"pre_roll": "0"}, TypeError, "pre_roll is the text '0'"),
 ]
 
