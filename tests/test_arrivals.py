@@ -342,3 +342,11 @@ def test_study_runs(tmp_path, monkeypatch):
             assert kept < 0.7 * miss
     flow = study.Flow(2.0, 1)
     assert float(np.std(flow.turbulence(np.arange(0, 2, 1e-4)))) == pytest.approx(1.5, rel=0.03)
+
+
+def test_times_in_other_units_do_not_fill_the_memory():
+    """Microseconds taken for seconds: 1e9 points of a grid for 1000 arrivals."""
+    times = poisson(1e3, 1.0)
+    with pytest.raises(ValueError, match=r"points for \d+ arrivals, more than 1000 .* times in s"):
+        onto_grid(1e6 * times, torch.ones_like(times), 1e3)
+    assert onto_grid(times, torch.ones_like(times), 2e5).grid.samples > 1e5

@@ -34,7 +34,7 @@ def notes_of(plane, liner, *wanted, **choices) -> str:
         ({"x": [0.0, 0.6, 1.2]}, FREQUENCY, "x runs in steps of 0.6 m over 1.2 m; are these mm"),
         ({"sampling_rate": 3.0 * FREQUENCY}, FREQUENCY, "3 samples a period of .* are plausible"),
         ({"height": 0.03}, FREQUENCY, "lies 30 mm above the liner, more than its cell pitch of"),
-        ({"height": 1.0}, FREQUENCY, "height is 1 m, above 0.5 m; are these mm"),
+        ({"height": 0.5}, FREQUENCY, "height is 0.5 m, above 0.05 m; are these mm"),
         ({"displacement_thickness": 1.7}, FREQUENCY, "displacement_thickness is 1.7 m"),
         ({"incident_level": 0.6}, FREQUENCY, "incident level is 0.6 dB, below 20 dB; .* pascals"),
     ],
@@ -114,6 +114,8 @@ KINDS = [
     ({"window": 5}, TypeError, "window is int; it is given by name"),
     ({"band": (300,)}, TypeError, r"band is \(300,\); give its lowest and its highest"),
     ({"band": 300}, TypeError, "band is 300; give its lowest"),
+    ({"device": "mps"}, ValueError, "unknown device 'mps'; use 'cpu', 'cuda'"),
+    ({"device": 1.5}, ValueError, "unknown device 1.5; use 'cpu', 'cuda'"),
     ({"pre_roll": "0"}, TypeError, "pre_roll is the text '0'"),
 ]
 
@@ -134,12 +136,82 @@ def test_choices_of_a_wrong_kind(liner, choice, error, text):
         (lambda v: plane_of(v.to("meta")), "velocity is a meta tensor"),
         (lambda v: plane_of(v.numpy().astype(np.longdouble)), "convert it to float64"),
         (lambda v: tl.load_liner("polito").replace(impedance_offset="1"), "offset is '1'"),
+        (lambda v: plane_of(v, reference=None), "velocity: reference is NoneType; a dictionary"),
+        (lambda v: plane_of(v, provenance=[1]), "velocity: provenance is list; a dictionary"),
+        (lambda v: tl.load_liner("polito").replace(fluid="air"), "fluid is str; a Fluid is needed"),
+        (
+            lambda v: tl.MicrophoneLine([0, 1], [1j, 1j], 1e3, duct_height=0.05, fluid=None),
+            "microphones: fluid is NoneType; a Fluid",
+        ),
+        (lambda v: plane_of(v, x=np.array([0, 1 + 1j])), "velocity: x: a real .* not complex128"),
+        (lambda v: plane_of(v, z=["0", "1"]), "velocity: z: a real number is needed, not <U1"),
+        (lambda v: plane_of(v, area="a"), "velocity: area: a real number is needed, not <U1"),
     ],
 )
 def test_records_of_a_wrong_kind(make, text):
     """The message names the field and what it takes."""
     with pytest.raises(TypeError, match=text):
         make(turbulence((2, 600)))
+
+
+@pytest.mark.parametrize("kind", [np.array, torch.DoubleTensor])
+def test_coordinates_are_copies(kind):
+    """An array that is filled again for the next plane leaves those before as they were."""
+    places, areas, said = kind([0.0, 0.01]), kind([1e-6, 2e-6]), {"case": "first"}
+    plane = plane_of(turbulence((2, 600)), x=places, z=places, area=areas,
+                     provenance=said)  # fmt: skip
+    places += 5
+    areas += 5
+    said["case"] = "second"
+    assert plane.provenance["case"] == "first"
+    assert plane.x.tolist() == plane.z.tolist() == [0.0, 0.01]
+    assert plane.area.tolist() == [1e-6, 2e-6]
+
+
+def test_coordinates_may_run_backwards():
+    """A view with a negative stride, as of planes that are turned over."""
+    plane = plane_of(turbulence((3, 600)), x=np.arange(3.0)[::-1], area=np.ones(6)[::-2])
+    assert plane.x.tolist() == [2.0, 1.0, 0.0]
+
+
+def test_constants_of_a_liner_keep_their_digits():
+    """Python's own numbers are not rounded to the default precision of torch."""
+
+    class Constant:
+        def impedance(self, frequency, speed):
+            return 1.3 - 0.3j
+
+    torch.set_default_dtype(torch.float16)
+    try:
+        found = tl.educe(plane_of(turbulence((2, 600))), Constant(), 1400.0)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert abs(complex(found.impedance[0, 0]) - (1.3 - 0.3j)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "most"),
+    [("facesheet_thickness", 0.635, "0.1"), ("orifice_diameter", 0.991, "0.1"),
+     ("cavity_depth", 38.1, "10"), ("cavity_hydraulic_radius", 12.5, "10")],
+)  # fmt: skip
+def test_a_liner_in_millimetres_is_refused(name, value, most):
+    """As in a file: a depth of 38.1 m has no resonance, and an impedance all the same."""
+    with pytest.raises(ValueError, match=rf"liner {name} is {value}; it is in m, at most {most} "):
+        tl.load_liner("onera").replace(cell_pitch=None, **{name: value})
+
+
+@pytest.mark.parametrize("given", [None, "1"])
+def test_what_is_no_impedance_is_refused(given):
+    """The message names the liner."""
+
+    class Broken:
+        def impedance(self, frequency, speed):
+            return given
+
+    with pytest.raises(
+        TypeError, match=r"Broken.impedance\(frequency, speed\) gave .* numbers are"
+    ):
+        tl.educe(plane_of(turbulence((2, 600))), Broken(), 1400.0)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

@@ -157,3 +157,28 @@ def test_the_fit_of_the_vena_contracta(capsys):
     assert found == pytest.approx(0.71, abs=1e-5)
     script.main([])
     assert "0.168" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("engine", ["unfold", "direct"])
+def test_derivatives_in_the_velocity(engine):
+    """Of the engines that form the reflected signal, against differences."""
+    velocity = turbulence((2, 300), seed=2)
+    along = torch.randn(velocity.shape, generator=torch.Generator().manual_seed(1)).to(velocity)
+
+    def resistance(v):
+        return tl.educe(plane_of(v), make(), engine=engine, velocity_max=16.0).liner_impedance.real
+
+    free = velocity.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(resistance(free).sum(), free)
+    wanted = (resistance(velocity + 1e-6 * along) - resistance(velocity - 1e-6 * along)) / 2e-6
+    assert float((slope * along).sum()) == pytest.approx(float(wanted), rel=1e-5)
+
+
+def test_moments_refuse_to_lose_the_derivative_in_the_velocity():
+    """Of the default engine; without derivatives it is as good as any other."""
+    plane = plane_of(turbulence((2, 300), seed=2).requires_grad_())
+    for read in (lambda: tl.educe(plane, make()), lambda: tl.moments(plane)):
+        with pytest.raises(ValueError, match=r"carries a gradient.*'unfold' or 'direct'"):
+            read()
+        with torch.no_grad():
+            read()

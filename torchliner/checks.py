@@ -102,8 +102,26 @@ def _complex_number(name: str, value: Any) -> complex:
         raise TypeError(f"{name} is {value!r}; one number is needed, complex or real") from None
 
 
-def _named_values(name: str, values: Mapping[str, Any]) -> dict[str, complex]:
-    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in values.items()}
+def _named_values(name: str, values: Any) -> dict[str, complex]:
+    pairs = _mapping(name, values).items()
+    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in pairs}
+
+
+def _mapping(name: str, values: Any) -> dict[str, Any]:
+    if not isinstance(values, Mapping):
+        raise TypeError(
+            f"{name} is {type(values).__name__}; a dictionary is needed (leave it out if there is "
+            "nothing to say)"
+        )
+    return dict(values)
+
+
+def _gas(name: str, value: Any) -> Any:
+    if not hasattr(value, "characteristic_impedance"):  # Fluid itself is checked from here
+        raise TypeError(
+            f"{name} is {type(value).__name__}; a Fluid is needed (leave it out for air at 20 C)"
+        )
+    return value
 
 
 def _without_array(value: Any) -> Any:
@@ -116,6 +134,7 @@ def _without_array(value: Any) -> Any:
 KINDS = {
     "float": one_number, "Parameter": one_number, "int": whole_number, "bool": truth_value,
     "complex | Tensor": _complex_number, "Mapping[str, complex]": _named_values,
+    "Mapping[str, Any]": _mapping, "Fluid": _gas,
 }  # fmt: skip
 
 
@@ -203,15 +222,22 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
     return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
 
 
-def real_tensor(value: Any, dtype: torch.dtype = torch.float64) -> Tensor:
-    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept."""
+def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
+    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept.
+
+    Args:
+        value: an array is copied, a tensor of ``dtype`` is not.
+        name: for messages.
+    Raises:
+        TypeError: complex numbers, truth values, text, None, lists of unequal lengths.
+    """
     if isinstance(value, Tensor):
         if value.is_complex():
-            raise TypeError("a real number is needed, not a complex tensor")
+            raise TypeError(f"{name}: a real number is needed, not a complex tensor")
         return value.to(dtype)
-    array = plain_array(value, "the array")
+    array = plain_array(value, name)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"a real number is needed, not {array.dtype}")
+        raise TypeError(f"{name}: a real number is needed, not {array.dtype}")
     return torch.as_tensor(array.astype(np.float64)).to(dtype)
 
 
@@ -247,7 +273,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tens
         ValueError: a frequency is not finite and positive, or is at or above half the
             sampling rate.
     """
-    wanted = real_tensor(frequency).reshape(-1)
+    wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")
     for value in wanted.tolist():

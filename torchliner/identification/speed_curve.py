@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.model import LinerModel
+from torchliner.liners.response import complex_tensor
 from torchliner.names import CURVE_SHAPES, REACTANCES
 
 ORDER = 3  # cubic
@@ -154,7 +155,8 @@ def _above_floor(steps: Tensor) -> Tensor:
 def law_of(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
     """Z of a liner, complex, (V,); beyond the largest |v| that it knows, as there."""
     held = speeds.clamp(max=liner.speed_max or torch.inf)
-    return torch.as_tensor(liner.impedance(frequency, held)).detach().to(torch.complex128)
+    found = liner.impedance(frequency, held)
+    return complex_tensor(found, type(liner).__name__).detach()
 
 
 def _smooth(liner: LinerModel, frequency: Tensor, speeds: Tensor) -> Tensor:

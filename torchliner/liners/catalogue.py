@@ -68,7 +68,7 @@ class SDoFFile(CellFile):
     """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
 
     model: Literal["sdof"]
-    facesheet_thickness: float = Field(gt=0, lt=1)
+    facesheet_thickness: float = Field(gt=0, lt=0.1)
     orifice_diameter: float = Field(gt=0, lt=0.1)
     porosity: float = Field(gt=0, le=1)
     cavity_depth: float = Field(gt=0, lt=10)

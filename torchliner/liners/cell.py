@@ -22,7 +22,7 @@ from torchliner.liners.model import LinerModel, Number
 from torchliner.names import VELOCITY_READINGS
 
 Parameter = float | Tensor
-LENGTH, SHARE = ("m", math.inf), ("1", 1.0)
+PLATE, DEPTH, SHARE = ("m", 0.1), ("m", 10.0), ("1", 1.0)  # unit and highest value
 CELL = {"open_area_fraction": SHARE, "velocity_gain": ("1", math.inf)}  # unit and highest value
 OFFSET = ("offset_resistance", "offset_reactance")
 
@@ -83,10 +83,10 @@ class CellLiner(LinerModel):
             value = getattr(self, name)
             require_positive(f"liner {name} (m)" if unit == "m" else f"liner {name}", value)
             if plain_number(value) > high:
-                raise ValueError(
-                    f"liner {name} is {plain_number(value):g}; it is a fraction, at most 1 (5.5 % "
-                    "is 0.055)"
-                )
+                most = f"in m, at most {high:g} (1 mm is 0.001 m)"
+                if unit != "m":
+                    most = "a fraction, at most 1 (5.5 % is 0.055)"
+                raise ValueError(f"liner {name} is {plain_number(value):g}; it is {most}")
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
         if self.cell_pitch is not None:
             require_positive("liner cell_pitch (m)", self.cell_pitch)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -15,10 +17,27 @@ def reflection_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
     return reflection_from_impedance(impedance_of(liner, frequency, speed))
 
 
+def complex_tensor(impedance: Any, name: str) -> Tensor:
+    """What a user's ``impedance`` gave, tensor, array, list or number, as complex128.
+
+    Raises:
+        TypeError: None, text; ``name`` is that of the liner.
+    """
+    if isinstance(impedance, Tensor):
+        return impedance.to(torch.complex128)
+    array = np.asarray(impedance)  # torch takes Python's own numbers in its default precision
+    if array.dtype.kind not in "fiuc":
+        raise TypeError(
+            f"{name}.impedance(frequency, speed) gave {type(impedance).__name__} of {array.dtype}; "
+            "numbers are needed, normalised by rho c"
+        )
+    return torch.as_tensor(array.astype(np.complex128))
+
+
 def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
     """``liner.impedance`` of any user's object as a complex128 tensor of the broadcast shape."""
     shape = np.broadcast_shapes(frequency.shape, speed.shape)
-    found = torch.as_tensor(liner.impedance(frequency, speed)).to(torch.complex128)
+    found = complex_tensor(liner.impedance(frequency, speed), type(liner).__name__)
     if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
         raise ValueError(
             f"{type(liner).__name__}.impedance(frequency, speed) gave nan, inf or -1 between "

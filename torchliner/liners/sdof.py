@@ -13,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import make_plain, plain_number, real_tensor
 from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.liners.cell import LENGTH, SHARE, CellLiner, Parameter, omega_of, speed_of
+from torchliner.liners.cell import DEPTH, PLATE, SHARE, CellLiner, Parameter, omega_of, speed_of
 from torchliner.liners.facesheet import (
     SpeedLaw,
     facesheet_impedance,
@@ -23,11 +23,11 @@ from torchliner.liners.facesheet import (
 from torchliner.liners.model import Number
 
 NUMBERS = {  # arguments above 0: unit and highest value
-    "facesheet_thickness": LENGTH,
-    "orifice_diameter": LENGTH,
+    "facesheet_thickness": PLATE,
+    "orifice_diameter": PLATE,
     "porosity": SHARE,
-    "cavity_depth": LENGTH,
-    "cavity_hydraulic_radius": LENGTH,
+    "cavity_depth": DEPTH,
+    "cavity_hydraulic_radius": DEPTH,
     "cavity_porosity": SHARE,
     "open_area_fraction": SHARE,
     "vena_contracta": SHARE,

@@ -14,7 +14,7 @@ from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.outlets import Written
 from torchliner.records.probes import signal_tensor
-from torchliner.records.unit_checks import require_gas_flow_and_level
+from torchliner.records.unit_checks import require_flow_and_level
 
 UNITS = {"arrival_time": "s", "transit_time": "s", "wall_normal": "m/s", "streamwise": "m/s"}
 COMPONENTS = ("wall_normal", "streamwise")
@@ -72,7 +72,7 @@ class BurstRecord(Written):
     def __post_init__(self) -> None:
         make_plain(self)
         self._check_arrays()
-        require_gas_flow_and_level(self)
+        require_flow_and_level(self)
         for label in ("x", "y", "z"):
             value = getattr(self, label)
             if value is not None and not abs(value) < float("inf"):

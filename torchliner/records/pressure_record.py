@@ -19,7 +19,7 @@ from torchliner.checks import (
 from torchliner.fluid import Fluid
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, checked_coordinate, finite_places, signal_tensor
-from torchliner.records.unit_checks import require_gas_flow_and_level
+from torchliner.records.unit_checks import require_flow_and_level
 
 SIGNALS = {
     "facesheet": "Pa",
@@ -112,7 +112,7 @@ class PressureRecord(Written, AtProbes):
                 f"{self.name}: cavity_porosity is {self.cavity_porosity:g}; it is the share of the "
                 "surface that is cavity, at most 1 (80 % is 0.8)"
             )
-        require_gas_flow_and_level(self)
+        require_flow_and_level(self)
         self._check_cells()
         self._check_microphones()
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_array
+from torchliner.checks import plain_array, real_tensor
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
@@ -113,16 +113,15 @@ def _require_unit(value: Any, name: str, unit: str) -> None:
 
 
 def finite_places(value: Any, label: str, name: str) -> Tensor:
-    """Coordinates as float64, (N,).
+    """Coordinates as float64, (N,), a copy: the caller may fill his array again.
 
     Raises:
+        TypeError: not real numbers.
         ValueError: values that are not finite, masked, in another unit, or beyond any duct.
     """
     if not isinstance(value, Tensor):
         _require_unit(value, f"{name}: {label}", "m")
-        value = plain_array(value, f"{name}: {label}")
-    array = np.asarray(value, dtype=np.float64)
-    values = torch.as_tensor(array if array.flags.writeable else array.copy()).reshape(-1)
+    values = real_tensor(value, name=f"{name}: {label}").cpu().reshape(-1).clone()
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
     require_plausible(values.numpy(), "length", f"{name}: {label}")

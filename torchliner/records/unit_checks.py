@@ -9,12 +9,11 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.fluid import Fluid
 
 LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
 LOWEST_RATE = 500.0  # Hz
 # m: what a liner's data may span, and lie above it; a boundary layer's displacement.
-LONGEST, HIGHEST, THICKEST = 20.0, 0.5, 0.1
+LONGEST, HIGHEST, THICKEST = 20.0, 0.05, 0.1
 # m: probes this far apart, over so long a plane, see no cell of a liner.
 APART, LONG = 0.05, 1.0
 SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
@@ -28,20 +27,14 @@ WHOLE = math.pi
 NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
 
 
-def require_gas_flow_and_level(record: Any) -> None:
-    """Refuse what is no gas, a bulk Mach number outside 0 to 1, and an incident level above one
-    atmosphere or below its last digit.
+def require_flow_and_level(record: Any) -> None:
+    """Refuse a bulk Mach number outside 0 to 1, and an incident level above one atmosphere or below
+    its last digit.
 
     Raises:
-        TypeError: no ``Fluid``.
         ValueError: also what is not finite.
     """
     name, mach, level = record.name, record.mach, record.incident_level
-    if not isinstance(record.fluid, Fluid):
-        raise TypeError(
-            f"{name}: fluid is {type(record.fluid).__name__}; a Fluid is needed (leave it out for "
-            "air at 20 C)"
-        )
     if mach is not None and not 0 <= mach < 1:
         raise ValueError(
             f"{name}: mach is {mach:g}; it must be at least 0 (count x along the flow) and below 1 "

@@ -8,10 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
-import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, require_positive, require_positive_where_stated, tell
+from torchliner.checks import (
+    make_plain,
+    real_tensor,
+    require_positive,
+    require_positive_where_stated,
+    tell,
+)
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.holes import Holes, require_holes_on_plane
@@ -19,7 +24,7 @@ from torchliner.records.outlets import Drawn, outlet
 from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
 from torchliner.records.slabs import Reader
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
-from torchliner.records.unit_checks import require_gas_flow_and_level
+from torchliner.records.unit_checks import require_flow_and_level
 
 
 @runtime_checkable
@@ -109,7 +114,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
         if self.area is not None:
-            area = torch.as_tensor(self.area, dtype=torch.float64).reshape(-1)
+            area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
             if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
                 raise ValueError(f"{self.name}: area has {len(area)} values from "
                                  f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
@@ -118,7 +123,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         if self.holes is not None:
             require_holes_on_plane(self.holes, self.x, self.z, self.name)
         require_positive_where_stated(self, "height", "frequency")
-        require_gas_flow_and_level(self)
+        require_flow_and_level(self)
         thickness = self.displacement_thickness
         if thickness is not None and not 0 <= thickness < math.inf:
             raise ValueError(

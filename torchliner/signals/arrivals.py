@@ -32,6 +32,7 @@ STEPS_A_PERIOD = 16  # of a tone, on a derived grid
 STEPS_AN_ARRIVAL = 2  # folds at the mean rate, where Poisson arrivals leave 0.09 of a line
 LONG_GAP = 20.0  # mean intervals; among 150 000 Poisson arrivals one in 3000 records has such a gap
 BAND_SHARE = 0.25  # B over the mean rate: two arrivals a coefficient, twice the least density
+MOST_POINTS, FEWEST = 1000, 1000  # of a grid, for an arrival; arrivals, for so few as show nothing
 ROUNDING = 1e-9  # of a grid step: an arrival that near to a grid point is on it
 DEGREE = 5
 SMOOTHING = 1e-3  # second differences over the mean diagonal; 1e-4 gave turbulence 10 % too strong
@@ -176,7 +177,8 @@ def common_grid(arrival_times: Sequence[Tensor], rate: float) -> UniformGrid:
     """The grid from the latest first arrival to the earliest last one.
 
     Raises:
-        ValueError: the stations share no time, or too little for two grid points.
+        ValueError: the stations share no time, too little for two grid points, or so much that the
+            times cannot be in s.
     """
     require_positive("rate of the grid (Hz)", rate)
     start = max(float(each[0]) for each in arrival_times)
@@ -185,6 +187,12 @@ def common_grid(arrival_times: Sequence[Tensor], rate: float) -> UniformGrid:
         raise ValueError(
             f"the stations share no time: one begins at {start:g} s, another ends at {end:g} s; "
             "count the times of each from its own start, or grid them one by one"
+        )
+    points, arrivals = (end - start) * rate, max(map(len, arrival_times))
+    if points > MOST_POINTS * max(arrivals, FEWEST):
+        raise ValueError(
+            f"a grid of {rate:g} Hz over {end - start:g} s has {points:.3g} points for {arrivals} "
+            f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
         )
     return UniformGrid(start, float(rate), math.floor((end - start) * rate + ROUNDING) + 1)
 

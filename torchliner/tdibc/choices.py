@@ -289,11 +289,13 @@ class Choices:
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for, checked."""
+        text = f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
         try:
             device = torch.device(default if self.device is None else self.device)
-        except RuntimeError as error:
-            text = f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
+        except (RuntimeError, TypeError) as error:
             raise ValueError(text) from error
+        if device.type not in ("cpu", "cuda"):
+            raise ValueError(text)
         if device.type == "cuda" and not torch.cuda.is_available():
             raise ValueError(
                 f"device {str(device)!r} is asked for, but torch {torch.__version__} sees no CUDA "

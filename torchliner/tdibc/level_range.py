@@ -57,6 +57,7 @@ def velocity_grid(
         if chosen.drive == "rms":  # which alone the liner is asked for
             removed = seen.mean**2 if chosen.mean == "removed" else 0
             peak = (seen.mean_square - removed).clamp(min=0).sqrt()
+        peak = peak.detach()
         if float(peak.max()) > top:  # of averages and of v* too
             top, plane = float(peak.max()), one
             fastest = int(peak[: one.probes].argmax())

@@ -182,7 +182,7 @@ class Prepared:
 
 def top_speed(seen: Survey, liner: LinerModel) -> float:
     """Largest |v| of the data, no more than the liner knows, m/s."""
-    peak = float(seen.peak.nan_to_num(0).max())
+    peak = float(seen.peak.detach().nan_to_num(0).max())
     return max(min(peak, liner.speed_max or peak), 1e-3)
 
 

@@ -23,6 +23,7 @@ from torchliner.reduction.probe_velocity import ProbeVelocity
 from torchliner.reduction.readings import First, Wanted, read_again, read_once
 from torchliner.reduction.survey import Survey, SurveySums
 from torchliner.replay.edges import Record
+from torchliner.replay.levels import carries_gradient
 from torchliner.replay.phase_rule import phase_rule
 from torchliner.signals.blocks import Blocks
 from torchliner.tdibc.choices import Choices
@@ -137,6 +138,14 @@ def _first_reading(
 ) -> tuple[ProbeVelocity, First, Tensor]:  # fmt: skip
     """Probes with faults are found and left out, (P,), and with them cells that hold no other."""
     like = plane.velocity
+    if (
+        chosen.engine == "spectral" and isinstance(like, Tensor)
+        and carries_gradient(like) and torch.is_grad_enabled()
+    ):  # fmt: skip
+        raise ValueError(
+            f"{plane.name}: velocity carries a gradient, which the moments of engine 'spectral' "
+            "would lose; use engine 'unfold' or 'direct', or give velocity.detach()"
+        )
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
 
