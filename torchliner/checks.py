@@ -229,7 +229,7 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the
         value: an array is copied, a tensor of ``dtype`` is not.
         name: for messages.
     Raises:
-        TypeError: complex numbers, truth values, text, None, lists of unequal lengths.
+        TypeError: complex numbers, truth values, text, None.
     """
     if isinstance(value, Tensor):
         if value.is_complex():
