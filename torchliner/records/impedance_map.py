@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, require_choice
+from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import (
     absorption_from_reflection,
     admittance_from_reflection,
@@ -108,11 +108,10 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
     def tone(self) -> int | None:
         """Index of the tone of the data, of which ``reference`` is; where they state none, of the
         only frequency; None if it is not among them."""
-        stated, asked = self.choices.get("tone"), self.frequency.tolist()
+        stated = self.choices.get("tone")
         if stated is None:
-            return 0 if len(asked) == 1 else None
-        near = [i for i, f in enumerate(asked) if abs(f / stated - 1) < SAME_FREQUENCY]
-        return near[0] if near else None
+            return 0 if len(self.frequency) == 1 else None
+        return index_of_frequency(self.frequency, stated)
 
     def reference_at(self, index: int) -> dict[str, complex]:
         """Independent impedances at one frequency, by name: none but at the tone."""
