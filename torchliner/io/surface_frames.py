@@ -33,12 +33,14 @@ class Surface:
         corners: of all faces one after another, numbers of points; None: points alone.
         ends: of each face, where its corners end; (F,).
         kinds: VTK's number of the kind of each face, (F,); None: polygons.
+        size: of a grid, number of points along each axis, x first; its cells are its faces.
     """
 
     points: np.ndarray
     corners: np.ndarray | None = None
     ends: np.ndarray | None = None
     kinds: np.ndarray | None = None
+    size: np.ndarray | None = None
 
     def faces(self, label: str) -> tuple[np.ndarray, np.ndarray | None]:
         """Centroids (F, 3), m, and areas (F,), m2; by triangles about the mean corner. Of boxes and
@@ -47,6 +49,8 @@ class Surface:
         Raises:
             ValueError: there are no faces, a face has two corners, or corners that are no points.
         """
+        if self.size is not None:
+            return _cells_of_grid(self.points, self.size).faces(label)
         if self.corners is None or self.ends is None or not len(self.ends):
             raise ValueError(f"{label} has no faces, but values on faces")
         starts = np.append(0, self.ends[:-1])
@@ -75,7 +79,7 @@ class Surface:
 
 
 def grid_surface(points: np.ndarray, size: np.ndarray) -> Surface:
-    """Points of a grid and the cells between them.
+    """Points of a grid, the cells between them formed where values stand on these.
 
     Args:
         points: m, (N, 3), x running fastest.
@@ -85,6 +89,10 @@ def grid_surface(points: np.ndarray, size: np.ndarray) -> Surface:
     """
     if math.prod(size.tolist()) != len(points):
         raise ValueError(f"a grid of {size.tolist()} points has {len(points)}")
+    return Surface(points, size=size)
+
+
+def _cells_of_grid(points: np.ndarray, size: np.ndarray) -> Surface:
     number = np.arange(len(points)).reshape(size[::-1])
     sides = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None),) for n in size[::-1]]
     corners = np.stack([number[each].reshape(-1) for each in product(*sides)], 1)
