@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from torchliner import toml_files
+from torchliner.liners.cell import DEPTH, PLATE
 from torchliner.liners.model import LinerModel
 from torchliner.liners.python_file import read_liner
 from torchliner.liners.sdof import SDoFLiner
@@ -68,11 +69,11 @@ class SDoFFile(CellFile):
     """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
 
     model: Literal["sdof"]
-    facesheet_thickness: float = Field(gt=0, lt=0.1)
-    orifice_diameter: float = Field(gt=0, lt=0.1)
+    facesheet_thickness: float = Field(gt=0, lt=PLATE[1])
+    orifice_diameter: float = Field(gt=0, lt=PLATE[1])
     porosity: float = Field(gt=0, le=1)
-    cavity_depth: float = Field(gt=0, lt=10)
-    cavity_hydraulic_radius: float = Field(gt=0, lt=10)
+    cavity_depth: float = Field(gt=0, lt=DEPTH[1])
+    cavity_hydraulic_radius: float = Field(gt=0, lt=DEPTH[1])
     cavity_porosity: float = Field(1.0, gt=0, le=1)
     vena_contracta: float = Field(0.8, gt=0, le=1)
 
