@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchliner.cli.files import show_results, write_text
-from torchliner.cli.options import CASE, count, dest, progress_bar, shared, stated
+from torchliner.cli.options import CASE, count, dest, progress_bar, shared, spelled, stated
 from torchliner.cli.plane_options import plane_options, reading
 from torchliner.names import ARRAY_ENDINGS, PLANE_LAYOUTS, resolve
 from torchliner.version import __version__
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
     for given, of in (("linear", "liner_file"), ("compress_level", "compress")):
         if getattr(options, given) is not None and not getattr(options, of):
-            first, second = (f"--{name.replace('_', '-')}" for name in (given, of))
+            first, second = spelled([given]), spelled([of])
             raise ValueError(f"{first} is of {second}; give that as well, or leave {first} out")
     plane, facts = _read(options), stated(options, ABOUT)
     if "incident_level" in facts:  # of the plane as written
@@ -124,22 +124,18 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
         layout = "array"
     if layout is None:
         if given := sorted({*stated(options, OF_LAYOUTS)} - {"towards_liner"}):
-            raise ValueError(f"{_words(given)}: for --layout resolved or channel; state that, or "
+            raise ValueError(f"{spelled(given)}: for --layout resolved or channel; state that, or "
                              "leave this out")  # fmt: skip
         plane = read_plane(options.source, lazy=True, **reading(options))
         return select(plane, factor=-1.0) if options.towards_liner else plane
     read = resolve(PLANE_LAYOUTS[layout][0])
     known = {*signature(read).parameters, "start", "stop", "region", "every"}
     if given := sorted({*reading(options), *stated(options, OF_LAYOUTS)} - known):
-        raise ValueError(f"--layout {layout} takes no {_words(given)}; leave that or --layout out")
+        raise ValueError(f"--layout {layout} takes no {spelled(given)}; leave that or --layout out")
     wanted = {name: value for name in signature(read).parameters
               if (value := getattr(options, name, None)) is not None}  # fmt: skip
     part = {name: getattr(options, name) for name in ("start", "stop", "region")}
     return select(read(options.source, **wanted), **part, every=options.every or 1)
-
-
-def _words(names: list[str]) -> str:
-    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 def _digest(options: argparse.Namespace, paths: list[Path]) -> str:

@@ -23,6 +23,7 @@ from torchliner.cli.options import (
     frequency_option,
     progress_bar,
     shared,
+    spelled,
     stated,
 )
 from torchliner.cli.plane_options import plane_options
@@ -76,9 +77,10 @@ def run(options: argparse.Namespace) -> int:
     outputs = _outputs(options.output, options.planes)
     given = stated(options, OF_TONES) if options.incident is not None else {}
     if given:
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise ValueError(f"{words}: of tones; with --incident there are no error bars, and closure "
-                         "is not checked: leave this out")  # fmt: skip
+        raise ValueError(
+            f"{spelled(given)}: of tones; with --incident there are no error bars, and closure is "
+            "not checked: leave this out"
+        )
     if options.reflected is not None and len(options.planes) > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
     for path in outputs:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchliner.cli.options import print_json
+from torchliner.cli.options import print_json, spelled
 from torchliner.cli.plane_options import reading
 
 if TYPE_CHECKING:
@@ -103,8 +103,9 @@ def read_records(
     facts = {"holes": read_holes(said.pop("holes"))} if "holes" in said else {}
     for path in paths if said else ():
         if holds_moments(path):
-            words = ", ".join(f"--{name.replace('_', '-')}" for name in said)
-            raise ValueError(f"{path} holds moments, of which there is no part: leave out {words}")
+            raise ValueError(
+                f"{path} holds moments, of which there is no part: leave out {spelled(said)}"
+            )
     return [
         with_facts(read_moments(path), facts) if holds_moments(path)
         else read_planes([path], options)[0]

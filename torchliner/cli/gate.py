@@ -55,12 +55,13 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
         ImportError: a figure is asked for, and matplotlib is not there.
     """
     given = [(a, v) for a in parser._actions for v in _values(options, a)]
-    named = [str(v) for a, v in given if reads(a, parser.text_of(a))]
+    inputs = [(a, v) for a, v in given if reads(a, parser.text_of(a))]
+    named = [str(v) for _, v in inputs]
     named += [found for a, v in given if a.metavar in MAYBE and (found := _own_file(a, str(v)))]
     files = [path for name in named for path in _matching(name)]
     for path in files:
         require_input(path)
-    _require_once(parser, options)
+    _require_once(inputs)
     with inputs_kept(_with_those_inside(files)):
         outputs: dict[Any, str] = {}
         for action, value in given:
@@ -140,14 +141,13 @@ def require_input(path: Path) -> None:
         raise OSError(f"{path} is a device or a pipe; a file is needed")
 
 
-def _require_once(parser: Parser, options: argparse.Namespace) -> None:
+def _require_once(inputs: Iterable[tuple[argparse.Action, Any]]) -> None:
     """Refuse a file that a list names twice: it would count as two measurements."""
-    for action in parser._actions:
-        seen: dict[Any, Any] = {}
-        for path in _values(options, action) if reads(action, parser.text_of(action)) else ():
-            if (first := seen.setdefault(identity(path), path)) is not path:
-                as_first = "" if str(first) == str(path) else f", as {first} before"
-                raise ValueError(f"{path} is named twice{as_first}; name it once")
+    seen: dict[Any, Any] = {}
+    for action, path in inputs:
+        if (first := seen.setdefault((action.dest, identity(path)), path)) is not path:
+            as_first = "" if str(first) == str(path) else f", as {first} before"
+            raise ValueError(f"{path} is named twice{as_first}; name it once")
 
 
 def _with_those_inside(paths: Iterable[Path]) -> Iterator[Path]:

@@ -10,7 +10,7 @@ from torchliner import names
 from torchliner.cli.calibrate import bounds_given, references_given
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
-from torchliner.cli.options import complex_number, order_option, shared, stated
+from torchliner.cli.options import complex_number, order_option, shared, spelled, stated
 from torchliner.cli.plane_options import plane_options
 
 CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
@@ -61,8 +61,9 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--reach is of the table that is written; name --output as well")
     given = stated(options, ("rest", "freedom", "prior", "reactance", "reach"))
     if given and options.free and options.fit is None:
-        words = ", ".join(f"--{name}" for name in given)
-        raise ValueError(f"{words}: of a curve; fit one too, with --fit curve, or leave this out")
+        raise ValueError(
+            f"{spelled(given)}: of a curve; fit one too, with --fit curve, or leave this out"
+        )
     paths = [*options.planes, *options.predict]
     both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)

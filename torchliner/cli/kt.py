@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner import names
 from torchliner.cli.files import show_results
-from torchliner.cli.options import complex_number, frequency_option, shared, stated
+from torchliner.cli.options import complex_number, frequency_option, shared, spelled, stated
 
 if TYPE_CHECKING:
     from torchliner.records import MicrophoneLine
@@ -105,13 +105,13 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     own = METHODS[options.method]
     for key in dict.fromkeys(chain(*METHODS.values())):
         if key not in own and getattr(options, key) is not None:
-            named = "--" + key.replace("_", "-")
-            raise ValueError(f"{named} is no option of --method {options.method}")
+            raise ValueError(f"{spelled([key])} is no option of --method {options.method}")
     chosen = stated(options, (*SHARED, *own))
     for key in ("level_error", "phase_error"):  # the fit of the field weights by them
         if key in chosen and options.method != "field" and not chosen.get("draws"):
-            named = "--" + key.replace("_", "-")
-            raise ValueError(f"{named} is of the draws; add --draws, e.g. 500, or leave it out")
+            raise ValueError(
+                f"{spelled([key])} is of the draws; add --draws, e.g. 500, or leave it out"
+            )
     if "start" in chosen:
         chosen["start"] = complex_number(chosen["start"], "--start")
     if "margin" in chosen:

@@ -176,6 +176,11 @@ def dest(spec: str) -> str:
     return spec.split()[0].removeprefix("--").replace("-", "_")
 
 
+def spelled(keys: Iterable[str]) -> str:
+    """Options by their attributes, as they are typed: "--in-situ, --quiet"."""
+    return ", ".join(f"--{key.replace('_', '-')}" for key in keys)
+
+
 def stated(options: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:
     """Those of the options that the user gave, by name."""
     found = {key: getattr(options, key, None) for key in keys}
