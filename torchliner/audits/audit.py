@@ -83,8 +83,7 @@ def audit(
         require_positive("running_window", window)
     if choices.get("drive") != "running-rms":
         choices = {name: value for name, value in choices.items() if name != "running_window"}
-    work = _Work(several, liner, frequency, Choices(**choices), order, progress)
-    work.running_window = window
+    work = _Work(several, liner, frequency, Choices(**choices), order, window, progress)
     work.moments()
     for factor, vary in (
         ("phase rule", work.phases), ("drive, mean velocity", work.drives),
@@ -101,13 +100,12 @@ def audit(
 class _Work:
     """The audit as it grows."""
 
-    running_window: float | None = None  # s
-
     def __init__(
         self, planes: Sequence[VelocityPlane | Moments], liner: Liner, frequency: float | None,
-        chosen: Choices, order: str, progress: Callable[[int], None] | None,
+        chosen: Choices, order: str, running_window: float | None,
+        progress: Callable[[int], None] | None,
     ) -> None:  # fmt: skip
-        self.model = as_liner(liner)
+        self.model, self.running_window = as_liner(liner), running_window
         self.liners, self.skipped = other_liners(self.model)
         self.order, self.progress, self.others = order, progress, planes[1:]
         asked = ask(planes[0], self.model, frequency, chosen)

@@ -202,7 +202,7 @@ def _by_case(ready: Sequence[Prepared], given: Any, *, all_of_them: bool) -> Any
     Raises:
         ValueError: a plane without a record; records that could be of several runs.
     """
-    records = [given] if isinstance(given, PressureRecord) else list(given or [])
+    records = _listed(given)
     if not records or not all(isinstance(each, PressureRecord) for each in records):
         return given
     faults = [[_fault(one.plane, record) for record in records] for one in ready]
@@ -223,6 +223,10 @@ def _by_case(ready: Sequence[Prepared], given: Any, *, all_of_them: bool) -> Any
             fitting = [i]
         found.append(records[fitting[0]] if fitting else None)
     return found
+
+
+def _listed(given: Any) -> list[Any]:
+    return [given] if isinstance(given, PressureRecord) else list(given or [])
 
 
 def _fault(plane: VelocityPlane, record: PressureRecord) -> str:
@@ -246,9 +250,8 @@ def _in_situ(ready: Sequence[Prepared], given: Any) -> list[Tensor]:
         elif "in situ" in plane.reference:
             found.append(held_reference(one, "in situ"))
         else:
-            several = [given] if isinstance(given, PressureRecord) else list(given or [])
             fault = "no pressure record is given"
-            if several:
+            if several := _listed(given):
                 fault = _fault(plane, several[-1])
             raise ValueError(
                 f"{plane.name} has no in situ impedance: {fault}; give the pressure record of "
