@@ -13,8 +13,7 @@ import torchliner as tl
 GROUPS: dict[str, tuple[str, str]] = {
     "Planes and maps": (
         "From velocity to impedance: read a plane, educe it, keep what comes out.",
-        "VelocityPlane read_plane educe ImpedanceMap read_map onto_grid VelocityGrid "
-        "Holes read_holes",
+        "VelocityPlane read_plane educe ImpedanceMap read_map onto_grid VelocityGrid Holes read_holes",
     ),
     "Moments": (
         "A plane reduced to moments of the speed, from which any liner follows at any frequency.",
@@ -89,10 +88,7 @@ def write_reference(folder: Path) -> None:
         page = title.lower().replace(" ", "_")
         pages.append(f"   {page}")
         entries = "\n".join(_entry(name) for name in names.split())
-        text = (
-            f"{title}\n{'=' * len(title)}\n\n{about}\n\n"
-            f".. literalinclude:: ../examples/{page}.py\n\n"
-        )
+        text = f"{title}\n{'=' * len(title)}\n\n{about}\n\n.. literalinclude:: ../examples/{page}.py\n\n"
         _write(folder / f"{page}.rst", text + entries)
         links = ", ".join(f":py:obj:`{n} <torchliner.{n}>`" for n in names.split())
         parts.append(f":doc:`{page}`: {about} {links}\n")

@@ -181,9 +181,7 @@ class Sound:
                 "assumed reactance": self.impedance.imag, "decay (dB)": decay}  # fmt: skip
 
 
-def write_case(
-    case: Case, liner: Any, turbulence: Turbulence, folder: Path, stations: int, seconds: float
-) -> None:
+def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, stations: int, seconds: float) -> None:
     """Files of bursts of one configuration."""
     friction = FRICTION[case.mach]
     places = (np.arange(stations) + 0.5) * LENGTH / stations
@@ -284,9 +282,7 @@ def _kept(row: dict[str, Any]) -> dict[str, Any]:
     return {key: float(f"{value:.6g}") for key, value in row.items() if key not in left_out}
 
 
-def _line(
-    case: Case, liner: Any, turbulence: Turbulence, options: argparse.Namespace
-) -> tl.ImpedanceLine:
+def _line(case: Case, liner: Any, turbulence: Turbulence, options: argparse.Namespace) -> tl.ImpedanceLine:
     """Simulated and educed, or as kept by an earlier run."""
     kept = None if options.lines is None else options.lines / f"{case.name.replace(' ', '_')}.h5"
     if kept is not None and kept.exists():

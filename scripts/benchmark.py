@@ -98,9 +98,7 @@ class Bench:
                 return min(fastest, spent), result
         return fastest, result
 
-    def row(
-        self, name: str, seconds: float, samples: int, error: float | None = None, wanted: str = ""
-    ) -> float:
+    def row(self, name: str, seconds: float, samples: int, error: float | None = None, wanted: str = "") -> float:
         """Printed; ns per sample."""
         each = seconds / samples
         shown = "" if error is None else f"{error:.1e}"
@@ -116,8 +114,7 @@ class Bench:
 def plain_means(liner: LinerModel, speed: Tensor, frequency: list[float], end: int) -> Tensor:
     """Means of R(f, |v|) over samples 0 to ``end`` - 1, complex128; ``speed`` (P, n)."""
     known = [
-        reflection_of(liner, torch.tensor(f, dtype=torch.float64), speed[:, :end].double()).mean(1)
-        for f in frequency
+        reflection_of(liner, torch.tensor(f, dtype=torch.float64), speed[:, :end].double()).mean(1) for f in frequency
     ]
     return torch.stack(known, 1)
 
@@ -181,9 +178,7 @@ def educe_rows(bench: Bench, name: str, wanted: int) -> None:
     part = bench.velocity[:, :COMPARED].T.cpu().abs()
 
     def educe(order: str = ORDERS[0], interval: float | None = 0.95, **choices: Any) -> Any:
-        return bench.best(
-            lambda: tl.educe(plane, bench.liner, order=order, interval=interval, **choices)
-        )
+        return bench.best(lambda: tl.educe(plane, bench.liner, order=order, interval=interval, **choices))
 
     bare, found = educe(interval=None)
     exact = plain_means(bench.liner, part, [FREQUENCY], whole)
@@ -260,9 +255,7 @@ def reflected_rows(bench: Bench) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="27 400 probes; a file of 16 GB")
     parser.add_argument("--seconds", type=float, default=20.0, help="limit for slow rows")
     parser.add_argument("--device", default="cpu")

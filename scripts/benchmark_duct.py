@@ -148,14 +148,11 @@ def batch() -> None:
 
     def one_by_one() -> list[torch.Tensor]:
         return [
-            solve_duct(CASE, frequency[f], walls[z], mesh, keep="walls").wall_pressure(MICROPHONES)
-            for z, f in chosen
+            solve_duct(CASE, frequency[f], walls[z], mesh, keep="walls").wall_pressure(MICROPHONES) for z, f in chosen
         ]
 
     slow, ones = best(one_by_one, 1)
-    error = max(
-        float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True)
-    )
+    error = max(float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True))
     each = slow / len(chosen)
     print(
         f"solve_duct for each (8 measured)       {2000 * each:8.0f} s {1e3 * each:9.3f} ms each, "
@@ -163,10 +160,7 @@ def batch() -> None:
     )
     solver = DuctSolver(CASE, frequency[:1], mesh, keep="walls")
     each, _ = best(lambda: [solver.solve(z).wall_pressure(MICROPHONES) for z in walls[:20]], 2)
-    print(
-        f"one DuctSolver, an impedance at a time {'':8s}   {1e3 * each / 20:9.3f} ms each, "
-        "its sweep not counted"
-    )
+    print(f"one DuctSolver, an impedance at a time {'':8s}   {1e3 * each / 20:9.3f} ms each, its sweep not counted")
 
 
 def microphones() -> None:
@@ -176,9 +170,7 @@ def microphones() -> None:
     _draws("fit_field", frequency[10:11], 100, 4, tl.fit_field)
 
 
-def _draws(
-    name: str, frequency: torch.Tensor, draws: int, measured: int, educe: Callable[..., Any]
-) -> None:
+def _draws(name: str, frequency: torch.Tensor, draws: int, measured: int, educe: Callable[..., Any]) -> None:
     """All draws of a line as its leading axis, and some of them each as a line of its own."""
     solver = DuctSolver(CASE, frequency, keep="walls")
     over = MICROPHONES[3:15]
@@ -201,9 +193,7 @@ def _draws(
         ]  # fmt: skip
 
     slow, ones = best(one_by_one, 1)
-    error = max(
-        abs(one - complex(whole.impedance[at])) for one, at in zip(ones, chosen, strict=True)
-    )
+    error = max(abs(one - complex(whole.impedance[at])) for one, at in zip(ones, chosen, strict=True))
     each = slow / measured
     print(
         f"\n{name}, {draws} draws x {len(frequency)} frequencies, 12 microphones\n"
@@ -220,9 +210,7 @@ def settled() -> None:
     works: dict[str, Callable[[], Any]] = {
         "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE, keep="walls"),
         "search for a growing wave": lambda: growing_wave(CASE.profile, FREQUENCY, IMPEDANCE),
-        "both, and a finer mesh": lambda: solve_settled(
-            CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES
-        ),
+        "both, and a finer mesh": lambda: solve_settled(CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES),
     }
     for name, work in works.items():
         work()

@@ -120,9 +120,7 @@ ROWS: Sequence[tuple[str, Callable[[Path, np.ndarray], list[Path]], dict[str, An
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--megabytes", type=float, default=500.0, help="of velocity")
     parser.add_argument("--folder", type=Path, help="for the files; default a temporary one")
     options = parser.parse_args()

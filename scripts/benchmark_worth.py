@@ -45,9 +45,7 @@ def audit_rows(plane: tl.VelocityPlane, liner: LinerModel, clock: Clock) -> None
     """The audit of one plane against an ``educe`` for each of some of its rows."""
     seconds, audited = timed(lambda: tl.audit(plane, liner), clock)
     start = clock()
-    alone = [
-        complex(tl.educe(plane, liner, interval=None, **choices).answer[0]) for choices in ALONE
-    ]
+    alone = [complex(tl.educe(plane, liner, interval=None, **choices).answer[0]) for choices in ALONE]
     each = (clock() - start) / len(ALONE)
     rows = [audited.base, *(row.impedance for row in audited.rows)]
     error = max(min(abs(value - row) for row in rows) for value in alone)

@@ -39,17 +39,13 @@ def make_environment() -> None:
     """A virtual environment with pip in it, also where the ensurepip module is missing."""
     if ENVIRONMENT.exists():
         shutil.rmtree(ENVIRONMENT)
-    made = subprocess.run(
-        [sys.executable, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True, text=True
-    )
+    made = subprocess.run([sys.executable, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True, text=True)
     if made.returncode == 0:
         return
     shutil.rmtree(ENVIRONMENT, ignore_errors=True)
     print("venv has no ensurepip; taking pip from the calling Python", flush=True)
     run(sys.executable, "-m", "venv", "--without-pip", ENVIRONMENT)
-    code = subprocess.call(
-        [sys.executable, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"]
-    )
+    code = subprocess.call([sys.executable, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"])
     if code:
         sys.exit(
             "This Python can make no environment with pip in it. Install its venv package "

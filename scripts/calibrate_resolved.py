@@ -95,9 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\n== {variant}, {order}")
             for name, found in zip(("slit", "orifice"), fits, strict=True):
                 print(format_calibration(found))
-                parameters += [
-                    {**about, "fit": name, **row} for row in parameter_table(found).as_rows()
-                ]
+                parameters += [{**about, "fit": name, **row} for row in parameter_table(found).as_rows()]
             shown = [dataclasses.replace(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm")
                      for row in rows]  # fmt: skip
             print(prediction_table(shown).as_text())

@@ -101,9 +101,7 @@ def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
 
 def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
     """Rows of each case."""
-    return [
-        [row for row in rows if row.case == case] for case in dict.fromkeys(r.case for r in rows)
-    ]
+    return [[row for row in rows if row.case == case] for case in dict.fromkeys(r.case for r in rows)]
 
 
 def prediction_table(rows: Sequence[PredictedRow]) -> str:

@@ -22,9 +22,7 @@ def parser_of(doc: str | None, output: Path | None = None) -> argparse.ArgumentP
     return parser
 
 
-def options_of(
-    parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None
-) -> argparse.Namespace:
+def options_of(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options; the output's folder is made, and what is known of the data not warned of."""
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore", DataWarning)

@@ -73,9 +73,7 @@ SPECTRA = {
 }
 
 
-def velocity(
-    amplitude: Callable[[torch.Tensor], torch.Tensor], probes: int, samples: int, seed: int
-) -> torch.Tensor:
+def velocity(amplitude: Callable[[torch.Tensor], torch.Tensor], probes: int, samples: int, seed: int) -> torch.Tensor:
     """Gaussian noise (probes, samples), m/s, of ``RMS`` in the mean over records."""
     length = 1 << math.ceil(math.log2(2 * samples))  # cut from twice as much: no periodicity
     generator = torch.Generator().manual_seed(seed)
@@ -173,9 +171,7 @@ def coverage(
     return _summary(inside, widths, runs)
 
 
-def _summary(
-    inside: list[np.ndarray], widths: list[np.ndarray], runs: list[np.ndarray]
-) -> dict[str, float]:
+def _summary(inside: list[np.ndarray], widths: list[np.ndarray], runs: list[np.ndarray]) -> dict[str, float]:
     """Resistance and reactance take turns in the lists."""
     return {
         "R inside (%)": 100 * float(np.mean(np.concatenate(inside[0::2]))),
@@ -224,9 +220,7 @@ def station_coverage(spectrum: str, trials: int, liner: LinerModel) -> list[dict
     ]  # fmt: skip
 
 
-def rows(
-    trials: int, *, only_stations: bool = False, only_planes: bool = False
-) -> Iterator[dict[str, object]]:
+def rows(trials: int, *, only_stations: bool = False, only_planes: bool = False) -> Iterator[dict[str, object]]:
     liner = tl.load_liner("onera")
     assert isinstance(liner, tl.SDoFLiner)
     cases = [("probe", spectrum, record) for spectrum in SPECTRA for record in RECORDS]
@@ -251,9 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     true = true_impedance(tl.load_liner("onera"))
     print(f"truth {true:.4f}, {options.trials} trials a row, 95 % intervals")
     done = []
-    for row in rows(
-        options.trials, only_stations=options.only_stations, only_planes=options.only_planes
-    ):
+    for row in rows(options.trials, only_stations=options.only_stations, only_planes=options.only_planes):
         done.append(row)
         print("  ".join(
             f"{value:.3g}" if isinstance(value, float) else f"{value!s:20s}"

@@ -55,9 +55,7 @@ def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
     """SPL and phase at the microphones."""
     setup, field = one
     places = microphones_of(setup)
-    level, phase = (
-        values(places, setup.wall)[0].detach() for values in (field.wall_level, field.wall_phase)
-    )
+    level, phase = (values(places, setup.wall)[0].detach() for values in (field.wall_level, field.wall_phase))
     return [
         {"case": label, "source": field.source, "x (m)": float(x), "SPL (dB)": float(s),
          "phase (deg)": float(a)}

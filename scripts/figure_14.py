@@ -80,9 +80,7 @@ def educed(facility: Facility, side: str, draws: int) -> Educed:
         nearest = line.pressure[..., 0 if side == "upstream" else -1, :].abs()
         scale = pressure_amplitude_from_spl(FIRST) / nearest
         line = replace(line, pressure=line.pressure * scale)
-    return Educed(
-        line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws)
-    )
+    return Educed(line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws))
 
 
 @styled

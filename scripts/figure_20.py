@@ -111,9 +111,7 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
-    return finish(
-        figure, path, "no flow, 1500 Hz; black: 1 / mean admittance of the wall", legend=2
-    )
+    return finish(figure, path, "no flow, 1500 Hz; black: 1 / mean admittance of the wall", legend=2)
 
 
 @styled

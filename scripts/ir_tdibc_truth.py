@@ -93,10 +93,7 @@ def convergence_table() -> str:
     """Z of the slit at 145 dB over rate and kernel length."""
     liner, lines = tl.load_liner("lbm_slit"), []
     for rate, after in STEPS:
-        found = [
-            tl.ir_tdibc(liner, 145, TONE, kernel=k, sampling_rate=rate, after=after)
-            for k in STEP_KERNELS
-        ]
+        found = [tl.ir_tdibc(liner, 145, TONE, kernel=k, sampling_rate=rate, after=after) for k in STEP_KERNELS]
         lines.append([f"{1e-3 * rate:g} kHz, {1e3 * after:g} ms",
                       *(format_complex(complex(f.impedance[0, 0])) for f in found)])  # fmt: skip
     return table("rate, kernel | " + " | ".join(STEP_KERNELS), lines)
@@ -156,13 +153,9 @@ def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> N
             z = getattr(curve.impedance[:, 0], name)
             fixed = [getattr(complex(r[0].impedance[0]), name) for r in curve.fixed_points]
             axis.plot(CURVE, z, color=COLOURS[i], label=f"{label}: instantaneous")
-            axis.plot(
-                CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: $Z$ at {V_RMS}"
-            )
+            axis.plot(CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: $Z$ at {V_RMS}")
         for i, kind in enumerate(("slit", "orifice")):
-            true = {
-                row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind
-            }
+            true = {row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind}
             axis.plot(
                 list(true), list(true.values()), color="black", marker=MARKERS[i], linestyle="",
                 label=f"{kind}: true",
@@ -188,9 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         curves = {name: tl.ir_tdibc(liner, CURVE, TONE, kernel="periodic")
                   for name, liner in liners.items()}  # fmt: skip
         draw(curves, rows, FIGURES / f"{STEM}.png")
-        plain = [
-            {k: v for key, value in row.items() for k, v in _parts(key, value)} for row in rows
-        ]
+        plain = [{k: v for key, value in row.items() for k, v in _parts(key, value)} for row in rows]
         write_rows(plain, FIGURES / f"{STEM}.csv", ".5g")
         write_tables(PAGE, tables)
     return 0

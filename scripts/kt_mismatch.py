@@ -81,9 +81,7 @@ def all_methods(
         row(study, value, side, "two waves", complex(two_wave_fit(line).impedance[0])),
     ]
     if solver is not None:
-        rows.append(
-            row(study, value, side, "LEE fit", complex(fit_field(line, solver).impedance[0]))
-        )
+        rows.append(row(study, value, side, "LEE fit", complex(fit_field(line, solver).impedance[0])))
     return rows
 
 
@@ -113,9 +111,7 @@ def ranks_and_orders(lines: dict[str, tl.MicrophoneLine]) -> list[dict[str, Any]
     return rows
 
 
-def noise(
-    lines: dict[str, tl.MicrophoneLine], solvers: dict[str, DuctSolver], draws: int
-) -> list[dict[str, Any]]:
+def noise(lines: dict[str, tl.MicrophoneLine], solvers: dict[str, DuctSolver], draws: int) -> list[dict[str, Any]]:
     """Mean and standard deviation over draws of the microphones' errors."""
     rows = []
     for side, line in lines.items():
@@ -132,9 +128,7 @@ def noise(
                 drawn = result.draws.impedance[:, 0]
                 spread = {"std resistance": float(drawn.real.std()),
                           "std reactance": float(drawn.imag.std())}  # fmt: skip
-                rows.append(
-                    row("noise", error, side, method, complex(drawn.mean()), draws=draws, **spread)
-                )
+                rows.append(row("noise", error, side, method, complex(drawn.mean()), draws=draws, **spread))
     return rows
 
 
@@ -171,9 +165,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
     figure, axes = subplots(1, 2, 3.4)
     for axis, method in zip(axes[0], ("KT", "two waves"), strict=True):
         for i, flow in enumerate(FLOWS):
-            points = [
-                of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES
-            ]
+            points = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES]
             axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
             for side, z in zip(SIDES, points, strict=True):
                 axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3,
@@ -187,9 +179,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         head_panel(axis, {"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
-    return finish(
-        figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3
-    )
+    return finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 
 
 @styled
@@ -218,8 +208,7 @@ def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
     """KT's rank and order, and the noise: lines and filled markers for the source upstream."""
     figure, axes = subplots(2, 2, 5.0)
     styles: dict[str, dict[str, Any]] = {
-        f"KT, rank {rank}": {"color": COLOURS[rank], "marker": MARKERS[rank], "markersize": 3}
-        for rank in (1, 2, 3, 4)
+        f"KT, rank {rank}": {"color": COLOURS[rank], "marker": MARKERS[rank], "markersize": 3} for rank in (1, 2, 3, 4)
     }
     styles["two waves"] = {"color": "k", "marker": "o", "markersize": 3}
     sides: dict[str, dict[str, Any]] = {

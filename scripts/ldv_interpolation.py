@@ -78,10 +78,7 @@ def attenuation_tables() -> tuple[Curves, Curves]:
             factor = tone_attenuation(times, FREQUENCY, method=method).factor
             found[method].append(float(factor.abs().squeeze()))
     fine = np.geomspace(RATES[0], RATES[-1], 101)
-    closed = {
-        method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy()
-        for method in CLOSED_FORMS
-    }
+    closed = {method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy() for method in CLOSED_FORMS}
     drawn = {method: np.array(values) for method, values in found.items()}
     return (
         Curves(np.array(RATES), drawn, "drawn arrivals", VARIABLE),
@@ -162,9 +159,7 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     panels = []
     for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
         shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
-        panels.append(
-            (f"{label}, over the truth", Curves(np.array(RATES), shown, label, VARIABLE), 1.0)
-        )
+        panels.append((f"{label}, over the truth", Curves(np.array(RATES), shown, label, VARIABLE), 1.0))
     return panels, Curves(np.array(RATES), numbers, "effects", VARIABLE)
 
 

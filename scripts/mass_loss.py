@@ -77,12 +77,7 @@ def planes_of(case: str) -> list[tl.VelocityPlane]:
 @functools.cache
 def base_liners() -> dict[str, tl.SDoFLiner]:
     """By case: the preset with the vena contracta of a case without flow."""
-    return {
-        case: liner
-        for fit in FITS
-        for liner in (calibrated(fit).liner,)
-        for case in (*fit.fitted, *fit.predicted)
-    }
+    return {case: liner for fit in FITS for liner in (calibrated(fit).liner,) for case in (*fit.fitted, *fit.predicted)}
 
 
 @functools.cache
@@ -120,9 +115,7 @@ def predicted(law: Law, found: Any, case: str, order: str = RULE, height: int = 
     if found is not None:
         values = zip(found.parameters, found.values.tolist(), strict=True)
         liner = liner.with_numbers(dict(values))
-    educed = tl.educe(
-        moments_of(case, order)[height], liner, interval=None, order=order, allow_short=True
-    )
+    educed = tl.educe(moments_of(case, order)[height], liner, interval=None, order=order, allow_short=True)
     return complex(educed.of_liner(order)[0])
 
 
@@ -145,9 +138,7 @@ def rows_of_laws() -> list[LossRow]:
     """Each law, fitted to all cases but the one that is predicted."""
     singles = [(case,) for case in CASES]
     return [
-        LossRow(law.name, case, educed, truth(case))
-        for law in LAWS
-        for case, educed in left_out(law, singles).items()
+        LossRow(law.name, case, educed, truth(case)) for law in LAWS for case, educed in left_out(law, singles).items()
     ]
 
 
@@ -165,9 +156,7 @@ def largest_and_rms(away: Sequence[float]) -> list[str]:
 def law_table(rows: Sequence[LossRow]) -> str:
     """X off by, predicted, case by case, of the laws up to the one that is chosen."""
     laws = [law.name for law in LAWS[: LAWS.index(CHOSEN) + 1]]
-    away = {
-        law: [row.predicted.imag - row.true.imag for row in rows if row.law == law] for law in laws
-    }
+    away = {law: [row.predicted.imag - row.true.imag for row in rows if row.law == law] for law in laws}
     lines = [[case, *(f"{away[law][i]:+.2f}" for law in laws)] for i, case in enumerate(CASES)]
     ends = zip(*(largest_and_rms(away[law]) for law in laws), strict=True)
     lines += [[name, *end] for name, end in zip(("largest", "rms"), ends, strict=True)]
@@ -220,10 +209,7 @@ def height_table() -> str:
         found = [predicted(CHOSEN, fit, case, height=i) for i in range(len(planes))]
         shares = np.array([z.real / true.real - 1 for z in found])
         (turns,) = np.nonzero(np.diff(np.sign(shares)))
-        right = [
-            heights[i] - shares[i] * (heights[i + 1] - heights[i]) / (shares[i + 1] - shares[i])
-            for i in turns
-        ]
+        right = [heights[i] - shares[i] * (heights[i + 1] - heights[i]) / (shares[i + 1] - shares[i]) for i in turns]
         words = ", ".join(f"{1e3 * y:.2f} mm, {y / diameter:.2f} D_h" for y in right)
         below = "none: too high everywhere" if bool((shares > 0).all()) else "-"
         lines.append([

@@ -68,9 +68,7 @@ def line_of(rows: Rows, case: int, side: str, height: float, spacing: float) -> 
     some = some[np.argsort(some[:, FREQUENCY].real)]
     mach, temperature = (np.unique(some[:, column].real) for column in (MACH, TEMPERATURE))
     if len(mach) > 1 or len(temperature) > 1:
-        raise ValueError(
-            f"case {case} has several Mach numbers or temperatures: {mach}, K {temperature}"
-        )
+        raise ValueError(f"case {case} has several Mach numbers or temperatures: {mach}, K {temperature}")
     return MicrophoneLine(
         spacing * np.arange(10), some[:, LINER].T, some[:, FREQUENCY].real, duct_height=height,
         mach=float(mach[0]), source_side=side,
@@ -132,9 +130,7 @@ def apparent_mach(rows: Rows, cases: Sequence[int]) -> dict[str, tuple[float, fl
     return found
 
 
-def mismatch_lines(
-    rows: Rows, heights: Sequence[float], spacing: float, machs: Sequence[float]
-) -> list[str]:
+def mismatch_lines(rows: Rows, heights: Sequence[float], spacing: float, machs: Sequence[float]) -> list[str]:
     """Median impedances by band, of both waves in both records, for heights and Mach numbers."""
     lines = [
         f"{'H mm':>5s} {'M':>6s} {'band Hz':>9s} | downstream wave: "
@@ -244,9 +240,7 @@ def scan_lines(rows: Rows, heights: Sequence[float], machs: Sequence[float]) -> 
 
 def repeatability(rows: Rows, spacing: float) -> str:
     """Of wavenumbers between two measurements of the same case."""
-    lines = [
-        line_of(rows, case, "downstream", 0.02, spacing) for case in (CASES["downstream"], REPEATED)
-    ]
+    lines = [line_of(rows, case, "downstream", 0.02, spacing) for case in (CASES["downstream"], REPEATED)]
     found = [tl.kumaresan_tufts(line) for line in lines]
     common, *index = np.intersect1d(*(x.frequency.numpy() for x in lines), return_indices=True)
     k = 2 * np.pi * torch.from_numpy(common) / float(lines[0].fluid.sound_speed)
@@ -277,9 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ]
     for side, case in CASES.items():
         level, phase = error_of(line_of(rows, case, side, heights[0], spacing))
-        print(
-            f"source {side}: two free waves leave {level:.2f} dB, {phase:.1f} degrees a microphone"
-        )
+        print(f"source {side}: two free waves leave {level:.2f} dB, {phase:.1f} degrees a microphone")
     print(repeatability(rows, spacing))
     apparent = apparent_mach(rows, list(CASES.values()))
     for name, (mach, left) in apparent.items():

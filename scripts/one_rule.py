@@ -73,9 +73,7 @@ def oncoming(incoherent: Tensor, plane: tl.VelocityPlane) -> dict[str, Tensor]:
     assert plane.frequency is not None
     turns = plane.frequency * torch.arange(plane.samples) / plane.sampling_rate
     number = (PHASES * (turns % 1)).to(torch.int64)
-    square = torch.stack(
-        [incoherent[:, number == k].square().mean(1) for k in range(PHASES)], dim=1
-    )
+    square = torch.stack([incoherent[:, number == k].square().mean(1) for k in range(PHASES)], dim=1)
     return {
         "incoherent part: smallest over phases": square.mean(0).min(),
         "smallest over places": square.mean(1).quantile(SHARE),

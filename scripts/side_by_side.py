@@ -201,9 +201,7 @@ def by_bursts(
                   complex(average.interval.low[0]), complex(average.interval.high[0]))  # fmt: skip
 
 
-def turbulence_at(
-    noise: b2a_line.Turbulence, times: np.ndarray, x: float, growth: float, seed: int
-) -> np.ndarray:
+def turbulence_at(noise: b2a_line.Turbulence, times: np.ndarray, x: float, growth: float, seed: int) -> np.ndarray:
     """v at a place, m/s."""
     friction = b2a_line.FRICTION[MACH]
     rms = b2a_line.V_PLUS * friction * (1 + growth * x / LENGTH)
@@ -266,16 +264,13 @@ def by_microphones(world: World) -> list[dict[str, Any]]:
         "Kumaresan-Tufts, rank 2": tl.kumaresan_tufts(line, draws=DRAWS),
         "two-wave fit": tl.two_wave_fit(line, draws=DRAWS),
         "LEE fit": tl.fit_field(line, world.solver, draws=DRAWS),
-        "LEE fit, Z linear along x": tl.fit_field(
-            line, world.solver, variation="linear", draws=DRAWS
-        ),
+        "LEE fit, Z linear along x": tl.fit_field(line, world.solver, variation="linear", draws=DRAWS),
     }
     rows = []
     for method, one in found.items():
         drawn = averaged(one.draws)[:, 0].numpy()
         low, high = (
-            complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share))
-            for share in (0.025, 0.975)
+            complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share)) for share in (0.025, 0.975)
         )
         rows.append(result(method, world, complex(averaged(one)[0]), low, high))
     return rows
@@ -309,9 +304,7 @@ def draw(
     figure, axes = subplots(2, 2, 7.2)
     growing = list(WORLDS)[-1]
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    for column, (word, (_, label)) in enumerate(
-        zip(("resistance", "reactance"), PARTS, strict=True)
-    ):
+    for column, (word, (_, label)) in enumerate(zip(("resistance", "reactance"), PARTS, strict=True)):
         axis, dots = axes[0, column], axes[1, column]
         for i, side in enumerate(SIDES):
             mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
@@ -368,9 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     hydrodynamic = hydrodynamic_pressure(noise, times)
     rows, profiles, truths = [], [], {}
     for name, growth in WORLDS.items():
-        turbulence = np.stack(
-            [turbulence_at(noise, times, place, growth, 5000 + i) for i, place in enumerate(x)]
-        )
+        turbulence = np.stack([turbulence_at(noise, times, place, growth, 5000 + i) for i, place in enumerate(x)])
         for side in SIDES:
             world = settle(name, side, liner, turbulence, x)
             truths[name, side] = world.truth

@@ -132,9 +132,7 @@ def table(header: str, lines: Sequence[Sequence[str]]) -> str:
     """Markdown."""
     columns = [part.strip() for part in header.split("|")]
     rule = "|" + "---|" * len(columns)
-    return "\n".join(
-        ["| " + " | ".join(columns) + " |", rule, *("| " + " | ".join(r) + " |" for r in lines)]
-    )
+    return "\n".join(["| " + " | ".join(columns) + " |", rule, *("| " + " | ".join(r) + " |" for r in lines)])
 
 
 def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
@@ -262,9 +260,7 @@ def motion_table(rows: Sequence[MotionRow]) -> str:
             *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
             ", ".join(f"{row.cell_rms:.2f}" for row in mine),
         ])  # fmt: skip
-    return page_table(
-        "case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines
-    )
+    return page_table("case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines)
 
 
 def blocks_of(page: str) -> dict[str, str]:

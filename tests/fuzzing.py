@@ -127,9 +127,7 @@ def same(one: Any, two: Any) -> bool:
     """Whether two answers are the same: numbers nearly, all else exactly."""
     if isinstance(one, dict) and isinstance(two, dict):
         # Hashes of inputs differ with every byte, as they should.
-        return one.keys() == two.keys() and all(
-            key == "inputs" or same(one[key], two[key]) for key in one
-        )
+        return one.keys() == two.keys() and all(key == "inputs" or same(one[key], two[key]) for key in one)
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
         return len(one) == len(two) and all(map(same, one, two))
     if isinstance(one, str) and isinstance(two, str):  # numbers in a text
@@ -268,9 +266,7 @@ class Case:
 
     def _changed(self, found: Outcome, mutation: str, may_change: bool) -> str:
         """'other data' where another answer is right, else what is wrong."""
-        if mutation.startswith(("nan", "fill")) and same(
-            _without_gaps(found.answer, self.answer), self.answer
-        ):
+        if mutation.startswith(("nan", "fill")) and same(_without_gaps(found.answer, self.answer), self.answer):
             return "other data"  # what the file marks as missing is told as missing
         if not may_change:
             return "silent wrong"
@@ -382,9 +378,7 @@ def table_cells(path: Path, draw: Any) -> str:
     elif kind == "remark":
         lines[at] = f"#{lines[at]}"
     text = "\n".join(lines)
-    text = (
-        f"\ufeff{text}" if kind == "bom" else text.replace("\n", "\r\n") if kind == "crlf" else text
-    )
+    text = f"\ufeff{text}" if kind == "bom" else text.replace("\n", "\r\n") if kind == "crlf" else text
     path.write_bytes(text.encode())
     return said
 
@@ -502,9 +496,7 @@ def hdf5_structure(path: Path, draw: Any) -> tuple[str, bool]:
             where = draw.choice((file, data))
             key = draw.choice(list(where.attrs) or ["units"])
             if key not in ("DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME"):
-                where.attrs[key] = draw.choice(
-                    (5, b"\xff\xfe", np.arange(3), np.nan, h5py.Empty("f"))
-                )
+                where.attrs[key] = draw.choice((5, b"\xff\xfe", np.arange(3), np.nan, h5py.Empty("f")))
             return f"{kind} {where.name}@{key}", True
         elif kind == "complex" and array:
             _replace(file, name, values.astype(complex))

@@ -118,9 +118,7 @@ def test_every_phase_rule_is_a_class():
 def test_imports_stay_light(code, absent):
     """What a user does not use is not imported."""
     check = f"{code}\nimport sys\nprint([m for m in {absent!r} if m in sys.modules])"
-    found = subprocess.run(
-        [sys.executable, "-c", check], capture_output=True, text=True, check=True
-    ).stdout
+    found = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True).stdout
     assert found.strip() == "[]"
 
 

@@ -105,9 +105,7 @@ def test_units_and_sign(dtype, unit, factor):
 
 
 def test_coordinates_and_the_rest_are_passed_on():
-    plane = plane_from_array(
-        CUBE, AXES, "m/s", 50e3, x=[[0, 1, 2]], z=[3, 4], length_units="mm", mach=0.3, height=1e-3
-    )
+    plane = plane_from_array(CUBE, AXES, "m/s", 50e3, x=[[0, 1, 2]], z=[3, 4], length_units="mm", mach=0.3, height=1e-3)
     assert plane.x.tolist() == pytest.approx([0, 1e-3, 2e-3])
     assert plane.z.tolist() == pytest.approx([3e-3, 4e-3])
     assert (plane.mach, plane.height) == (0.3, 1e-3)

@@ -126,9 +126,7 @@ def test_closed_forms_against_quadrature(turns):
     """The mean over the exponential distances B, F to both neighbours, in units of 1/lambda."""
 
     def mean(integrand):
-        return dblquad(lambda f, b: math.exp(-b - f) * integrand(b, f), 0, 40, 0, 40, epsabs=1e-7)[
-            0
-        ]
+        return dblquad(lambda f, b: math.exp(-b - f) * integrand(b, f), 0, 40, 0, 40, epsabs=1e-7)[0]
 
     frequency = turns / (2 * math.pi)
     line = mean(lambda b, f: (f * math.cos(turns * b) + b * math.cos(turns * f)) / (b + f))
@@ -213,9 +211,7 @@ def test_corrected_line_is_lomb_and_scargles():
     times = poisson(RATE, 0.1)
     signal = tone(times, 0.7 - 0.2j) + 1.0
     found = onto_grid(times, signal, 30e3)
-    back = corrected_coherent_part(
-        found, tone_attenuation(times, FREQUENCY, grid=found.grid)
-    ).amplitude
+    back = corrected_coherent_part(found, tone_attenuation(times, FREQUENCY, grid=found.grid)).amplitude
     seen = lombscargle(
         times.numpy(), signal.numpy(), [2 * np.pi * FREQUENCY], floating_mean=True,
         normalize="amplitude",

@@ -22,9 +22,7 @@ def test_the_imprint_fades_with_height():
     near, far, farther = (SCRIPT.imprint(x, y, pitch, diameter) for y in (1e-3, 2e-2, 2.2e-2))
     assert near.max() > 2.5
     assert np.ptp(far) < 0.05 * np.ptp(near)
-    assert np.ptp(farther) / np.ptp(far) == pytest.approx(
-        math.exp(-4e-3 * math.pi / pitch), rel=0.02
-    )
+    assert np.ptp(farther) / np.ptp(far) == pytest.approx(math.exp(-4e-3 * math.pi / pitch), rel=0.02)
     assert near == pytest.approx(near[::-1][np.r_[-1:399]], abs=1e-9)  # about the cell's middle
 
 

@@ -159,14 +159,10 @@ def test_another_gas_is_doubted(liner):
 
 def test_speed_beyond_a_table():
     """A tabulated liner names its limit and the probe."""
-    table = tl.TabulatedLiner(
-        [200.0, 4000.0], np.ones((2, 2)) * (0.5 + 0.1j), speed=[0.0, 4.0], name="measured"
-    )
+    table = tl.TabulatedLiner([200.0, 4000.0], np.ones((2, 2)) * (0.5 + 0.1j), speed=[0.0, 4.0], name="measured")
     v = turbulence((2, 3, 600), rms=1.0)
     v[1, 1, 40] = -4.5
-    with pytest.raises(
-        ValueError, match=r"= 4.5 m/s at probe \(1, 1\), above the liner's table, 4 m/s"
-    ):
+    with pytest.raises(ValueError, match=r"= 4.5 m/s at probe \(1, 1\), above the liner's table, 4 m/s"):
         tl.educe(plane_of(v), table)
     v[1, 1, 40] = 0.0
     found = tl.educe(plane_of(v.clamp(-3.9, 3.9)), table)

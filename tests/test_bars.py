@@ -61,9 +61,7 @@ def test_extremes_are_those_of_a_fine_walk_around_the_ellipse(way, columns, seed
     angle = torch.linspace(0, 2 * torch.pi, 4097, dtype=torch.float64)
     walk = torch.stack([angle.cos(), angle.sin()]).to(ahead).T
     change = (walk @ ahead) / (1 - walk @ share)
-    want = torch.stack(
-        [end for part in (change.real, change.imag) for end in (part.amin(0), part.amax(0))]
-    )
+    want = torch.stack([end for part in (change.real, change.imag) for end in (part.amin(0), part.amax(0))])
     width = (want[1::2] - want[::2]).repeat_interleave(2, 0)
     found = in_way(way, "extremes", ahead, share)
     assert float(((found - want) / width).abs().max()) < 1e-3

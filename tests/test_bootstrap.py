@@ -87,9 +87,7 @@ def test_covariance_is_that_of_runs_laid_out(count):
         laid = runs_laid(weights, length)
         expected = laid.mean(1)
         wanted = torch.einsum("jis,jit->st", laid, laid) / laid.shape[1] - expected.T @ expected
-        torch.testing.assert_close(
-            replicate_covariance(weights, length), wanted, rtol=0, atol=1e-14 * count
-        )
+        torch.testing.assert_close(replicate_covariance(weights, length), wanted, rtol=0, atol=1e-14 * count)
 
 
 def test_covariance_of_as_many_segments_as_ten_minutes_hold():
@@ -352,9 +350,7 @@ def test_the_bias_of_many_is_known_better_than_the_scatter_of_each(rho):
     labels = torch.zeros(4000, dtype=torch.int64)
     groups = Groups(labels, 1, admittance_from_reflection(value), 16)
     groups.add(Members.of(slice(0, 4000), value, away, how.scatter(away)))
-    found = complex(groups.bias(how.scatter(groups.series))[0, 0]) / complex(
-        2 / (1.2 - 0.1j) ** 3 * square
-    )
+    found = complex(groups.bias(how.scatter(groups.series))[0, 0]) / complex(2 / (1.2 - 0.1j) ** 3 * square)
     assert abs(found - 1) < 0.07
     assert float(how.scatter(away).square.mean().real / square.real) > 1.03
 

@@ -105,9 +105,7 @@ def test_recorded_signals(liner, tmp_path):
     from_npy = tl.read_signal(tmp_path / "s.npy", RATE)
     assert torch.equal(from_npy.signal, recorded.signal)
     wavfile.write(tmp_path / "s.wav", int(RATE), (noise / 4).astype(np.float32))
-    found = tl.educe(
-        plane, liner, [500.0, 1400.0, 4600.0], incident=tl.read_signal(tmp_path / "s.wav")
-    )
+    found = tl.educe(plane, liner, [500.0, 1400.0, 4600.0], incident=tl.read_signal(tmp_path / "s.wav"))
     assert float((found.reflection - wanted.reflection).abs().max()) < 1e-5
     for kind, limit in ((np.int16, 1e-3), (np.int32, 1e-6), (np.uint8, 0.1)):
         top = np.iinfo(kind).max
@@ -250,9 +248,7 @@ def test_sent_signals_are_what_they_say():
         from scipy.signal import hilbert
 
         phase = np.unwrap(np.angle(hilbert(sweep)))
-        assert np.gradient(phase)[4150:4250].mean() * RATE / 2 / np.pi == pytest.approx(
-            middle, rel=0.01
-        )
+        assert np.gradient(phase)[4150:4250].mean() * RATE / 2 / np.pi == pytest.approx(middle, rel=0.01)
     tones = tl.Tones([500.0 * k for k in range(1, 11)]).sampled(SAMPLES, RATE)
     assert float(tones.abs().max()) < 0.75 * 10
 

@@ -194,9 +194,7 @@ def test_filters_run_in_their_order_and_each_sees_what_is_left():
     """A repeated burst that breaks a run of zeros is gone before runs are counted."""
     time = np.array([0.0, 1, 2, 2, 3, 4, 5])
     values = np.array([1.0, 0, 0, 7, 0, 1, 1])
-    kept = validate_bursts(
-        tl.BurstRecord(time, values, dropped={"before": 4}), BurstFilters(True, 3, None)
-    )
+    kept = validate_bursts(tl.BurstRecord(time, values, dropped={"before": 4}), BurstFilters(True, 3, None))
     assert kept.dropped == {"before": 4, REPEATED: 1, ZERO_RUN: 3}
     assert kept.received == 11
 

@@ -140,9 +140,7 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     plane, liner = tl.read_plane(campaign.parent / "a" / "one.h5"), tl.load_liner("polito")
     wanted = tl.educe(plane, liner, [1400, 1600], order="coherent first")
     assert row["resistance"] == pytest.approx(float(wanted.answer[1].real), abs=1e-4)
-    assert row["reactance_high"] == pytest.approx(
-        wanted.bounds_of_liner("coherent first", 1)[1].imag, abs=1e-3
-    )
+    assert row["reactance_high"] == pytest.approx(wanted.bounds_of_liner("coherent first", 1)[1].imag, abs=1e-3)
     assert (row["height"], row["file"], row["status"]) == (1e-3, "a/one.h5", "done")
     found = tl.read_map(folder / "maps" / f"{row['unit']}.h5")
     assert complex(found.answer[1]) == complex(row["resistance"], row["reactance"])
@@ -160,9 +158,7 @@ def test_the_index_opens_in_xarray(capsys, smallest):
     """As a data set over rows."""
     xarray = pytest.importorskip("xarray")
     done(capsys, smallest)
-    with xarray.open_dataset(
-        smallest.parent / "c_results" / "index.nc", engine="h5netcdf"
-    ) as found:
+    with xarray.open_dataset(smallest.parent / "c_results" / "index.nc", engine="h5netcdf") as found:
         assert found.resistance.attrs["units"] == "1"
         assert set(found.status.values) == {"done"}
 
@@ -253,9 +249,7 @@ def holds_lock(process: int, output: Path) -> bool:
     return lock.exists() and f"process {process} on " in lock.read_text()
 
 
-@pytest.mark.parametrize(
-    "kills", [pytest.param(20, marks=pytest.mark.slow), pytest.param(2)], ids=str
-)
+@pytest.mark.parametrize("kills", [pytest.param(20, marks=pytest.mark.slow), pytest.param(2)], ids=str)
 def test_kill_9_at_any_moment(capsys, campaign, kills):
     """Files byte for byte as of an uninterrupted run, the index but for its seconds."""
     done(capsys, campaign, "--output", campaign.parent / "a_results")
@@ -463,9 +457,7 @@ def test_where_nothing_can_be_written(capsys, smallest, monkeypatch):
     assert done(capsys, smallest)[0] == 0
 
 
-@given(
-    st.dictionaries(st.sampled_from("abcd"), st.lists(st.integers(0, 9), min_size=1, max_size=3))
-)
+@given(st.dictionaries(st.sampled_from("abcd"), st.lists(st.integers(0, 9), min_size=1, max_size=3)))
 def test_choices_are_combined(stated):
     """Every combination once, those of one value alike in all."""
     found = choice_sets(stated)
@@ -474,9 +466,7 @@ def test_choices_are_combined(stated):
         count *= len(values)
     assert len(found) == count
     assert all(set(one) == set(stated) for one in found)
-    assert choice_sets({"band": [300, 3000], "interval": False}) == [
-        {"band": [300, 3000], "interval": None}
-    ]
+    assert choice_sets({"band": [300, 3000], "interval": False}) == [{"band": [300, 3000], "interval": None}]
 
 
 @given(st.lists(st.tuples(*[st.sampled_from("ab")] * 3), min_size=1, max_size=8, unique=True))

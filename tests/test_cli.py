@@ -67,9 +67,7 @@ def parsers(parser=None, name=""):
     if parser is None:
         return [each for word, p in build_parser()[1].items() for each in parsers(p, word)]
     tasks = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    below = [
-        each for a in tasks for t, p in a.choices.items() for each in parsers(p, f"{name} {t}")
-    ]
+    below = [each for a in tasks for t, p in a.choices.items() for each in parsers(p, f"{name} {t}")]
     return below or [(name, parser)]
 
 
@@ -104,9 +102,7 @@ def test_help_of_every_command(capsys, name, parser):
     code, whole, _ = run(capsys, *name.split(), "--help-all")
     assert code == DONE
     assert ("--help-all" in short) == (short != whole)
-    assert re.match(
-        rf"usage: torchliner {name} ((-o|--\w+) \S+ (\[\S+ \.\.\.\] )?)*\[options\]", short
-    )
+    assert re.match(rf"usage: torchliner {name} ((-o|--\w+) \S+ (\[\S+ \.\.\.\] )?)*\[options\]", short)
     for action in options_of(parser):
         flag = (action.option_strings or [action.metavar])[-1]
         assert re.search(rf"^  (-o [A-Z]+, )?{re.escape(flag)}\b", whole, re.M), flag
@@ -147,9 +143,7 @@ def test_completion_knows_commands_tasks_choices_and_files(capsys, tmp_path):
         call = f"""source complete.bash
         COMP_WORDS=({" ".join(f'"{word}"' for word in line)}); COMP_CWORD={len(line) - 1}
         _shtab_torchliner torchliner "{line[-1]}" "{line[-2]}"; echo "${{COMPREPLY[@]}}" """
-        found = subprocess.run(
-            ["bash", "-c", call], capture_output=True, text=True, cwd=tmp_path, check=True
-        ).stdout
+        found = subprocess.run(["bash", "-c", call], capture_output=True, text=True, cwd=tmp_path, check=True).stdout
         assert wanted in found.split() if wanted else found.split() == [], words
 
 
@@ -219,10 +213,9 @@ def test_choices_are_those_of_the_library():
                 continue
             asked = list(action.choices)
             asked = asked if asked in lists else [word for word in asked if word != "auto"]
-            assert any(
-                asked == [word for word in each if word in asked or word not in left_out]
-                for each in lists
-            ), f"{name} {action.option_strings}: {asked}"
+            assert any(asked == [word for word in each if word in asked or word not in left_out] for each in lists), (
+                f"{name} {action.option_strings}: {asked}"
+            )
             found += 1
     assert found > 50
     assert tuple(field.name.replace("_", "-") for field in fields(BurstFilters)) == names.FILTERS
@@ -272,9 +265,7 @@ def test_mistakes_exit_with_2_and_one_clear_line(capsys, words, message):
 def test_educe_prints_writes_and_draws(capsys, tmp_path):
     """Table with both orders and the truth; map, pictures and their numbers."""
     map_file = tmp_path / "map.h5"
-    code, out, err = run(
-        capsys, "educe", SLIT, "-o", str(map_file), "--figure", str(tmp_path / "f")
-    )
+    code, out, err = run(capsys, "educe", SLIT, "-o", str(map_file), "--figure", str(tmp_path / "f"))
     assert code == DONE
     assert err.count("warning:") == err.count("the error bars rest on 4.2 independent blocks") == 1
     assert "0.174-0.063j" in out
@@ -284,9 +275,7 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     assert abs(complex(found.liner_impedance_velocity_first[0]) - (0.174 - 0.063j)) < 1e-3
     made = {p.name for p in (tmp_path / "f").iterdir()}
     assert {"along_x.png", "velocity.png", "along_x_slit_n130_y2.5mm.csv"} <= made
-    rows = list(
-        csv.DictReader((tmp_path / "f" / "along_x_slit_n130_y2.5mm.csv").read_text().splitlines())
-    )
+    rows = list(csv.DictReader((tmp_path / "f" / "along_x_slit_n130_y2.5mm.csv").read_text().splitlines()))
     assert len(rows) == found.impedance.shape[0]
     assert float(rows[3]["resistance"]) == pytest.approx(float(found.resistance[3, 0]), rel=1e-6)
 
@@ -418,8 +407,7 @@ def test_truth_table(capsys, tmp_path, small):
     assert len(rows) == 4 * 3 * 3
     for row in rows:
         educed, true = (
-            complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
-            for name in ("educed", "true")
+            complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"])) for name in ("educed", "true")
         )
         error = abs(educed - true)
         assert float(row["error"]) == pytest.approx(error)
@@ -427,9 +415,7 @@ def test_truth_table(capsys, tmp_path, small):
 
 def test_the_module_is_the_same_program():
     """`python -m torchliner`, with its exit code."""
-    found = subprocess.run(
-        [sys.executable, "-m", "torchliner", "inf"], capture_output=True, text=True
-    )
+    found = subprocess.run([sys.executable, "-m", "torchliner", "inf"], capture_output=True, text=True)
     assert (found.returncode, "did you mean 'info'" in found.stderr) == (BAD_INPUT, True)
 
 

@@ -122,9 +122,7 @@ def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
     rows = [square_wave(2.0, 2, phase=-turn * i) for i in range(4)]
     x = [pitch * (i + part) for i in range(4) for part in (0.25, 0.75)]
     amplitude = OF_AIR.characteristic_impedance * abs(rows[0][1])
-    level = 20 * math.log10(
-        abs(complex(MODEL.impedance(FREQUENCY, 2.0))) * amplitude / (math.sqrt(2) * 20e-6)
-    )
+    level = 20 * math.log10(abs(complex(MODEL.impedance(FREQUENCY, 2.0))) * amplitude / (math.sqrt(2) * 20e-6))
     liner = dataclasses.replace(MODEL)
     object.__setattr__(liner, "cell_pitch", pitch)
     record = plane(torch.cat([v for v, _ in rows]), x=x, height=0.001, incident_level=level,
@@ -138,9 +136,7 @@ def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
 
 def facesheet_record(pressure, **about):
     backplate = torch.zeros(pressure.shape[-1], dtype=torch.float64) + pressure[0]
-    return tl.PressureRecord(
-        facesheet=pressure, backplate=backplate, sampling_rate=RATE, frequency=FREQUENCY, **about
-    )
+    return tl.PressureRecord(facesheet=pressure, backplate=backplate, sampling_rate=RATE, frequency=FREQUENCY, **about)
 
 
 @pytest.mark.parametrize(("turn", "factor"), [(0.0, 1.0), (10.0, 1.0), (0.0, 1.2), (-4.0, 0.9)])

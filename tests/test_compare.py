@@ -89,8 +89,7 @@ def test_every_second_sample_of_a_plane_is_the_same_run(tmp_path, case):
     replace(plane, provenance={} if case is None else {"case": case}).write(tmp_path / "v.h5")
     liner = tl.load_liner("polito")
     one, other = (
-        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, order="probes first")
-        for every in (1, 2)
+        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, order="probes first") for every in (1, 2)
     )
     assert other.choices["sampling_rate"] == RATE / 2
     assert tl.compare(one, other).same_run
@@ -127,9 +126,7 @@ def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
 @pytest.mark.slow
 def test_the_interval_of_two_records_covers():
     """40 pairs of one flow: 0 lies within the interval of R in 93 to 97 %, within what 40 tell."""
-    inside = sum(
-        "R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].clear for n in range(40)
-    )
+    inside = sum("R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].clear for n in range(40))
     assert inside >= 33
 
 

@@ -32,9 +32,7 @@ def noisy(**facts):
     velocity = 0.5 * torch.randn(10, 4200, dtype=torch.float64, generator=noise)
     velocity = velocity + torch.cos(2 * torch.pi * 1500.0 * t)
     x = 1e-3 * torch.arange(10.0, dtype=torch.float64)
-    return tl.VelocityPlane(
-        velocity, sampling_rate=42e3, x=x, **{"frequency": 1500.0, "height": 1e-3} | facts
-    )
+    return tl.VelocityPlane(velocity, sampling_rate=42e3, x=x, **{"frequency": 1500.0, "height": 1e-3} | facts)
 
 
 def test_each_row_is_what_educe_gives():
@@ -182,9 +180,7 @@ def test_a_model_that_does_not_reach_the_frequency_is_named_before_the_data_are_
     table = tl.TabulatedLiner([500.0, 1000.0], [1 - 1j, 3 + 1j], name="mine")
     done = []
     with pytest.raises(ValueError, match=r"table 'mine': frequency is 1500 Hz, outside the"):
-        tl.compare_models(
-            noisy(), {"mine": table, "onera": tl.load_liner("onera")}, progress=done.append
-        )
+        tl.compare_models(noisy(), {"mine": table, "onera": tl.load_liner("onera")}, progress=done.append)
     assert done == []
     with pytest.raises(TypeError, match=r"plane is str; a VelocityPlane or Moments is needed"):
         tl.compare_models("plane.h5", {})
@@ -195,9 +191,7 @@ COMMAND = ["compare-models", str(PLANE), "--liner", "lbm_orifice", "--liner", "l
 
 def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys):
     """Table, CSV and JSON agree; the nearest first; a liner file goes by its stem."""
-    (tmp_path / "mine.py").write_text(
-        "def impedance(f, v):\n    return 0.15 + 0.1 * v - 0.1j + 0 * f\n"
-    )
+    (tmp_path / "mine.py").write_text("def impedance(f, v):\n    return 0.15 + 0.1 * v - 0.1j + 0 * f\n")
     command = [*COMMAND, "--liner", str(tmp_path / "mine.py"), "--quiet"]
     assert main([*command, "-o", str(tmp_path / "a.csv")]) == 0
     text = capsys.readouterr().out
@@ -213,9 +207,7 @@ def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys)
     assert plain["sorted_by"] == "|Z - true|"
     for row, other in zip(rows, plain["rows"], strict=True):
         assert row["model"] == other["model"]
-        assert float(row["impedance_resistance"]) == pytest.approx(
-            other["impedance_resistance"], rel=1e-8
-        )
+        assert float(row["impedance_resistance"]) == pytest.approx(other["impedance_resistance"], rel=1e-8)
         assert float(row["distance to true"]) == pytest.approx(other["distance to true"], rel=1e-8)
 
 

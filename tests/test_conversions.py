@@ -86,9 +86,7 @@ def test_conversions_keep_the_shape_and_are_smooth(function):
 
 
 @pytest.mark.parametrize("function", CONVERSIONS)
-@pytest.mark.parametrize(
-    ("value", "kind"), [(torch.ones(2), "torch.float32"), (1 + 1j, "complex"), (2.0, "float")]
-)
+@pytest.mark.parametrize(("value", "kind"), [(torch.ones(2), "torch.float32"), (1 + 1j, "complex"), (2.0, "float")])
 def test_conversions_refuse_what_is_not_a_complex_tensor(function, value, kind):
     with pytest.raises(TypeError, match=rf"(impedance|reflection) is {kind}; a complex tensor is"):
         function(value)
@@ -119,9 +117,7 @@ def test_level_of_a_tone():
         (223.252, 26500.0, 299.532, 0.41351, 1.4577e-5),
     ],
 )
-def test_air_against_the_standard_atmosphere(
-    temperature, pressure, sound_speed, density, viscosity
-):
+def test_air_against_the_standard_atmosphere(temperature, pressure, sound_speed, density, viscosity):
     found = tl.Fluid.from_temperature(temperature, pressure)
     assert found.sound_speed == pytest.approx(sound_speed, rel=1e-4)
     assert found.density == pytest.approx(density, rel=1e-4)

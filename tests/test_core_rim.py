@@ -208,9 +208,7 @@ def test_what_is_no_impedance_is_refused(given):
         def impedance(self, frequency, speed):
             return given
 
-    with pytest.raises(
-        TypeError, match=r"Broken.impedance\(frequency, speed\) gave .* numbers are"
-    ):
+    with pytest.raises(TypeError, match=r"Broken.impedance\(frequency, speed\) gave .* numbers are"):
         tl.educe(plane_of(turbulence((2, 600))), Broken(), 1400.0)
 
 

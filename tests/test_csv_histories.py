@@ -79,9 +79,7 @@ def test_points_in_the_heading(tmp_path, heading):
 @pytest.mark.parametrize("separator", [" ", "\t", ",", ";"])
 def test_a_list_of_points(tmp_path, order, separator):
     """Columns in any order that the list names; cells parted by any mark."""
-    axes = [
-        each[0] for each in order.replace(";", " ").replace(",", " ").split() if each[0] in "xyz"
-    ]
+    axes = [each[0] for each in order.replace(";", " ").replace(",", " ").split() if each[0] in "xyz"]
     scale = 1e3 if "mm" in order else 1.0
     last = "\n" if separator == " " else ""
     table = [separator.join(f"{scale * p['xyz'.index(a)]:.6g}" for a in axes) for p in POINTS]

@@ -95,8 +95,7 @@ def test_wall_pressures_on_a_gpu():
     walls = torch.tensor([1.5 + 0.3j, 2.33 - 0.3j], dtype=torch.complex128)
     about = {"height": 0.05, "mach": 0.3}
     alpha, beta = (
-        tl.wavenumber_from_impedance(walls, [1000.0, 1500.0], direction=d, **about)
-        for d in ("downstream", "upstream")
+        tl.wavenumber_from_impedance(walls, [1000.0, 1500.0], direction=d, **about) for d in ("downstream", "upstream")
     )
     place = x[:, None]
     pressure = torch.exp(-1j * alpha * place) + 0.3 * torch.exp(-1j * beta * (place - x[-1]))

@@ -51,9 +51,7 @@ def roots_within(left, right, low, high, *about) -> float:
     """Number of zeros in a rectangle: the winding of F along its edge, divided by 2 pi."""
     corners = [complex(left, low), complex(right, low), complex(right, high), complex(left, high)]
     steps = np.linspace(0, 1, 4001)
-    edge = np.concatenate(
-        [a + steps * (b - a) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
-    )
+    edge = np.concatenate([a + steps * (b - a) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)])
     return np.diff(np.unwrap(np.angle(entire(edge, *about)))).sum() / (2 * np.pi)
 
 
@@ -90,9 +88,7 @@ def chebyshev_wavenumbers(impedance: complex, mach: float, condition: str, point
 def test_rigid_wall(mach, condition):
     """k/(1+M) downstream, -k/(1-M) upstream; back to an infinite impedance."""
     both = [
-        wavenumber_from_impedance(
-            exact(complex("inf")), FREQUENCY, mach=mach, condition=condition, direction=d, **DUCT
-        )
+        wavenumber_from_impedance(exact(complex("inf")), FREQUENCY, mach=mach, condition=condition, direction=d, **DUCT)
         for d in DIRECTIONS
     ]
     assert complex(both[0]) == pytest.approx(K / (1 + mach), rel=1e-14)
@@ -189,9 +185,7 @@ def test_round_trip(condition, direction):
     walls = passive(200)[:, None, None]
     mach = torch.tensor([0.0, 0.1, 0.3, 0.5], dtype=torch.float64)[:, None]
     about = {**DUCT, "mach": mach, "condition": condition}
-    alpha = wavenumber_from_impedance(
-        walls, FREQUENCY, direction=direction, mode=torch.arange(3), **about
-    )
+    alpha = wavenumber_from_impedance(walls, FREQUENCY, direction=direction, mode=torch.arange(3), **about)
     assert alpha.shape == (200, 4, 3)
     assert relative_error(impedance_from_wavenumber(alpha, FREQUENCY, **about), walls) < 1e-12
 
@@ -247,9 +241,7 @@ def test_no_jumps_along_the_ray(condition):
         mode=torch.arange(3), **DUCT,
     )  # fmt: skip
     steps = alpha.diff(dim=1).abs()
-    apart = torch.stack(
-        [(alpha[..., i] - alpha[..., j]).abs() for i, j in ((0, 1), (1, 2), (0, 2))]
-    )
+    apart = torch.stack([(alpha[..., i] - alpha[..., j]).abs() for i, j in ((0, 1), (1, 2), (0, 2))])
     assert float(steps.max()) < 0.25 * float(apart.min())
     # Halving the steps halves the moves: a jump would not shrink.
     assert float(alpha[:, ::2].diff(dim=1).abs().max()) > 1.8 * float(steps.max())
@@ -303,9 +295,7 @@ def test_a_wall_may_be_changed_along_the_way(first_step):
     start, wanted = (wavenumber_from_impedance(z, FREQUENCY, **about) for z in (walls, nearby))
     duct = duct_of(walls, FREQUENCY, HEIGHT, 0.3, SPEED, "ingard-myers")[0]
     one = torch.ones_like(walls)
-    found, arrived = carry_wavenumber(
-        duct, start, (walls, one), (2j * nearby, 2j * one), first_step
-    )
+    found, arrived = carry_wavenumber(duct, start, (walls, one), (2j * nearby, 2j * one), first_step)
     assert bool(arrived.all())
     same = (found - wanted).abs() < 1e-10 * wanted.abs()
     # A ray and the straight way may pass a meeting of modes on either side, seldom.

@@ -29,9 +29,7 @@ def test_batch_is_the_loop():
     for h in range(2):
         for i in range(6):
             for f in range(3):
-                one = wavenumber_from_impedance(
-                    walls[i], float(frequency[f]), height=float(height[h]), mach=0.2
-                )
+                one = wavenumber_from_impedance(walls[i], float(frequency[f]), height=float(height[h]), mach=0.2)
                 assert abs(complex(one - together[h, i, f])) < 1e-13 * abs(complex(one))
 
 
@@ -53,9 +51,7 @@ def test_derivatives(condition):
     reals = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (1500.0, 0.05, 0.3)]
 
     def forward(z, f, h, m):
-        return wavenumber_from_impedance(
-            z, f / SPEED, height=h, mach=m, sound_speed=1.0, condition=condition
-        )
+        return wavenumber_from_impedance(z, f / SPEED, height=h, mach=m, sound_speed=1.0, condition=condition)
 
     def backward(z, f, h, m):
         alpha = exact(9.0 - 1.5j, -35 + 8j) * z

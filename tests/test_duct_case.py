@@ -125,9 +125,7 @@ def test_coarse_meshes_are_named():
     mesh.warn_if_coarse(FREQUENCY)  # quiet
     with pytest.warns(tl.DataWarning, match=r"2900 Hz: 8\.28 points per wavelength .* below 9 for"):
         mesh.warn_if_coarse(2900.0)
-    with pytest.warns(
-        tl.DataWarning, match="800 Hz: 12 points per wavelength .* below 30 for degree 1"
-    ):
+    with pytest.warns(tl.DataWarning, match="800 Hz: 12 points per wavelength .* below 30 for degree 1"):
         DuctSolver(case, 800.0, DuctMesh(case, mesh.x, Y, 1))
 
 

@@ -86,10 +86,7 @@ def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     assert load_duct(thin).case.profile.shear == 0.02
     words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
     assert main(words) == 2
-    assert (
-        "thicken it (or pass --allow-thin to study it; allow_thin = true in"
-        in capsys.readouterr().err
-    )
+    assert "thicken it (or pass --allow-thin to study it; allow_thin = true in" in capsys.readouterr().err
     assert main([*words, "--allow-thin"]) == 0
 
 

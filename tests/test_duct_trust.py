@@ -88,9 +88,7 @@ def test_the_balance_does_not_hang_on_the_length_of_the_liner():
 
 def test_a_passive_liner_that_amplifies_is_told_of():
     """45 times the pressure came through, as TL -33 dB, without a word."""
-    with pytest.warns(
-        tl.DataWarning, match=r"at 500 Hz .* times the energy that comes in goes out"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"at 500 Hz .* times the energy that comes in goes out"):
         found = solve_duct(EXAMINED, 500.0, 0.8 + 0.4j, keep="walls")
     assert float(found.energy.out) > 100
     assert float(found.energy.missing) < -100
@@ -155,9 +153,7 @@ def test_growth_adds_over_the_patches():
     walls = torch.tensor([0.3, B2A], dtype=torch.complex128)
     growth, alpha = growth_over_liner(case_of(TANH, patches), torch.tensor([1500.0]), walls)
     assert float(growth) == pytest.approx(NEPER * 0.02 * float(alpha.imag))
-    same, _ = growth_over_liner(
-        case_of(TANH), torch.tensor([1500.0]), lambda x, f: torch.full((1, len(x)), 0.3 + 0j)
-    )
+    same, _ = growth_over_liner(case_of(TANH), torch.tensor([1500.0]), lambda x, f: torch.full((1, len(x)), 0.3 + 0j))
     assert float(same) == pytest.approx(3 * float(growth))
 
 
@@ -166,9 +162,7 @@ def test_two_ways_from_the_rigid_wall_number_the_same_modes():
     wall, about = torch.tensor(0.4083 - 0.4108j), {"height": 0.15, "mach": 0.3}
     by_r = duct_modes(UniformProfile(0.3, 0.15), 2000.0, wall.to(torch.complex128), count=3,
                       slip_condition=MYERS).wavenumber[0]  # fmt: skip
-    by_y = tl.wavenumber_from_impedance(
-        wall.to(torch.complex128), 2000.0, **about, mode=torch.arange(3)
-    )
+    by_y = tl.wavenumber_from_impedance(wall.to(torch.complex128), 2000.0, **about, mode=torch.arange(3))
     assert torch.allclose(by_r, by_y[[1, 0, 2]], rtol=1e-6, atol=0)
     assert tl.duct_modes is duct_modes
 
@@ -259,10 +253,7 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
     wanted = tl.load_liner("polito").impedance([900.0, 1200.0], 2.0)
     (tmp_path / "z.csv").write_text(
         "frequency [kHz],R,X\n"
-        + "".join(
-            f"{f},{z.real:.17g},{z.imag:.17g}\n"
-            for f, z in zip((0.9, 1.2), wanted.tolist(), strict=True)
-        )
+        + "".join(f"{f},{z.real:.17g},{z.imag:.17g}\n" for f, z in zip((0.9, 1.2), wanted.tolist(), strict=True))
     )
     path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
     about = ["--bulk-mach", "0", "--frequency", "900", "1200", *MESH, "--quiet"]
@@ -270,9 +261,7 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
                 "--figure", str(tmp_path / "w.png")], capsys)  # fmt: skip
     other = told(["solve", str(path), *about], capsys)
     for row, same in zip(one["plane_mode"], other["plane_mode"], strict=True):
-        assert {k: v or 0 for k, v in row.items()} == pytest.approx(
-            {k: v or 0 for k, v in same.items()}
-        )
+        assert {k: v or 0 for k, v in row.items()} == pytest.approx({k: v or 0 for k, v in same.items()})
     assert one["duct"]["sound"]["liner"] == "polito"
     assert {p.name for p in tmp_path.glob("w*.png")} == {"w_900Hz.png", "w_1200Hz.png"}
     case = tl.load_duct("b2a", bulk_mach=0.0).case

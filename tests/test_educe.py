@@ -47,9 +47,7 @@ def test_a_value_worked_by_hand():
     for engine in ("spectral", "direct"):
         for phase, extra in (("averaged", {}), ("given", {"reference_phase": 0.7})):
             found = tl.educe(frozen_plane(1.0), Fixed(), engine=engine, phase=phase, **extra)
-            assert complex(found.reflection[0, 0]) == pytest.approx(
-                (-0.5 + 1j) * (1.5 - 1j) / 3.25, abs=1e-5
-            )
+            assert complex(found.reflection[0, 0]) == pytest.approx((-0.5 + 1j) * (1.5 - 1j) / 3.25, abs=1e-5)
             assert complex(found.liner_impedance[0]) == pytest.approx(0.5 + 1j, abs=1e-5)
 
 
@@ -90,12 +88,8 @@ def test_phase_decides_for_tonal_velocity():
     plane = tl.VelocityPlane(v, sampling_rate=rate)
     found = tl.educe(plane, liner, 1500.0, phase="given", reference_phase=psi, edge="wrap")
     resistance, reactance = found.resistance, found.reactance
-    assert [float(resistance.min()), float(resistance.max())] == pytest.approx(
-        [0.82, 2.24], abs=0.01
-    )
-    assert [float(reactance.min()), float(reactance.max())] == pytest.approx(
-        [-0.95, 0.41], abs=0.05
-    )
+    assert [float(resistance.min()), float(resistance.max())] == pytest.approx([0.82, 2.24], abs=0.01)
+    assert [float(reactance.min()), float(reactance.max())] == pytest.approx([-0.95, 0.41], abs=0.05)
     averaged = tl.educe(plane, liner, 1500.0, edge="wrap")
     assert 0.82 < float(averaged.resistance[0, 0]) < 2.24
 
@@ -134,9 +128,7 @@ def test_self_consistent_wave_reproduces_the_velocity(liner):
     found = tl.educe(plane_of(v.expand(2, -1)), liner, phase="self-consistent", edge="wrap")
     wave = found.incident_pressure / (liner.fluid.density * liner.fluid.sound_speed**2)
     psi = float(wave[0, 0].angle())
-    stated = tl.educe(
-        plane_of(v.expand(2, -1)), liner, phase="given", reference_phase=psi, edge="wrap"
-    )
+    stated = tl.educe(plane_of(v.expand(2, -1)), liner, phase="given", reference_phase=psi, edge="wrap")
     assert float((found.reflection - stated.reflection).abs().max()) < 1e-12
     # v_in = c (x - y): amplitude and phase of the velocity come back
     velocity = liner.fluid.sound_speed * wave * (1 - found.reflection)
@@ -258,9 +250,7 @@ def test_running_rms_against_a_plain_loop(liner, window):
     drive = DriveSpeed(velocity, "running-rms", "kept", seen, window)
     slabs = drive.slabs(bounds_of(130, 17))
     found = torch.cat([slab[0].speed for slab in slabs]).T
-    wanted = torch.stack(
-        [(v[:, max(0, i - 15) : i - 15 + window] ** 2).mean(1).sqrt() for i in range(130)], dim=1
-    )
+    wanted = torch.stack([(v[:, max(0, i - 15) : i - 15 + window] ** 2).mean(1).sqrt() for i in range(130)], dim=1)
     assert float((found - wanted).abs().max()) < 1e-12
 
 
@@ -305,15 +295,9 @@ def test_both_orders_of_averaging(liner):
     assert found.cell_x.tolist() == pytest.approx([0.5 * pitch, 1.5 * pitch])
     admittance = (1 / found.impedance[..., 0])[:, :5].mean()
     assert complex(found.cell_impedance[0, 0]) == pytest.approx(complex(1 / admittance))
-    first = tl.educe(
-        plane_of(v[:, 5:].mean((0, 1))), liner, velocity_max=found.choices["velocity_max"]
-    )
-    assert complex(found.cell_impedance_velocity_first[1, 0]) == pytest.approx(
-        complex(first.impedance[0]), abs=1e-10
-    )
-    assert complex(found.liner_impedance[0]) == pytest.approx(
-        complex(1 / (1 / found.impedance[..., 0]).mean())
-    )
+    first = tl.educe(plane_of(v[:, 5:].mean((0, 1))), liner, velocity_max=found.choices["velocity_max"])
+    assert complex(found.cell_impedance_velocity_first[1, 0]) == pytest.approx(complex(first.impedance[0]), abs=1e-10)
+    assert complex(found.liner_impedance[0]) == pytest.approx(complex(1 / (1 / found.impedance[..., 0]).mean()))
 
 
 def test_tiles_that_are_not_whole_do_not_count(liner):
@@ -334,12 +318,7 @@ def test_float32_and_views(liner):
     padded = torch.zeros(3, 8, 960, dtype=torch.float64)
     padded[:, ::2, ::2] = v
     for view in (major, padded[:, ::2, ::2]):
-        assert (
-            float(
-                (tl.educe(plane_of(view), liner, velocity_max=20.0).reflection - wanted).abs().max()
-            )
-            < 1e-13
-        )
+        assert float((tl.educe(plane_of(view), liner, velocity_max=20.0).reflection - wanted).abs().max()) < 1e-13
     single = tl.educe(plane_of(v.to(torch.float32)), liner).reflection
     assert float((single - wanted).abs().max()) < 1e-6
     same = plane_of(v[:1, :1].expand(3, 4, 480))
@@ -431,9 +410,7 @@ def test_a_running_rms_as_long_as_the_record_is_doubted(liner):
     """Its error bars shrink to nothing, since it does not vary within the record."""
     plane = plane_of(turbulence((2, 1200)))
     options = {"drive": "running-rms", "order": "probes first"}
-    with pytest.warns(
-        tl.DataWarning, match=r"running rms is over 0.02 s .* too narrow; take a sho"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"running rms is over 0.02 s .* too narrow; take a sho"):
         tl.educe(plane, liner, running_window=0.02, **options)
     assert not any("too narrow" in n for n in tl.educe(plane, liner, **options).notes)
 
@@ -448,9 +425,7 @@ def test_no_gas_is_refused():
         plane_of(turbulence((2, 600)), fluid=None)
 
 
-@pytest.mark.parametrize(
-    ("sound", "asked"), [(700, 1400), (1400, 2800), (2100, 1400), (1400, 1000), (1400, 4200)]
-)
+@pytest.mark.parametrize(("sound", "asked"), [(700, 1400), (1400, 2800), (2100, 1400), (1400, 1000), (1400, 4200)])
 def test_sound_of_another_frequency_is_not_coherent(sound, asked):
     """A bin of two periods away it would look the same in each segment (coherence 0.997)."""
     tone = 3 * torch.cos(2 * torch.pi * sound / RATE * torch.arange(2400.0) + 0.7)

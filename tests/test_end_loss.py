@@ -57,9 +57,7 @@ def test_the_share_is_that_of_the_formula(mach, reading):
         share = math.hypot(a, 1.54 * mach)
         lost = made.replace(mach=0.0).impedance(1400.0) - made.impedance(1400.0, speed)
         assert lost.imag.item() == pytest.approx(share * ends(made), rel=1e-6)
-        base = tl.load_liner("lbm_slit").replace(
-            open_area_fraction=0.7, velocity_reading=reading, velocity_gain=1.3
-        )
+        base = tl.load_liner("lbm_slit").replace(open_area_fraction=0.7, velocity_reading=reading, velocity_gain=1.3)
         found = made.impedance(1400.0, speed).real
         assert found.item() == pytest.approx(base.impedance(1400.0, speed).real.item(), rel=1e-12)
 
@@ -141,9 +139,7 @@ def test_the_page_says_what_its_numbers_say():
         rows = list(csv.DictReader(file))
     away = {}
     for row in rows:
-        away.setdefault(row["law"], {})[row["case"]] = float(row["reactance"]) - float(
-            row["true_reactance"]
-        )
+        away.setdefault(row["law"], {})[row["case"]] = float(row["reactance"]) - float(row["true_reactance"])
     paper, speed, mach, both = (np.array(list(each.values())) for each in list(away.values())[:4])
     assert abs(paper).max() == pytest.approx(0.33, abs=5e-3)
     assert abs(speed).max() == pytest.approx(0.20, abs=5e-3)

@@ -14,9 +14,7 @@ from torchliner.cli import fetch_ahead
 def asked(monkeypatch):
     """Beginnings of the ranges that the system is asked for."""
     found: list[int] = []
-    monkeypatch.setattr(
-        os, "posix_fadvise", lambda _file, begin, _size, _advice: found.append(begin), raising=False
-    )
+    monkeypatch.setattr(os, "posix_fadvise", lambda _file, begin, _size, _advice: found.append(begin), raising=False)
     monkeypatch.setattr(os, "POSIX_FADV_WILLNEED", 3, raising=False)
     return found
 

@@ -191,9 +191,7 @@ def test_draws_that_do_not_settle_do_not_count(monkeypatch):
     assert whole.draws is not None
     kept = whole.draws.impedance[[1, 2, 4, 5], 0]
     assert complex(found.mean[0]) == pytest.approx(complex(kept.mean()), abs=1e-6)
-    assert float(found.standard_deviation.real[0]) == pytest.approx(
-        float(kept.real.std()), rel=1e-3
-    )
+    assert float(found.standard_deviation.real[0]) == pytest.approx(float(kept.real.std()), rel=1e-3)
     assert found.draws is not None
     assert bool(torch.isnan(found.draws.level_along()[1][0]).all())
 

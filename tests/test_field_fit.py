@@ -218,9 +218,7 @@ def test_a_search_may_begin_elsewhere():
     """At another minimum the misfit says so; begun near the truth, or not at all, it is found."""
     wall = 0.7017 + 0.3693j
     line, solver = of_preset("upstream", 700.0, wall)
-    with pytest.warns(
-        tl.DataWarning, match=r"deepest minimum \(begin elsewhere, --start, start=\)"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"deepest minimum \(begin elsewhere, --start, start=\)"):
         found = fit_field(line, solver, start=1.45 + 2.65j)
     assert abs(complex(found.impedance[0]) - wall) > 1
     for start in (wall + 0.01, None):
@@ -250,9 +248,7 @@ def test_reflections_stated_for_a_source_elsewhere_are_not_believed():
     """The ends of a duct do not change places with its source."""
     line, _ = solved("downstream")
     _, other = solved("upstream", end_reflection=(0.1, 0.0))
-    with pytest.raises(
-        ValueError, match=r"end_reflection of the duct is stated for a source upstream, b2a has its"
-    ):
+    with pytest.raises(ValueError, match=r"end_reflection of the duct is stated for a source upstream, b2a has its"):
         fit_field(line, other, far_end="stated")
     assert float((fit_field(line, other).impedance - TRUE).abs().max()) < 1e-6
     _, plain = solved("upstream")
@@ -271,9 +267,7 @@ def test_the_level_along_passes_the_microphones(upstream):
 def test_bad_lines_are_refused(upstream):
     line, solver = upstream
     two = line.select([0, 1])
-    with pytest.raises(
-        ValueError, match=r"has 2 microphones; .* 2 complex unknowns, need at least 3"
-    ):
+    with pytest.raises(ValueError, match=r"has 2 microphones; .* 2 complex unknowns, need at least 3"):
         fit_field(two, solver, far_end="stated")
     with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3; state one"):
         fit_field(dataclasses.replace(line, mach=0.1), solver)
@@ -282,14 +276,10 @@ def test_bad_lines_are_refused(upstream):
     with pytest.raises(ValueError, match="source_side is 'unknown'; state upstream or"):
         fit_field(dataclasses.replace(line, source_side="unknown"), solver)
     with pytest.raises(ValueError, match=r"a microphone at x = 0\.275 m lies outside the duct"):
-        fit_field(
-            dataclasses.replace(line, x=line.x + 0.146, liner_start=None, liner_end=None), solver
-        )
+        fit_field(dataclasses.replace(line, x=line.x + 0.146, liner_start=None, liner_end=None), solver)
     with pytest.raises(ValueError, match=r"frequencies \[900.0, 1600.0\] Hz, the duct"):
         fit_field(dataclasses.replace(line, frequency=[900.0, 1600.0]), solver)
-    with pytest.raises(
-        ValueError, match=r"has its liner from x = 0 to 0\.14 m, the duct from 0 to"
-    ):
+    with pytest.raises(ValueError, match=r"has its liner from x = 0 to 0\.14 m, the duct from 0 to"):
         fit_field(dataclasses.replace(line, liner_end=0.14), solver)
     with pytest.raises(ValueError, match="3 complex unknowns, need at least 4"):
         fit_field(line.select([0, 1, 2]), solver)

@@ -41,10 +41,7 @@ def mean(function, *more) -> float:
     """Over the height; from wall and centreline apart, since slopes may jump there."""
     points = [0, 1e-5, 1e-4, 1e-3, HEIGHT / 4, HEIGHT / 2]
     points += [HEIGHT - p for p in points[-2::-1]]
-    parts = [
-        quad(function, a, b, epsabs=1e-12, epsrel=1e-11, limit=400)[0]
-        for a, b in itertools.pairwise(points)
-    ]
+    parts = [quad(function, a, b, epsabs=1e-12, epsrel=1e-11, limit=400)[0] for a, b in itertools.pairwise(points)]
     return sum(parts) / HEIGHT
 
 
@@ -81,9 +78,7 @@ def test_slope_integrates_to_the_velocity(name):
     points = [0, 1e-6, 1e-5, 1e-4, 1e-3, HEIGHT / 4]
     if name == "table":
         points = [*TABLE_Y[TABLE_Y < HEIGHT / 4], HEIGHT / 4]
-    rise = sum(
-        quad(profile.mach_slope, a, b, epsrel=1e-10)[0] for a, b in itertools.pairwise(points)
-    )
+    rise = sum(quad(profile.mach_slope, a, b, epsrel=1e-10)[0] for a, b in itertools.pairwise(points))
     assert rise == pytest.approx(float(profile.mach(HEIGHT / 4) - profile.mach(0.0)), abs=1e-9)
     assert profile.mach_slope(HEIGHT - 1e-3) == pytest.approx(-profile.mach_slope(1e-3), rel=1e-9)
 
@@ -100,9 +95,7 @@ def test_displacement_thickness_is_its_integral(name):
 def test_walls_and_centreline():
     """No slip but for the plug; no kink on the centreline."""
     for name, profile in PROFILES.items():
-        assert profile.mach([0.0, HEIGHT]) == pytest.approx(
-            0.3 if name == "uniform" else 0.0, abs=1e-15
-        )
+        assert profile.mach([0.0, HEIGHT]) == pytest.approx(0.3 if name == "uniform" else 0.0, abs=1e-15)
         near = profile.mach_slope(HEIGHT / 2 * (1 - 1e-9))
         assert abs(near) < 1e-7 * profile.bulk_mach / HEIGHT
 

@@ -144,9 +144,7 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
         found, _, following = followed(path, *[step(False), step(True)] * 2)
         print(file=solver.stdin, flush=True)
     assert [rows[0].samples for rows in found] == [600, 1200, 1800]
-    whole = tl.GrowingMoments(
-        piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch
-    )
+    whole = tl.GrowingMoments(piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch)
     mine, theirs = (each.moments().sums.groups[0].totals for each in (following.going, whole))
     assert torch.equal(mine, theirs)
 
@@ -287,9 +285,7 @@ def test_what_is_no_plane_is_refused_at_once(tmp_path, name, age):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "time", lambda: now + age)
         with pytest.raises((OSError, ValueError), match=rf"plane.h5.*{words}"):
-            follow(
-                Following(path, tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep
-            )
+            follow(Following(path, tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep)
     assert sleep.looks == (0 if age and name in NO_PLANES else 3)
 
 

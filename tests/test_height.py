@@ -36,9 +36,7 @@ def line_plane(velocity: torch.Tensor, height: float = 1e-3, **about):
 
 @pytest.fixture(scope="module")
 def planes():
-    return [
-        line_plane(turbulence((2, 26, 480), seed=i, rms=1.0 + i), 1e-3 * (1 + i)) for i in (1, 0)
-    ]
+    return [line_plane(turbulence((2, 26, 480), seed=i, rms=1.0 + i), 1e-3 * (1 + i)) for i in (1, 0)]
 
 
 @pytest.fixture(scope="module")
@@ -202,10 +200,7 @@ def evanescent_planes(heights, decay=PITCH / (2 * math.pi), wave=1.0):
     time = torch.arange(480, dtype=torch.float64) / RATE
     tone = torch.cos(2 * math.pi * FREQUENCY * time)
     shape = torch.as_tensor(np.cos(2 * math.pi * x / PITCH))
-    return [
-        line_plane(wave * (1 + 0.9 * math.exp(-y / decay) * shape)[:, None] * tone, y, x=x)
-        for y in heights
-    ]
+    return [line_plane(wave * (1 + 0.9 * math.exp(-y / decay) * shape)[:, None] * tone, y, x=x) for y in heights]
 
 
 def test_a_sound_field_qualifies_where_its_imprint_has_died(liner):
@@ -245,9 +240,7 @@ def test_the_drift_is_that_of_grazing_sound(liner, side, words):
 def test_turbulence_averages_out_of_the_cell(liner):
     """Velocity first does not stand in turbulence, though its Z may have settled."""
     planes = [line_plane(turbulence((26, 480), seed=i), 1e-3 * (1 + i)) for i in (0, 1)]
-    found = recommend_height(
-        study_heights(planes, liner, lengths=[PITCH], **WHOLE), Limits(9, 9, 9)
-    )
+    found = recommend_height(study_heights(planes, liner, lengths=[PITCH], **WHOLE), Limits(9, 9, 9))
     assert found.heights["velocity first"] is None
     assert found.heights["probes first"] == 1e-3
     (one,) = [j for j in found.judgements if (j.height, j.name) == (1e-3, "turbulence")]
@@ -416,9 +409,7 @@ SHORT = ("--lengths", "6", "12.44", "--quiet")
 
 def test_command_prints_writes_and_draws(capsys, tmp_path):
     """Table, facts, answer; CSV of the rows; figures with their numbers."""
-    code, out, _ = run(
-        capsys, "height", *G03, *SHORT, "-o", str(tmp_path / "rows.csv"), "--figure", str(tmp_path)
-    )
+    code, out, _ = run(capsys, "height", *G03, *SHORT, "-o", str(tmp_path / "rows.csv"), "--figure", str(tmp_path))
     assert code == DONE
     for text in ("no height of these qualifies", "1 cell", "H_j mm", "true 1.662-0.460j", "sound:"):
         assert text in out
@@ -500,17 +491,13 @@ def test_command_takes_moments(capsys, tmp_path):
         assert run(capsys, "reduce", path, "-o", files[-1], "--quiet")[0] == DONE
     code, out, _ = run(capsys, "height", *G03, *SHORT, "--json")
     wanted = json.loads(out)
-    code, out, err = run(
-        capsys, "height", *files, *SHORT, "--json", "--figure", str(tmp_path / "figures")
-    )
+    code, out, err = run(capsys, "height", *files, *SHORT, "--json", "--figure", str(tmp_path / "figures"))
     found = json.loads(out)
     assert code == DONE, err
     assert found["recommended_heights"] == wanted["recommended_heights"]
     for mine, theirs in zip(found["rows"], wanted["rows"], strict=True):
         assert mine["resistance, velocity first"] is None
-        assert mine["resistance, probes first"] == pytest.approx(
-            theirs["resistance, probes first"], rel=1e-5
-        )
+        assert mine["resistance, probes first"] == pytest.approx(theirs["resistance, probes first"], rel=1e-5)
     assert (tmp_path / "figures" / "impedance_over_height.png").exists()
     code, out, _ = run(capsys, "height", *files, *SHORT)
     assert "nan" not in out

@@ -143,9 +143,7 @@ def test_numbers_are_those_of_the_map(page, shipped):
         assert z == pytest.approx(complex(shipped.of_liner(row["order"])[0]), rel=1e-8)
         assert float(row["low_resistance"]) == pytest.approx(low.real, rel=1e-8)
     along = page.csv("along-x-0")
-    assert [float(row["reactance"]) for row in along] == pytest.approx(
-        shipped.reactance[:, 0].tolist(), rel=1e-8
-    )
+    assert [float(row["reactance"]) for row in along] == pytest.approx(shipped.reactance[:, 0].tolist(), rel=1e-8)
     beside = page.csv("compared-table")
     wanted = complex(shipped.answer[0]) - shipped.reference["true"]
     (true,) = (row for row in beside if row["name"] == "true")
@@ -256,9 +254,7 @@ def test_the_numbers_of_a_map_are_enough_for_the_audit(name, tmp_path):
     beside = subject_of(found, data=plane)
     if name == "mine.py":
         (text,) = moved(beside)
-        assert re.search(
-            "run only where you name it: --liner mine.py.*SHA-256 [0-9a-f]{64}", text.text
-        )
+        assert re.search("run only where you name it: --liner mine.py.*SHA-256 [0-9a-f]{64}", text.text)
         assert subject_of(found, liner=liner).model is liner
         return
     assert tl.load_liner(found.choices["liner"]).describe() == liner.describe()
@@ -442,9 +438,7 @@ def test_lines_and_points(capsys, make, noun, tmp_path):
     page = Page(tmp_path / "page.html")
     assert typeset(format_complex(complex(found.answer[0]))) in page.text["header"]
     assert typeset(format_complex(complex(found.answer[0]))) in out
-    assert {"answers", "warnings", "along", "origin", "cite"} <= {
-        attrs["id"] for attrs in page.all("section")
-    }
+    assert {"answers", "warnings", "along", "origin", "cite"} <= {attrs["id"] for attrs in page.all("section")}
     found.report(tmp_path / "memory.html")
     with pytest.raises(ValueError, match="data and liner are for the report of a map"):
         found.report(tmp_path / "memory.html", liner=tl.load_liner("polito"))
@@ -466,8 +460,7 @@ def folder(tmp_path_factory):
                  height=1e-3 * (2 - seed)).write(tmp_path / f"plane {seed}.h5")  # fmt: skip
     (tmp_path / "broken.h5").write_bytes(b"nothing")
     (tmp_path / "c.toml").write_text(
-        'title = "<b>all</b>"\nfrequencies = [1400, 1500]\n[[planes]]\nfiles = "*.h5"\n'
-        'liner = "polito"\n'
+        'title = "<b>all</b>"\nfrequencies = [1400, 1500]\n[[planes]]\nfiles = "*.h5"\nliner = "polito"\n'
     )
     main(["run", f"{tmp_path}/c.toml", "--output", f"{tmp_path}/results", "--quiet"])
     return tmp_path / "results"
@@ -488,9 +481,7 @@ def test_a_campaign_is_a_row_a_case(capsys, folder, tmp_path, monkeypatch):
     assert len(cells) == 4
     found = tl.read_map(sorted((folder / "maps").iterdir())[0])
     assert typeset(f"{float(found.answer[1].real):.3f} at 1500 Hz") in cells[0]["aria-label"]
-    assert [row["case"] for row in page.csv("cases-table")] == sorted(
-        row["case"] for row in page.csv("cases-table")
-    )
+    assert [row["case"] for row in page.csv("cases-table")] == sorted(row["case"] for row in page.csv("cases-table"))
     assert re.search(r"<ol>\s*<li>(?i:broken).*?failed", page.html)
     assert len(page.csv("index")) == 5
 
@@ -518,9 +509,7 @@ def test_what_is_no_result_is_told_what_it_is(capsys, files, folder, tmp_path):
     assert "is no result: it states no schema" in refused(capsys, tmp_path / "none.h5", *out)
     assert "holds no index.nc; it is the folder of no campaign" in refused(capsys, DATA, *out)
     assert "--cases is for the folder" in refused(capsys, files / "map.h5", *out, "--cases")
-    assert "--liner is for the report of a map" in refused(
-        capsys, folder, *out, "--liner", "polito"
-    )
+    assert "--liner is for the report of a map" in refused(capsys, folder, *out, "--liner", "polito")
     with h5py.File(tmp_path / "index.nc", "w") as file:
         file.attrs["schema"] = "torchliner campaign 9"
     assert "has the format 'torchliner campaign 9'" in refused(capsys, tmp_path, *out)

@@ -294,9 +294,7 @@ def test_several_frequencies_have_a_curve_each():
     assert found.table().frequency_range == (1000.0, FREQUENCY)
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, order=ORDER)
     speed = [0.2, 1.0, 2.0]
-    assert found.curve(FREQUENCY, speed)[0].tolist() == pytest.approx(
-        one.curve(FREQUENCY, speed)[0].tolist(), rel=0.01
-    )
+    assert found.curve(FREQUENCY, speed)[0].tolist() == pytest.approx(one.curve(FREQUENCY, speed)[0].tolist(), rel=0.01)
     with pytest.raises(ValueError, match=r"no curve is known at 700 Hz: .* 1000, 1400 Hz"):
         found.predict(runs[0], frequency=700.0)
 
@@ -441,9 +439,7 @@ def test_each_factor_does_what_it_says():
     assert change(2.0, mach=0.3, mach_mass_loss=2.0, end_correction=0.5) == pytest.approx(
         -0.5j * ends - 1j * 2.0 * 0.3 * 0.5 * ends
     )
-    assert change(2.0, mach=0.3, mach_resistance=0.2) == pytest.approx(
-        0.06 / plain.surface_porosity
-    )
+    assert change(2.0, mach=0.3, mach_resistance=0.2) == pytest.approx(0.06 / plain.surface_porosity)
     law = plain.speed_law(FREQUENCY)
     lost = [float(law.c) * v**2.5 / (v**2.5 + float(law.d)) for v in (2.0, 2.0 / 3)]
     assert change(2.0, mass_loss=3.0) == pytest.approx(-2j * lost[0])

@@ -120,9 +120,7 @@ def test_probes_in_another_order_than_the_cells_are_told_of():
     face = [1.0] * 4 + [2.0] * 4
     wanted = tl.in_situ(record_of(face, [1.0, 0.5], x=x, cell_pitch=0.01), interval=None)
     turned = record_of(face[::-1], [1.0, 0.5], x=x[::-1], cell_pitch=0.01)
-    with pytest.warns(
-        tl.DataWarning, match="rows of the backplate are taken as the cells in risin"
-    ):
+    with pytest.warns(tl.DataWarning, match="rows of the backplate are taken as the cells in risin"):
         found = tl.in_situ(turned, interval=None)
     assert torch.equal(found.cell_impedance, wanted.cell_impedance)
 
@@ -141,9 +139,7 @@ def test_several_frequencies_and_precision():
     alone = tl.in_situ(record, 1400.0).liner_impedance
     both = tl.in_situ(record, [1000.0, 1400.0]).liner_impedance
     assert abs(complex(both[1] - alone[0])) < 1e-12
-    wide = dataclasses.replace(
-        record, facesheet=record.facesheet.double(), backplate=record.backplate.double()
-    )
+    wide = dataclasses.replace(record, facesheet=record.facesheet.double(), backplate=record.backplate.double())
     assert abs(complex(tl.in_situ(wide).liner_impedance[0] - alone[0])) < 1e-6
 
 
@@ -168,9 +164,7 @@ def test_truth_without_flow(case):
     assert abs(found - record.reference["true"]) < 0.02
 
 
-@pytest.mark.parametrize(
-    ("case", "error"), [("n115", 0.043), ("n130", 0.030), ("o115", 0.009), ("o145", 0.011)]
-)
+@pytest.mark.parametrize(("case", "error"), [("n115", 0.043), ("n130", 0.030), ("o115", 0.009), ("o145", 0.011)])
 def test_what_the_admittance_over_points_costs(case, error):
     """The table of docs/in_situ.md: the slit is above 0.02, since p_f drops steeply there."""
     record = file_of(case)

@@ -56,9 +56,7 @@ def test_command_refuses(arguments, match, capsys):
 def test_options_of_what_a_record_has_not_are_refused(tmp_path, capsys):
     """A pair without microphones, losses without a cavity."""
     whole, path = file_of("n130"), str(tmp_path / "part.h5")
-    dataclasses.replace(whole, microphones=None, microphone_y=None, microphone_velocity=None).write(
-        path
-    )
+    dataclasses.replace(whole, microphones=None, microphone_y=None, microphone_velocity=None).write(path)
     assert main(["insitu", path, "--microphones", "0", "1", "--quiet"]) == 2
     assert "holds 0 microphones; there is no pair to choose" in capsys.readouterr().err
     dataclasses.replace(whole, facesheet=None, backplate=None, x=None, probe_cell=None).write(path)

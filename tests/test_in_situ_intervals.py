@@ -131,9 +131,7 @@ def test_files_and_tables_carry_them(tmp_path, capsys):
 def test_maps_keep_their_level(tmp_path):
     """The in situ values beside a map have intervals of the map's level, in its file too."""
     record, liner = noisy(1), tl.load_liner("lbm_slit")
-    plane = tl.VelocityPlane(
-        noisy(2).facesheet, sampling_rate=RATE, frequency=FREQUENCY, fluid=liner.fluid
-    )
+    plane = tl.VelocityPlane(noisy(2).facesheet, sampling_rate=RATE, frequency=FREQUENCY, fluid=liner.fluid)
     for level in (0.8, None):
         made = tl.educe(plane, liner, interval=level)
         (beside,) = with_in_situ([made], [plane], record)

@@ -342,12 +342,8 @@ def test_a_recording_outside_the_band_is_told_of(slit):
     hum = torch.cos(2 * torch.pi * 100 * time)
     with pytest.warns(tl.DataWarning, match=r"50 % of the energy .* near 100 Hz, is sent outside"):
         tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 48e3), frequency=1400.0)
-    plain, offset = (
-        tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 48e3), frequency=1400.0) for more in (0, 3)
-    )
-    assert complex(offset.impedance[0, 0]) == pytest.approx(
-        complex(plain.impedance[0, 0]), rel=1e-9
-    )
+    plain, offset = (tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 48e3), frequency=1400.0) for more in (0, 3))
+    assert complex(offset.impedance[0, 0]) == pytest.approx(complex(plain.impedance[0, 0]), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,7 @@ def test_profile_limits():
     slope = (profile.velocity(HEIGHT / 2) - profile.velocity(HEIGHT / 2 - step)) / step
     assert abs(slope) < 1e-3 * profile.velocity(HEIGHT / 2) / HEIGHT
     thick = TanhProfile(0.3, HEIGHT, 1e3)
-    assert thick.velocity(y) == pytest.approx(
-        1.5 * 0.3 * 343.2 * (1 - (2 * y / HEIGHT - 1) ** 2), rel=1e-5, abs=1e-9
-    )
+    assert thick.velocity(y) == pytest.approx(1.5 * 0.3 * 343.2 * (1 - (2 * y / HEIGHT - 1) ** 2), rel=1e-5, abs=1e-9)
     with pytest.warns(tl.DataWarning, match=r"shear is 0\.03, below 0\.05"):
         thin = TanhProfile(0.3, HEIGHT, 0.03)
     assert thin.displacement_thickness < TanhProfile(0.3, HEIGHT, 0.05).displacement_thickness
@@ -133,9 +131,7 @@ def test_height_rises_with_the_jet_and_falls_with_the_flow(shear):
     rows = [penetration_height(jets, 1e-3, TanhProfile(m, HEIGHT, shear)) for m in (0.1, 0.2, 0.4)]
     assert (np.diff(rows, axis=1) > 0).all()
     assert (np.diff(rows, axis=0) < 0).all()
-    assert penetration_height(jets / 2, 1e-3, TanhProfile(0.1, HEIGHT, shear)) == pytest.approx(
-        rows[1], rel=1e-10
-    )
+    assert penetration_height(jets / 2, 1e-3, TanhProfile(0.1, HEIGHT, shear)) == pytest.approx(rows[1], rel=1e-10)
     doubled = penetration_height(jets, 2e-3, TanhProfile(0.1, 2 * HEIGHT, shear))
     assert doubled == pytest.approx(2 * rows[0], rel=1e-10)
 
@@ -154,13 +150,9 @@ def test_jet_velocity_in_both_readings():
     assert jet_velocity(145, 0.05, 0.1) == pytest.approx(172.14, abs=0.01)
     printed = jet_velocity(145, 0.05, 0.1, reading="printed")
     assert printed == pytest.approx(121.72, abs=0.01)
-    assert jet_velocity(145, 0.05, 0.5j) / jet_velocity(130, 0.05, 0.5) == pytest.approx(
-        10**0.75, rel=1e-12
-    )
+    assert jet_velocity(145, 0.05, 0.5j) / jet_velocity(130, 0.05, 0.5) == pytest.approx(10**0.75, rel=1e-12)
     doubled = tl.Fluid(density=2 * 1.204)
-    assert jet_velocity(120, 0.1, 1 + 1j, doubled) == pytest.approx(
-        jet_velocity(120, 0.2, 1 + 1j), rel=1e-12
-    )
+    assert jet_velocity(120, 0.1, 1 + 1j, doubled) == pytest.approx(jet_velocity(120, 0.2, 1 + 1j), rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -103,8 +103,7 @@ def test_one_tone_is_the_rule_for_one(samples, liner):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tl.DataWarning)
         one, other = (
-            tl.educe(plane_of(v), liner, phase=rule, minimum_coherence=0.0)
-            for rule in ("self-consistent", "joint")
+            tl.educe(plane_of(v), liner, phase=rule, minimum_coherence=0.0) for rule in ("self-consistent", "joint")
         )
     assert relative_error(other.reflection, one.reflection) < 1e-12
     assert relative_error(other.velocity_amplitude, one.velocity_amplitude) < 1e-12
@@ -118,11 +117,7 @@ def test_records_that_are_no_whole_periods(liner):
     """Amplitudes are exact in any record that tells the tones apart, mean and all."""
     tones = (1013.0, 1391.0)
     t = torch.arange(1111, dtype=torch.float64) / RATE
-    v = (
-        0.7
-        + 3 * torch.cos(2 * torch.pi * tones[0] * t)
-        - 2 * torch.sin(2 * torch.pi * tones[1] * t)
-    )
+    v = 0.7 + 3 * torch.cos(2 * torch.pi * tones[0] * t) - 2 * torch.sin(2 * torch.pi * tones[1] * t)
     found = joint(-v, tones, liner)
     assert relative_error(found.velocity_amplitude[0], torch.tensor([-3.0, -2j])) < 1e-10
     assert float(found.coherence.min()) > 1 - 1e-9
@@ -220,12 +215,8 @@ def test_a_tone_that_is_not_there_is_no_part_of_the_wave(liner):
 def test_what_other_tones_make_is_said(liner):
     """A weak tone where the strong one's distortion falls is none of the liner's R."""
     v, _, _ = replayed(liner, (1050.0, 3150.0), (6.0, 0.2), noise=0.0)
-    with pytest.warns(
-        tl.DataWarning, match=r"reflected at 3150 Hz a share of [\d.]+ .median of the probes"
-    ):
-        tl.educe(
-            plane_of(-v[None], frequency=None), liner, [1050.0, 3150.0], phase="joint", **QUIET
-        )
+    with pytest.warns(tl.DataWarning, match=r"reflected at 3150 Hz a share of [\d.]+ .median of the probes"):
+        tl.educe(plane_of(-v[None], frequency=None), liner, [1050.0, 3150.0], phase="joint", **QUIET)
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,7 @@ def test_two_sided_kernel_is_the_model_in_band(name, rate):
     assert kernels.error <= 4e-7
     assert kernels.gain <= 1.25
     check = torch.linspace(300, 3500, 311, dtype=torch.float64)
-    distance = kernels.response(check) - reflection_at_levels(
-        tl.load_liner(name), check, kernels.grid
-    )
+    distance = kernels.response(check) - reflection_at_levels(tl.load_liner(name), check, kernels.grid)
     assert float(distance.abs().max()) <= kernels.error * 1.05
 
 

@@ -34,9 +34,7 @@ def test_table_and_files(files, capsys):
     path = str(files / "upstream.csv")
     assert main(["kt", path, "-o", str(files / "rows.csv"), "--quiet"]) == 0
     text = capsys.readouterr().out
-    assert (
-        "upstream case: Kumaresan-Tufts, rank 2, order 6, source upstream, 12 microphones" in text
-    )
+    assert "upstream case: Kumaresan-Tufts, rank 2, order 6, source upstream, 12 microphones" in text
     assert "2.330-0.300j" in text
     with (files / "rows.csv").open() as file:
         rows = list(csv.DictReader(file))

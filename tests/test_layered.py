@@ -112,9 +112,7 @@ def test_two_degrees_of_freedom_worked_by_hand():
     for stated, here in (({"septum_ratio": 0.5}, 1.0), ({"septum_speed": 3.0}, 3.0)):
         loud = 0.5 + 0.3 * here + 2e-5j * omega + behind
         wanted = 0.1 + 0.05 * speed + up(loud)
-        assert complex(liner.replace(**stated).impedance(1000.0, speed)) == pytest.approx(
-            wanted, rel=2e-6
-        )
+        assert complex(liner.replace(**stated).impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
 
 
 @pytest.mark.parametrize("nonlinear", [0, 1])
@@ -152,10 +150,7 @@ def test_a_transparent_septum_is_one_deep_cavity():
 def test_an_opaque_septum_is_the_backplate():
     """The error falls as 1/R of the septum; the lower cavity does not count any more."""
     alone = tl.LayeredLiner([PLATE, cavity(13e-3)])
-    off = [
-        difference(alone, tl.LayeredLiner([PLATE, cavity(13e-3), Weave(r), cavity(5e-3)]))
-        for r in (1e6, 1e9)
-    ]
+    off = [difference(alone, tl.LayeredLiner([PLATE, cavity(13e-3), Weave(r), cavity(5e-3)])) for r in (1e6, 1e9)]
     assert off[1] < 1e-6
     assert off[1] == pytest.approx(off[0] / 1e3, rel=1e-2)
 
@@ -206,9 +201,7 @@ def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
     assert z.real == pytest.approx(0.2 + 0.7 * ratio**2, rel=1e-4, abs=1e-6)
 
 
-DOUBLE = tl.LayeredLiner(
-    [PLATE, cavity(15e-3, 0.9), Perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3, 0.9)]
-)
+DOUBLE = tl.LayeredLiner([PLATE, cavity(15e-3, 0.9), Perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3, 0.9)])
 
 
 @pytest.mark.parametrize("stated", [{}, {"septum_ratio": 0.6}])

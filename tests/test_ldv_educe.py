@@ -69,9 +69,7 @@ def test_one_command_from_files_to_numbers(folder, known, tmp_path, capsys):
 
 
 def test_a_line_comes_back_from_its_file_bit_for_bit(folder, tmp_path):
-    line = tl.educe_bursts(
-        folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2
-    )
+    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2)
     line.write(tmp_path / "line.nc")
     back = tl.read_line(tmp_path / "line.nc")
     for name, value in vars(line).items():

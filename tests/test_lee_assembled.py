@@ -105,9 +105,7 @@ def assembled_by_scikit_fem(profile, degree, impedance, points):
         ends = mesh.facets_satisfying(lambda x: (x[0] < 1e-9) | (x[0] > X_EDGES[-1] - 1e-9))
         walls = mesh.facets_satisfying(lambda x: (x[1] < 1e-9) | (x[1] > HEIGHT - 1e-9))
         for form, facets in ((end, ends), (wall, walls)):
-            matrix = matrix + form.assemble(
-                skfem.FacetBasis(mesh, element, facets=facets, intorder=order)
-            )
+            matrix = matrix + form.assemble(skfem.FacetBasis(mesh, element, facets=facets, intorder=order))
         return matrix
 
     def source(equation):

@@ -78,12 +78,8 @@ def test_walls_that_vary_along_the_liner():
     def wall(places, frequency):
         return (1 + 10 * places + 1j * torch.cos(20 * places)).expand(len(frequency), -1)
 
-    constant = solver.solve(
-        lambda places, f: torch.full((1, len(places)), B2A, dtype=torch.complex128)
-    )
-    assert (
-        float((constant.wall_pressure(x) - solver.solve(B2A).wall_pressure(x)).abs().max()) < 1e-12
-    )
+    constant = solver.solve(lambda places, f: torch.full((1, len(places)), B2A, dtype=torch.complex128))
+    assert float((constant.wall_pressure(x) - solver.solve(B2A).wall_pressure(x)).abs().max()) < 1e-12
     wanted = solver.solve(wall).wall_pressure(x)
     errors = []
     for count in (4, 8, 16):
@@ -105,9 +101,7 @@ def test_walls_that_vary_along_the_liner():
 def test_given_end_reflections(source, profile):
     """Rigid duct, M 0.3: two modes with the amplitudes of the geometric series, to 3e-6."""
     far, near = 0.4 - 0.2j, 0.3j
-    field = solve(
-        profile=profile, liner=(), source=source, end_reflection=far, source_reflection=near
-    )
+    field = solve(profile=profile, liner=(), source=source, end_reflection=far, source_reflection=near)
     numbers = [
         abs(complex(duct_modes(profile, FREQUENCY, count=1, direction=d).wavenumber))
         for d in ("downstream", "upstream")
@@ -137,9 +131,7 @@ def test_incident_amplitude_and_place():
     base = solve(profile=TANH)
     rigid = solve(math.inf, profile=TANH)
     assert complex(rigid.wall_pressure(0.0)) == pytest.approx(1, abs=1e-6)
-    assert float(rigid.wall_level(0.0)) == pytest.approx(
-        20 * math.log10(1 / (math.sqrt(2) * 2e-5)), abs=1e-4
-    )
+    assert float(rigid.wall_level(0.0)) == pytest.approx(20 * math.log10(1 / (math.sqrt(2) * 2e-5)), abs=1e-4)
     assert float(rigid.wall_phase(0.0)) == pytest.approx(0, abs=1e-4)
     scaled = solve(profile=TANH, incident=2j, incident_at=0.1)
     mode = duct_modes(TANH, FREQUENCY, count=1)
@@ -150,9 +142,7 @@ def test_incident_amplitude_and_place():
         scaled.wall_phase(x) - base.wall_phase(x),
     )
     assert level[0].numpy() == pytest.approx(np.full(12, 20 * math.log10(2)), abs=1e-8)
-    assert np.exp(1j * np.deg2rad(phase[0].numpy())) == pytest.approx(
-        np.full(12, turn / 2), abs=1e-8
-    )
+    assert np.exp(1j * np.deg2rad(phase[0].numpy())) == pytest.approx(np.full(12, turn / 2), abs=1e-8)
 
 
 # --- batches, gradients, types ------------------------------------------------------------------
@@ -204,9 +194,7 @@ def test_gradients(condition):
     mesh = build_mesh(case, 1500.0, degree=2, column=0.05, row=0.025)
     with pytest.warns(UserWarning, match="the mesh is coarse"):
         solver = DuctSolver(case, [1000.0, 1500.0], mesh)
-    walls = torch.tensor(
-        [[[B2A, 0.4 - 1j]], [[0.1, 1.0]]], dtype=torch.complex128, requires_grad=True
-    )
+    walls = torch.tensor([[[B2A, 0.4 - 1j]], [[0.1, 1.0]]], dtype=torch.complex128, requires_grad=True)
 
     def outputs(z):
         field = solver.solve(z)
@@ -248,9 +236,7 @@ def test_other_profiles_run():
     x = np.linspace(-0.1, 0.3, 9)
     y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 41))) / 2
     wanted = solve(profile=TANH).wall_pressure(x)
-    table = solve(profile=TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)).wall_pressure(
-        x
-    )
+    table = solve(profile=TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)).wall_pressure(x)
     law = solve(profile=LawOfTheWallProfile(0.3, HEIGHT, SPEED)).wall_pressure(x)
     assert float((table - wanted).abs().max()) < 2e-3
     assert 1e-3 < float((law - wanted).abs().max()) < 0.1

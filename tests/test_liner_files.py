@@ -131,9 +131,7 @@ def test_edited_copy_changes_what_was_edited(tmp_path):
 def test_unknown_preset_names_the_nearest(call):
     with pytest.raises(ValueError, match=r"'onerra' \(did you mean 'onera'\?\).* ends in .toml"):
         call("onerra")
-    with pytest.raises(
-        ValueError, match=r"'xyz'; presets are double_layer_example, .*, onera, polito"
-    ):
+    with pytest.raises(ValueError, match=r"'xyz'; presets are double_layer_example, .*, onera, polito"):
         call("xyz")
 
 
@@ -260,9 +258,7 @@ def test_csv_is_read_with_comma_or_semicolon(tmp_path, mark, shuffled):
 
 
 def test_toml_may_name_a_table_beside_it(tmp_path):
-    write(
-        tmp_path / "t.csv", "\ufefffrequency,reactance,resistance,note", "2e3,1,3,b", "1e3,-1,1,a"
-    )
+    write(tmp_path / "t.csv", "\ufefffrequency,reactance,resistance,note", "2e3,1,3,b", "1e3,-1,1,a")
     text = "model = 'table'\nfile = 't.csv'\ncell_pitch = 0.01"
     liner = tl.load_liner(write(tmp_path / "mine.toml", text))
     assert (liner.name, liner.cell_pitch) == ("mine", 0.01)

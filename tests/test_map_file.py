@@ -67,9 +67,7 @@ def test_round_trip(tmp_path, place):
     wanted.write(tmp_path / "a.nc")
     found = tl.read_map(tmp_path / "a.nc")
     for name in (*COMPLEX, *REAL, "impedance", "liner_impedance"):
-        torch.testing.assert_close(
-            getattr(found, name), getattr(wanted, name), rtol=0, atol=0, equal_nan=True
-        )
+        torch.testing.assert_close(getattr(found, name), getattr(wanted, name), rtol=0, atol=0, equal_nan=True)
     for name in ("x", "z"):
         value = getattr(found, name)
         assert (None if value is None else value.tolist()) == PLACES[place][1].get(name)
@@ -132,9 +130,7 @@ def test_csv_has_one_row_a_probe_and_frequency(tmp_path):
         [0.1, 0.3, 1400, 3, 0, 1 / 3, 0, 0.75, 0.75, 123.0103, 0.25, 1.5],
         [0.2, 0.3, 1400, 0.6, 0.8, 0.6, -0.8, 0.75, 0.5, 122.0412, -0.25, 2.5],
     ]
-    assert [[float(cell) for cell in row] for row in rows] == [
-        pytest.approx(row, abs=1e-4) for row in wanted
-    ]
+    assert [[float(cell) for cell in row] for row in rows] == [pytest.approx(row, abs=1e-4) for row in wanted]
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -153,13 +149,9 @@ def test_csv_rows_follow_the_probes(tmp_path, place):
 def test_what_is_no_map_is_refused(tmp_path):
     make_plane().write(tmp_path / "plane.h5")
     hand_map().write(tmp_path / "map.nc")
-    with pytest.raises(
-        ValueError, match=r"plane.h5 is no impedance map.*'torchliner plane 1', not"
-    ):
+    with pytest.raises(ValueError, match=r"plane.h5 is no impedance map.*'torchliner plane 1', not"):
         tl.read_map(tmp_path / "plane.h5")
-    with pytest.raises(
-        ValueError, match=r"map.nc is no velocity plane but a file of schema .torchliner map 2"
-    ):
+    with pytest.raises(ValueError, match=r"map.nc is no velocity plane but a file of schema .torchliner map 2"):
         tl.read_plane(tmp_path / "map.nc")
     with h5py.File(tmp_path / "map.nc", "a") as file:
         del file["coherence"]

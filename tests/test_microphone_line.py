@@ -121,25 +121,17 @@ def test_levels_are_no_pressures():
     line = line_of()
     about = {"duct_height": 0.05, "name": "b2a.csv"}
     with pytest.warns(tl.DataWarning, match=r"b2a.csv: the highest level is 2 dB; are these pasc"):
-        found = MicrophoneLine.from_levels(
-            line.x, line.pressure.abs(), line.phase, line.frequency, **about
-        )
+        found = MicrophoneLine.from_levels(line.x, line.pressure.abs(), line.phase, line.frequency, **about)
     assert "are these pascals" in found.notes[0]
     with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, while a plane wave turns "
                       r"by 208 degrees along the line; are these radians"):  # fmt: skip
-        MicrophoneLine.from_levels(
-            line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about
-        )
+        MicrophoneLine.from_levels(line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about)
     long = line_of(frequency=(900.0, 3000.0))
     unwrapped = torch.as_tensor(np.unwrap(long.phase.numpy(), axis=0, period=360))
     given = (long.x, long.level, torch.deg2rad(unwrapped), long.frequency)
-    with pytest.warns(
-        tl.DataWarning, match=r"change by 5\.\d* in sum, .* 7\.25 rad, 415 degrees; a"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"change by 5\.\d* in sum, .* 7\.25 rad, 415 degrees; a"):
         MicrophoneLine.from_levels(*given[:2], given[2] - 4, given[3], **about)
-    with pytest.raises(
-        ValueError, match="a level is 100000 dB, above 194 dB, where the rms pressure is"
-    ):
+    with pytest.raises(ValueError, match="a level is 100000 dB, above 194 dB, where the rms pressure is"):
         MicrophoneLine.from_levels([0, 1], [1e5, 1.0], [0.0, 0.0], 900.0, **about)
     with pytest.raises(ValueError, match=r"level has shape \(2,\), phase \(1,\)"):
         MicrophoneLine.from_levels([0, 1], [90.0, 80.0], [0.0], 900.0, **about)
@@ -400,9 +392,7 @@ def test_signals_that_tell_nothing(tmp_path):
     line = line_of(frequency=(1500.0,))
     pressure, reference = signals_of(line, 16000, noise=0.0)
     with pytest.warns(tl.DataWarning, match="flow noise alone reaches that once in a hundred"):
-        found = reject_flow_noise(
-            turbulence((2, 16000), seed=4), reference, line.frequency, RATE, name="kulites"
-        )
+        found = reject_flow_noise(turbulence((2, 16000), seed=4), reference, line.frequency, RATE, name="kulites")
     assert found.notes[0].startswith("kulites: the coherence with the reference is 0.")
     with pytest.raises(ValueError, match="the reference has no tone at 1500 Hz"):
         reject_flow_noise(pressure, 0 * reference, line.frequency, RATE)

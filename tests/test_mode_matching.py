@@ -55,9 +55,7 @@ def test_wall_law_and_euler_equations():
     weights = np.array([1, -8, 0, 8, -1]) / (12 * step)
     along = [field.fields(x + i * step, y) for i in (-2, -1, 0, 1, 2)]
     across = [field.fields(x, y + i * step) for i in (-2, -1, 0, 1, 2)]
-    p_x, u_x = (
-        sum(w * f[i][0].numpy() for w, f in zip(weights, along, strict=True)) for i in (0, 1)
-    )
+    p_x, u_x = (sum(w * f[i][0].numpy() for w, f in zip(weights, along, strict=True)) for i in (0, 1))
     v_y = sum(w * f[2][0].numpy() for w, f in zip(weights, across, strict=True))
     p, u, _ = (part[0].numpy() for part in along[2])
     inside = slice(1, -1)  # the differences reach over the edges at the ends
@@ -73,9 +71,7 @@ def test_fields_are_continuous_over_the_edges():
         field = solve(modes=modes)
         for edge in LINER:
             left, right = (field.fields(edge + side * 1e-12, y) for side in (-1, 1))
-            jumps.append(
-                max(float((a - b).abs().max()) for a, b in zip(left[:2], right[:2], strict=True))
-            )
+            jumps.append(max(float((a - b).abs().max()) for a, b in zip(left[:2], right[:2], strict=True)))
     assert max(jumps[2:]) < 0.01
     assert max(jumps[2:]) < 0.5 * max(jumps[:2])
 

@@ -168,9 +168,7 @@ def test_homotopy_is_that_of_small_steps(direction):
         impedance = ((walls + 1) / s - 1)[:, None]
         for _ in range(3):
             h = 1e-4
-            value, ahead, behind = (
-                pole_free(alpha + i * h, k, 0.3, impedance, False) for i in (0, 1, -1)
-            )
+            value, ahead, behind = (pole_free(alpha + i * h, k, 0.3, impedance, False) for i in (0, 1, -1))
             alpha = alpha - value * 2 * h / (ahead - behind)
     found = modes.wavenumber[:, 0].numpy()
     assert np.abs(found - alpha).max() < 1e-6 * np.abs(alpha).max()
@@ -216,9 +214,7 @@ def test_fields_meet_the_euler_equations(direction):
     parts = [modes.at(y + i * step) for i in (-2, -1, 0, 1, 2)]
     weights = np.array([1, -8, 0, 8, -1]) / (12 * step)
     p, u, v = (field[0].numpy() for field in parts[2])
-    p_slope, v_slope = (
-        sum(w * part[i][0].numpy() for w, part in zip(weights, parts, strict=True)) for i in (0, 2)
-    )
+    p_slope, v_slope = (sum(w * part[i][0].numpy() for w, part in zip(weights, parts, strict=True)) for i in (0, 2))
     alpha, k = modes.wavenumber.numpy().T, k_of(1500.0)
     local = k - alpha * TANH.mach(y)
     scale = k * np.abs(p).max(-1, keepdims=True)
@@ -256,8 +252,7 @@ def test_points_converge():
     """Spectral: four points more in each panel are a factor of 100 at least; 1e-8 at 12."""
     wanted = duct_modes(TANH, 1500.0, B2A, points=20).wavenumber
     errors = [
-        float(((duct_modes(TANH, 1500.0, B2A, points=n).wavenumber - wanted) / wanted).abs().max())
-        for n in (4, 8, 12)
+        float(((duct_modes(TANH, 1500.0, B2A, points=n).wavenumber - wanted) / wanted).abs().max()) for n in (4, 8, 12)
     ]
     assert errors[2] < 1e-8
     assert errors[1] < errors[0] / 100
@@ -270,7 +265,6 @@ def test_table_of_a_profile_has_its_modes():
     table = TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)
     for direction in BOTH:
         found, wanted = (
-            duct_modes(flow, 1500.0, B2A, count=2, direction=direction).wavenumber
-            for flow in (table, TANH)
+            duct_modes(flow, 1500.0, B2A, count=2, direction=direction).wavenumber for flow in (table, TANH)
         )
         assert float(((found - wanted) / wanted).abs().max()) < 1e-4

@@ -102,9 +102,7 @@ def test_several_flows_are_one_batch(direction):
 
 def test_flows_of_one_batch_are_of_one_duct():
     taller = UniformProfile(0.1, 2 * HEIGHT, SPEED)
-    with pytest.raises(
-        ValueError, match=r"profiles have duct_height 0\.05, 0\.1; those of one duct"
-    ):
+    with pytest.raises(ValueError, match=r"profiles have duct_height 0\.05, 0\.1; those of one duct"):
         duct_modes([TANH, taller], 1500.0)
     with pytest.raises(ValueError, match="profiles have sound_speed"):
         duct_modes([TANH, UniformProfile(0.1, HEIGHT, 2 * SPEED)], 1500.0)
@@ -113,9 +111,7 @@ def test_flows_of_one_batch_are_of_one_duct():
     with pytest.raises(TypeError, match="profile holds 'tanh', which is no mean flow"):
         duct_modes(["tanh"], 1500.0)
     walls = torch.ones(3, 1, dtype=torch.complex128)
-    with pytest.raises(
-        ValueError, match=r"impedance has shape \(3, 1\), which .* against \(P, F\) = \(2, 1\)"
-    ):
+    with pytest.raises(ValueError, match=r"impedance has shape \(3, 1\), which .* against \(P, F\) = \(2, 1\)"):
         duct_modes([TANH, TANH], 1500.0, walls)
 
 

@@ -44,10 +44,7 @@ def parts_of(v, cuts, **choices):
     edges = sorted({0, *cuts, v.shape[-1]})
     if "given" not in choices:
         choices["of_samples"] = v.shape[-1]
-    return [
-        tl.moments_part(plane_of(v[..., a:b]), first_sample=a, **choices)
-        for a, b in pairwise(edges)
-    ]
+    return [tl.moments_part(plane_of(v[..., a:b]), first_sample=a, **choices) for a, b in pairwise(edges)]
 
 
 def summed(v, cuts, arrange=lambda parts: parts, **choices):
@@ -193,9 +190,7 @@ def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
     own = tl.educe(plane_of(v), bare, running_window=1 / FREQUENCY, frequency=700.0, **running)
     same = known.educe(bare, 700.0, running_window=1 / FREQUENCY, **running)
     assert relative_error(same.answer, own.answer) < 1e-7
-    with pytest.raises(
-        ValueError, match=r"coherence of v with 1400 Hz, .* that with 700 Hz: reduce"
-    ):
+    with pytest.raises(ValueError, match=r"coherence of v with 1400 Hz, .* that with 700 Hz: reduce"):
         tl.moments(plane_of(v)).educe(bare, 700.0, wall_filter=0.5)
     quiet = plane_of(v, frequency=None)
     known = tl.moments(quiet, frequency=FREQUENCY)
@@ -235,9 +230,7 @@ def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
     with pytest.warns(tl.DataWarning, match="beyond 1e-11: reduce them again with this liner"):
         few.educe(bare, **options)
     other = bare.replace(orifice_diameter=5e-3, porosity=0.02)
-    with pytest.raises(
-        ValueError, match=r"velocity: R of SDoF.*the data were reduced with \(limit"
-    ):
+    with pytest.raises(ValueError, match=r"velocity: R of SDoF.*the data were reduced with \(limit"):
         few.educe(other, 3000.0, order="probes first")
 
 

@@ -39,9 +39,7 @@ def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
     assert same_bits(found.educe(liner, **choices), known.educe(liner, **choices))
     assert (found.settings, found.cell_pitch, found.notes) == (
         known.settings, known.cell_pitch, known.notes)  # fmt: skip
-    facts = (
-        "start height frequency incident_level mach source_side liner reference title provenance"
-    )
+    facts = "start height frequency incident_level mach source_side liner reference title provenance"
     for name in [*facts.split(), "sampling_rate", "fluid", "probe_shape"]:
         assert getattr(found.plane, name) == getattr(known.plane, name)
     assert torch.equal(found.plane.x, known.plane.x)

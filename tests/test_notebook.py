@@ -161,9 +161,7 @@ several: list[tl.ImpedanceMap] = tl.educe([p], l)
 tl.educe(p, l, frequncy=3)
 """
     (tmp_path / "slip.py").write_text(text)
-    out, _, _ = mypy.run(
-        ["--strict", "--cache-dir", str(tmp_path / "c"), str(tmp_path / "slip.py")]
-    )
+    out, _, _ = mypy.run(["--strict", "--cache-dir", str(tmp_path / "c"), str(tmp_path / "slip.py")])
     assert 'slip.py:5: error: Unexpected keyword argument "frequncy"' in out
     assert {line.split(":")[1] for line in out.splitlines() if "slip.py" in line} == {"5"}
 

@@ -91,9 +91,7 @@ def test_a_large_file_is_not_read_again(tmp_path, monkeypatch):
     with path.open("wb") as file:
         file.truncate(20 << 30)
     pieces = origin._read
-    monkeypatch.setattr(
-        origin, "_read", lambda *given: (read.append(p) or p for p in pieces(*given))
-    )
+    monkeypatch.setattr(origin, "_read", lambda *given: (read.append(p) or p for p in pieces(*given)))
     found = input_file("velocity", path)
     assert found["bytes"] == 20 << 30
     assert sum(map(len, read)) == 32 << 20
@@ -292,9 +290,7 @@ def test_page_and_command_repeat_how_a_plane_was_read(capsys, kind, files):
     exec(program(subject), space)
     assert torch.equal(space["found"].reflection, found.reflection)
     for one, other in zip((space["found"], found), (found, space["found"]), strict=True):
-        assert one.closure is None or torch.equal(
-            one.closure.liner.level, other.closure.liner.level
-        )
+        assert one.closure is None or torch.equal(one.closure.liner.level, other.closure.liner.level)
     assert (found.closure is None) == (not kind.startswith("facts"))
     assert held(space["found"])[:1] == held(found)[:1] == [
         ("moments" if data == "m.h5" else "velocity", data)]  # fmt: skip
@@ -368,9 +364,7 @@ def test_a_file_that_is_another_now_is_warned_of(files):
         file.attrs["title"] = "another"
     (files / "t.csv").unlink()
     words = of_map(subject_of(found))[-1].items
-    assert re.search(
-        "velocity: p0.h5 is another file now.*not what the result was made", words[0], re.I
-    )
+    assert re.search("velocity: p0.h5 is another file now.*not what the result was made", words[0], re.I)
     facts = dict(files_of(inputs_of(found), [])[1].pairs)
     assert "another file now" in facts["velocity"]
     assert facts["liner"].endswith("not there now")
@@ -408,9 +402,7 @@ def test_a_collection_stands_for_the_files_that_it_names(tmp_path):
     for path in (*frames, other):
         path.write_text("one")
     pvd = tmp_path / "a" / "s.pvd"
-    pvd.write_text(
-        "".join(f'<DataSet timestep="{n}" file="../elsewhere/f{n}.vtp"/>' for n in (1, 2))
-    )
+    pvd.write_text("".join(f'<DataSet timestep="{n}" file="../elsewhere/f{n}.vtp"/>' for n in (1, 2)))
     known = input_file("velocity", pvd)
     assert len(series_of(pvd)) == 3
     other.write_text("another")

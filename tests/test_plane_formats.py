@@ -66,9 +66,7 @@ def test_any_order_of_axes_is_one_plane(tmp_path, kind, order):
     same_plane(found)
     assert torch.equal(lazy.read(4, 9), found.read(4, 9))
     assert torch.equal(pickle.loads(pickle.dumps(lazy.velocity)).load(), found.velocity)
-    assert format_of(path).name == {"netcdf4": "HDF5 or netCDF-4", "netcdf3": "netCDF-3"}.get(
-        kind, "zarr"
-    )
+    assert format_of(path).name == {"netcdf4": "HDF5 or netCDF-4", "netcdf3": "netCDF-3"}.get(kind, "zarr")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -174,9 +172,7 @@ def test_a_store_that_fills_with_0(tmp_path, version):
             tl.read_plane(store(path, version, **broken))
     missing = tl.read_plane(store(path, version, fill=np.nan, **whole | {"v": (v, 20)}))
     assert missing.velocity[:, 20:].isnan().all()
-    alone = tl.read_plane(
-        store(path, version, **whole | {"x": (np.zeros(1), 1), "v": (v[:, :1], 30)})
-    )
+    alone = tl.read_plane(store(path, version, **whole | {"x": (np.zeros(1), 1), "v": (v[:, :1], 30)}))
     assert alone.x.tolist() == [0.0]
 
 
@@ -391,9 +387,7 @@ def test_numbers_of_the_case_as_attributes():
     assert tl.VelocityPlane.from_xarray(beside).height == 2e-3
     for owner in (beside, beside.v):
         owner.attrs["height"] = "1.5 mm"
-        with pytest.raises(
-            ValueError, match=r"attribute 'height' is 0.0015 m, the .* is 0.002; corr"
-        ):
+        with pytest.raises(ValueError, match=r"attribute 'height' is 0.0015 m, the .* is 0.002; corr"):
             tl.VelocityPlane.from_xarray(beside)
         del owner.attrs["height"]
     data.attrs["frequency"] = "high"
@@ -425,9 +419,7 @@ def test_dates_of_pandas_and_arrays_without_units():
         tl.VelocityPlane.from_xarray(bare)
     with pytest.raises(ValueError, match=r"none of its axes is time|no times; give sampling_rate"):
         tl.VelocityPlane.from_xarray(bare, velocity_units="mm/s")
-    found = tl.VelocityPlane.from_xarray(
-        bare, velocity_units="mm/s", sampling_rate=RATE, x=X, z=Z, frequency=1000.0
-    )
+    found = tl.VelocityPlane.from_xarray(bare, velocity_units="mm/s", sampling_rate=RATE, x=X, z=Z, frequency=1000.0)
     same_plane(found, rtol=1e-4)
     assert found.frequency == 1000.0
     with pytest.raises(ValueError, match=r"is in m s\*\*-1 by its own words, not in mm/s"):

@@ -137,9 +137,7 @@ def test_frames_attenuate_a_tone(tmp_path):
     """The factor is that of a mean of a sine, and is told where it matters."""
     window = 8
     time = (np.arange(20000) + 0.5) / 20000 * 1e-4
-    assert attenuation(3000.0, 1e-4) == pytest.approx(
-        np.cos(2 * np.pi * 3000 * (time - 5e-5)).mean(), rel=1e-6
-    )
+    assert attenuation(3000.0, 1e-4) == pytest.approx(np.cos(2 * np.pi * 3000 * (time - 5e-5)).mean(), rel=1e-6)
     path = store(tmp_path / "a.fnc", measurement("fnc", window), True)
     with pytest.warns(DataWarning, match=r"more than 1% above 3314 Hz.*6000 Hz 0\.9675"):
         FORMAT.open(path, UP)

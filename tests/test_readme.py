@@ -65,9 +65,7 @@ def test_commands_are_understood(page):
 
 
 def rows() -> list[list[str]]:
-    table = re.findall(
-        r"^\| (\w+) \| (\S+j) \| (\S+) \| (\S+j) \| (\S+j) \| (\S+j) \|$", README, re.MULTILINE
-    )
+    table = re.findall(r"^\| (\w+) \| (\S+j) \| (\S+) \| (\S+j) \| (\S+j) \| (\S+j) \|$", README, re.MULTILINE)
     return [list(row) for row in table]
 
 

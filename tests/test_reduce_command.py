@@ -22,9 +22,9 @@ def files(tmp_path_factory):
     v = (turbulence((6, 1200)) + 4 * tone).float()
     about = {"x": 2e-3 * torch.arange(6.0), "reference": {"true": 1 - 0.5j}, "liner": "polito"}
     plane_of(v, **about).write(folder / "plane.h5")
-    tl.moments(
-        tl.read_plane(folder / "plane.h5"), cell_pitch=tl.load_liner("polito").cell_pitch
-    ).write(folder / "moments.h5")
+    tl.moments(tl.read_plane(folder / "plane.h5"), cell_pitch=tl.load_liner("polito").cell_pitch).write(
+        folder / "moments.h5"
+    )
     return folder
 
 
@@ -75,9 +75,7 @@ def test_moments_stand_for_a_plane(capsys, files, words):
     for name in ("plane.h5", "moments.h5"):
         code, out, _ = run(capsys, words[0], f"{files}/{name}", *words[1:], *CASE)
         assert code in (0, 1)
-        found.append(
-            json.loads(out.replace(f"{files}/{name}", "").replace(":/wall_normal_velocity", ""))
-        )
+        found.append(json.loads(out.replace(f"{files}/{name}", "").replace(":/wall_normal_velocity", "")))
     one, other = (list(numbers(each)) for each in found)
     assert len(one) == len(other) > 5
     for mine, theirs in zip(one, other, strict=True):

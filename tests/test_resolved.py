@@ -138,9 +138,7 @@ def test_the_coarse_lattice_has_a_preset_and_truth_of_its_own(cells):
 def test_another_geometry_or_lattice_is_no_preset(cells, change):
     with h5py.File(cells, "a") as file:
         file["slit"].attrs.update(change)
-    with pytest.warns(
-        tl.DataWarning, match=r"/slit has the geometry and lattice of no preset.*for"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"/slit has the geometry and lattice of no preset.*for"):
         assert read_resolved(cells, "slit", 0).liner == ""
 
 
@@ -149,9 +147,7 @@ def test_presets_are_the_liners_of_the_files(cells, case, preset):
     """Geometry of the file; linear part of a named case, or as stated."""
     found = resolved_liner(cells, case, 0.25 - 0.5j)
     assert complex(found.impedance(1400.0)) == pytest.approx(0.25 - 0.5j, abs=1e-12)
-    assert resolved_liner(cells, "slit", "slit").impedance(1400.0).item() == pytest.approx(
-        0.25 - 0.5j, abs=1e-12
-    )
+    assert resolved_liner(cells, "slit", "slit").impedance(1400.0).item() == pytest.approx(0.25 - 0.5j, abs=1e-12)
     known = tl.load_liner(preset)
     for name in GEOMETRY:
         assert getattr(found, name) == pytest.approx(getattr(known, name), rel=1e-5), name
@@ -286,9 +282,7 @@ def test_real_cells(name, case, truth, peak):
 
 
 @needs_shared
-@pytest.mark.parametrize(
-    ("plane", "height", "rms"), [(0, 0.52e-3, 1.4), (1, 1.04e-3, 2.8), (2, 2.44e-3, 4.8)]
-)
+@pytest.mark.parametrize(("plane", "height", "rms"), [(0, 0.52e-3, 1.4), (1, 1.04e-3, 2.8), (2, 2.44e-3, 4.8)])
 def test_real_channel(plane, height, rms):
     """Rescaled to 100 m/s over 20 mm: v' of the data's own description, 187 kHz, 7.2 ms."""
     found = read_channel(SHARED / "les_channel_planes.h5", plane, 0.02, 749.06)

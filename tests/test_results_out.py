@@ -305,9 +305,7 @@ def test_a_table_with_a_gap_is_refused(tmp_path):
     reflection[..., 0] = torch.nan
     broken = dataclasses.replace(made(order="probes first"), reflection=reflection)
     for ending in (".txt", ".dat"):
-        with pytest.raises(
-            ValueError, match=r"Z of the whole liner is not finite at \[1400.0, 1000.0\]"
-        ):
+        with pytest.raises(ValueError, match=r"Z of the whole liner is not finite at \[1400.0, 1000.0\]"):
             broken.write(tmp_path / f"z{ending}")
 
 

@@ -86,9 +86,7 @@ def test_rest_is_the_linear_limit():
     tiny = torch.tensor(1e-6, dtype=torch.float64)
     resistance, _ = law.parts(torch.zeros((), dtype=torch.float64))
     assert float(resistance) == float(law.resistance)
-    assert float(law.a * tiny**2 / (tiny + law.b)) == pytest.approx(
-        float(law.a / law.b) * 1e-12, rel=1e-5
-    )
+    assert float(law.a * tiny**2 / (tiny + law.b)) == pytest.approx(float(law.a / law.b) * 1e-12, rel=1e-5)
 
 
 @given(
@@ -150,8 +148,7 @@ def test_every_parameter_has_a_gradient():
 def test_goodrich_shift_of_the_paper():
     """One M_b gives 1.03-1.22 between Mach 0.1 and 0.3 for delta* = 2 +- 0.3 mm."""
     shifts = [
-        goodrich_resistance(0.3, 0.0395, d, 0.991e-3)
-        - goodrich_resistance(0.1, 0.0395, d, 0.991e-3)
+        goodrich_resistance(0.3, 0.0395, d, 0.991e-3) - goodrich_resistance(0.1, 0.0395, d, 0.991e-3)
         for d in (1.7e-3, 2.3e-3)
     ]
     assert shifts == pytest.approx([1.22, 1.03], abs=0.01)

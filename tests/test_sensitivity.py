@@ -131,9 +131,7 @@ def test_slopes_are_those_of_the_formula_averaged_over_the_samples():
         value = torch.tensor(numbers[name].value, dtype=torch.float64, requires_grad=True)
         each = model().with_numbers({name: value}).impedance(FREQUENCY, plane.velocity[3].abs())
         z = impedance_from_reflection(((each - 1) / (each + 1)).mean())
-        parts = [
-            torch.autograd.grad(part, value, retain_graph=True)[0] for part in (z.real, z.imag)
-        ]
+        parts = [torch.autograd.grad(part, value, retain_graph=True)[0] for part in (z.real, z.imag)]
         assert largest(found.probes[i, 3, 0], torch.complex(*parts)) < 1e-8
         assert float(found.level_error[i]) < 1e-7
 
@@ -256,9 +254,7 @@ def test_correlated_tolerances_add_or_cancel(wrapped):
         pair = {("vena_contracta", "porosity"): sign}
         budget = wrapped.propagate(tolerances, limits="standard", correlation=pair)
         wanted = changes[0] + sign * changes[1]
-        assert complex(budget.combined("velocity first")[0]).real == pytest.approx(
-            abs(float(wanted.real)), rel=1e-9
-        )
+        assert complex(budget.combined("velocity first")[0]).real == pytest.approx(abs(float(wanted.real)), rel=1e-9)
     largest_first = [part.parameter for part in alone.sorted("velocity first")]
     assert largest_first == ["porosity", "vena_contracta"]
 

@@ -149,9 +149,7 @@ def test_tube_against_the_flow_in_it(frequency, diameter):
     assert found == pytest.approx(1j * omega * 2e-3 / AIR.sound_speed / viscous, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "off"), [(0.05, 2e-4), (0.2, 1e-4), (0.3, 1e-4), (0.4, 3e-4), (0.5, 2e-3)]
-)
+@pytest.mark.parametrize(("ratio", "off"), [(0.05, 2e-4), (0.2, 1e-4), (0.3, 1e-4), (0.4, 3e-4), (0.5, 2e-3)])
 def test_fok_against_potential_flow(ratio, off):
     """Rayleigh-Ritz in a tube with a disc: velocity 1/sqrt(1 - r^2) in the hole, Bessel series.
 
@@ -218,9 +216,7 @@ def test_maa_against_his_approximation(constant):
     nu, c = AIR.kinematic_viscosity, AIR.sound_speed
     omega = 4 * nu * (constant / diameter) ** 2
     friction = 32 * nu * thickness / (porosity * c * diameter**2)
-    resistance = friction * (
-        (1 + constant**2 / 32) ** 0.5 + 2**0.5 / 32 * constant * diameter / thickness
-    )
+    resistance = friction * ((1 + constant**2 / 32) ** 0.5 + 2**0.5 / 32 * constant * diameter / thickness)
     shape = 1 + (9 + constant**2 / 2) ** -0.5 + 0.85 * diameter / thickness
     found = z(LAWS["maa"](thickness, diameter, porosity), omega / math.tau)
     assert found.real == pytest.approx(resistance, rel=0.065)
@@ -373,9 +369,7 @@ def test_shapes(law):
     """omega and |v| broadcast; the values are those one by one."""
     omega = torch.tensor([[1e3], [1e4]], dtype=torch.float64)
     speed = torch.tensor([0.0, 1.0, 4.0], dtype=torch.float64)
-    found = make(law, **({"surface_mass": 0.01} if law == "mesh" else {})).impedance(
-        omega, speed, AIR
-    )
+    found = make(law, **({"surface_mass": 0.01} if law == "mesh" else {})).impedance(omega, speed, AIR)
     assert found.dtype == torch.complex128
     assert torch.broadcast_to(found, (2, 3)).shape == (2, 3)
     if law != "mesh":

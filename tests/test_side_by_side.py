@@ -62,8 +62,7 @@ def test_figures_14_and_19(facility, tmp_path):
     for side, one in sides.items():
         by_modes, by_field = FIGURE.impedances(facility, side, one)
         away = [
-            abs(complex(row["resistance"], row["reactance"]) - facility.truth[side])
-            for row in (by_modes, by_field)
+            abs(complex(row["resistance"], row["reactance"]) - facility.truth[side]) for row in (by_modes, by_field)
         ]
         assert away[0] > 0.2
         assert away[1] < 1e-6

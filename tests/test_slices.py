@@ -69,9 +69,7 @@ def same_bits(one, other) -> bool:
 
 
 def stored(samples: int, probes: int, tile_rows: int = 1):
-    return SimpleNamespace(
-        samples=samples, probes=probes, stored=SimpleNamespace(tile_rows=tile_rows)
-    )
+    return SimpleNamespace(samples=samples, probes=probes, stored=SimpleNamespace(tile_rows=tile_rows))
 
 
 @given(

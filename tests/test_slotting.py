@@ -62,9 +62,7 @@ def test_slotted_spectrum_of_a_tone():
     assert frequency[peak] == pytest.approx(FREQUENCY, abs=1e-9)
     power = density[peak - 3 : peak + 4].sum() * frequency[1]
     assert power == pytest.approx(0.5, rel=0.03)
-    assert found.coefficient[:51:25] == pytest.approx(
-        np.cos(2 * np.pi * FREQUENCY * found.lag[:51:25]), abs=0.05
-    )
+    assert found.coefficient[:51:25] == pytest.approx(np.cos(2 * np.pi * FREQUENCY * found.lag[:51:25]), abs=0.05)
 
 
 def test_empty_slots_are_refused():

@@ -78,9 +78,7 @@ def deviation_of_draws(admittance: torch.Tensor, counts: torch.Tensor) -> comple
     """sqrt(sum of the stations' variances)/N of (5.2), real and imaginary, for one frequency."""
     parts = []
     for part in (np.real, np.imag):
-        values = [
-            part(own[:count, 0].numpy()) for own, count in zip(admittance, counts, strict=True)
-        ]
+        values = [part(own[:count, 0].numpy()) for own, count in zip(admittance, counts, strict=True)]
         parts.append(math.sqrt(sum(each.var() for each in values)) / len(values))
     return complex(*parts)
 

@@ -91,9 +91,7 @@ def test_a_station_depends_on_no_other(onera, line):
 def test_the_tone_is_put_back(onera):
     """At 10 kHz linear interpolation leaves 0.72 of 1500 Hz; the corrected amplitude is right."""
     record = station(2, rate=10e3, tone=2.0, rms=0.3, seconds=1.0)
-    plain, mended = (
-        educed([record], onera, correction=how, segment=0.1) for how in ("none", "tone")
-    )
+    plain, mended = (educed([record], onera, correction=how, segment=0.1) for how in ("none", "tone"))
     assert float(plain.attenuation[0, 0].abs()) == pytest.approx(0.72, abs=0.02)
     assert float(plain.velocity_level[0, 0]) == pytest.approx(1.44, abs=0.06)
     assert float(mended.velocity_level[0, 0]) == pytest.approx(2.0, abs=0.03)

@@ -201,9 +201,7 @@ def packed(dtype, **attributes):
 
 @pytest.mark.parametrize("lazy", [False, True])
 @pytest.mark.parametrize("dtype", ["i2", "f4", "f8"])
-@pytest.mark.parametrize(
-    "mark", [{"_FillValue": -32000}, {"missing_value": -32000.0}, {"valid_min": -31000}]
-)
+@pytest.mark.parametrize("mark", [{"_FillValue": -32000}, {"missing_value": -32000.0}, {"valid_min": -31000}])
 def test_packed_velocities_are_unpacked(tmp_path, dtype, mark, lazy):
     """CF: value = factor * stored + offset, nan where there is none, on integers and on floats."""
     path, _ = edited(tmp_path, packed(dtype, **mark))

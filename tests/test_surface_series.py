@@ -391,9 +391,7 @@ def foam(folder, kind, faces=False):
             save(surface(i, faces), here / "top.vtp")
         elif kind == "raw":
             centres = POINTS[QUADS].mean(1) if faces else POINTS
-            head = (
-                f"# U  {'FACE' if faces else 'POINT'}_DATA {len(values)}\n#  x  y  z  U_x U_y U_z\n"
-            )
+            head = f"# U  {'FACE' if faces else 'POINT'}_DATA {len(values)}\n#  x  y  z  U_x U_y U_z\n"
             rows = (" ".join(f"{n:.8g}" for n in row) for row in np.hstack([centres, values]))
             (here / "U_top.raw").write_text(head + "\n".join(rows) + "\n")
         else:
@@ -452,9 +450,7 @@ def test_rows_of_raw_surfaces_stand_where_they_say(tmp_path, faces):
     assert np.array_equal(opened(FOAM, folder), wanted)
     row = rows[2].split()
     path.write_text(path.read_text().replace(rows[2], " ".join([row[0], "0.0011", *row[2:]])))
-    with pytest.raises(
-        ValueError, match=rf"{path}, row 3, is at \({row[0]} 0.0011 .* is \({row[0]} 0.001 "
-    ):
+    with pytest.raises(ValueError, match=rf"{path}, row 3, is at \({row[0]} 0.0011 .* is \({row[0]} 0.001 "):
         opened(FOAM, folder)
 
 

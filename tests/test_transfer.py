@@ -22,9 +22,7 @@ def test_tones_are_exact_in_any_record(window, samples):
     """Tone, mean and whole or broken periods: the amplitude comes out to rounding."""
     amplitude = 0.7 * cmath.exp(0.4j)
     weights = make_window(window, samples).weights
-    found = tone_amplitudes(
-        tone(amplitude, samples) + 5.0, torch.tensor([FREQUENCY]), RATE, weights
-    )
+    found = tone_amplitudes(tone(amplitude, samples) + 5.0, torch.tensor([FREQUENCY]), RATE, weights)
     assert abs(2 * complex(found[0]) - amplitude) < 1e-11
 
 
@@ -81,9 +79,7 @@ def test_segments_share_one_clock():
     rate, frequency = 8000.0, torch.tensor([433.0, 1210.0], dtype=torch.float64)
     times = torch.arange(4000, dtype=torch.float64) / rate
     angle = 2 * torch.pi * frequency[:, None] * times
-    signal = torch.cos(
-        angle + torch.tensor([[0.7], [-1.1]], dtype=torch.float64)
-    )  # one tone a channel
+    signal = torch.cos(angle + torch.tensor([[0.7], [-1.1]], dtype=torch.float64))  # one tone a channel
     found = segment_amplitudes(signal, frequency, rate, segment=0.1)
     assert found.shape == (9, 2, 2)
     for i, phase in enumerate((0.7, -1.1)):

@@ -248,9 +248,7 @@ def test_rows_are_educed_in_four_readings(liner):
             assert abs(row.educed - complex(found.of_liner(order)[0])) < 2e-9
             low, _ = found.bounds_of_liner(order)
             assert abs(row.low - low) < 1e-6
-            assert math.isnan(rows[drive, mean, "self-consistent", order].low.real) == (
-                drive != "rms"
-            )
+            assert math.isnan(rows[drive, mean, "self-consistent", order].low.real) == (drive != "rms")
 
 
 def numbers(text: str) -> list[float]:
@@ -340,9 +338,7 @@ def test_claims_of_the_page():
     inside = [r for r in default if r.low.imag <= r.true.imag <= r.high.imag]
     assert [(r.case, r.order, r.height) for r in inside] == [("n145", "probes first", 5e-4)]
     for case in page.QUIET:  # without turbulence coherent first is velocity first
-        one, other = (
-            default_of(case, order).educed for order in ("velocity first", "coherent first")
-        )
+        one, other = (default_of(case, order).educed for order in ("velocity first", "coherent first"))
         assert abs(one - other) < 1e-3
     coherent = [r for r in ROWS if r.rule == page.DEFAULT and r.order == "coherent first"]
     right = [abs(r.closure) for r in coherent if abs(r.miss.real) <= 0.15 * r.true.real]
@@ -350,10 +346,7 @@ def test_claims_of_the_page():
     assert (len(right), len(wrong)) == (14, 23)
     assert (min(right), max(right)) == pytest.approx((0.03, 0.53), abs=6e-3)
     assert (min(wrong), max(wrong)) == pytest.approx((0.57, 4.85), abs=6e-3)
-    best = [
-        min((r for r in ROWS if r.case == case), key=lambda r: round(r.error, 4))
-        for case in page.CASES
-    ]
+    best = [min((r for r in ROWS if r.case == case), key=lambda r: round(r.error, 4)) for case in page.CASES]
     assert len({(*r.rule, r.order) for r in best}) == 8
 
 
@@ -373,9 +366,7 @@ def test_predictions_on_the_page_are_those_of_the_file(tmp_path):
 
 def test_claims_of_the_calibration():
     """R of coherent first at 0.5 mm, fitted without flow, over the true one."""
-    found = {
-        r.case: r for r in PREDICTED if r.order == "coherent first" and abs(r.height - 5e-4) < 1e-9
-    }
+    found = {r.case: r for r in PREDICTED if r.order == "coherent first" and abs(r.height - 5e-4) < 1e-9}
     for case, share in {"o145": -0.03, "t03_130": -0.029, "t015_145": 0.56, "g01_145": 0.53,
                         "g03_145": -0.08, "n145": 0.02}.items():  # fmt: skip
         row = found[case]

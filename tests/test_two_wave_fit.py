@@ -61,15 +61,11 @@ def test_no_guess_is_needed(side, condition):
     draws = torch.rand(2, 60, generator=random, dtype=torch.float64)
     walls = torch.complex(0.1 * 60 ** draws[0], 8 * draws[1] - 4)
     alphas = [
-        wavenumber_from_impedance(
-            walls, 1200.0, height=HEIGHT, mach=0.3, condition=condition, direction=d
-        )
+        wavenumber_from_impedance(walls, 1200.0, height=HEIGHT, mach=0.3, condition=condition, direction=d)
         for d in ("downstream", "upstream")
     ]
     ends = (X[0], X[-1])
-    parts = [
-        torch.exp(-1j * alpha[:, None] * (X - end)) for alpha, end in zip(alphas, ends, strict=True)
-    ]
+    parts = [torch.exp(-1j * alpha[:, None] * (X - end)) for alpha, end in zip(alphas, ends, strict=True)]
     mix = (1.0, 0.2) if side == "upstream" else (0.2, 1.0)
     pressure = (mix[0] * parts[0] + mix[1] * parts[1])[..., None]
     found = two_wave_fit(line_of(pressure, side, frequency=1200.0), condition=condition)
@@ -124,8 +120,7 @@ def test_relative_weights_suit_relative_errors():
     assert drop > 20
     line = line_of(pressure, "downstream", frequency=1500.0)
     deviations = [
-        float(two_wave_fit(line, weights=w, draws=200).standard_deviation.abs())
-        for w in ("absolute", "relative")
+        float(two_wave_fit(line, weights=w, draws=200).standard_deviation.abs()) for w in ("absolute", "relative")
     ]
     assert deviations[1] < 0.8 * deviations[0]
     with pytest.raises(ValueError, match="unknown weights 'abs'"):
@@ -148,9 +143,7 @@ def test_batch_is_the_loop():
     for i in (0, 3):
         for f in (0, 2):
             alone = two_wave_fit(
-                dataclasses.replace(
-                    line, pressure=line.pressure[i, :, f : f + 1], frequency=FREQUENCY[f : f + 1]
-                )
+                dataclasses.replace(line, pressure=line.pressure[i, :, f : f + 1], frequency=FREQUENCY[f : f + 1])
             )
             # Steps end where they are below 1e-10 of k.
             error = abs(complex(alone.impedance[0] / together.impedance[i, f]) - 1)
@@ -190,9 +183,7 @@ def rigid_line(mach=0.25, side="upstream", **about) -> MicrophoneLine:
     x = torch.tensor([-0.3, -0.11, -0.05, 0.3, 0.5, 0.9, 1.15], dtype=torch.float64)[:, None]
     k = 2 * math.pi * FREQUENCY / 343.2
     size = 2**0.5 * 20.0
-    pressure = size * (
-        torch.exp(-1j * k * x / (1 + mach)) + 0.5j * torch.exp(1j * k * x / (1 - mach))
-    )
+    pressure = size * (torch.exp(-1j * k * x / (1 + mach)) + 0.5j * torch.exp(1j * k * x / (1 - mach)))
     about = {"liner_start": 0.2, "liner_end": 0.6, **about}
     return line_of(pressure, side, x[:, 0], mach=mach, **about)
 

@@ -151,9 +151,7 @@ def test_block_means_are_means_of_the_response(noisy, liner, kind):
 def test_frozen_velocity_leaves_no_doubt(liner, phase):
     """With |v| constant nothing fluctuates, so both bounds are the model's Z."""
     choices = {"reference_phase": 0.3} if phase == "given" else {}
-    found = tl.educe(
-        frozen_plane(2.0, periods=20), liner, phase=phase, minimum_coherence=0.0, **choices
-    )
+    found = tl.educe(frozen_plane(2.0, periods=20), liner, phase=phase, minimum_coherence=0.0, **choices)
     for name in ("probes", "cells", "cells_velocity_first", "liner", "liner_velocity_first"):
         interval = getattr(found.uncertainty, name)
         assert (interval.high - interval.low).abs().max() < 1e-9
@@ -209,9 +207,7 @@ def test_mean_of_admittances_of_short_records_is_biased(liner):
     off = complex(found.liner_impedance[0]) - truth
     interval = found.uncertainty.liner
     assert abs(complex(interval.bias[0]) - off) < 0.25 * abs(off)
-    low, high, error = (
-        complex(z[0]) for z in (interval.low, interval.high, interval.standard_error)
-    )
+    low, high, error = (complex(z[0]) for z in (interval.low, interval.high, interval.standard_error))
     assert low.real < truth.real < high.real
     assert low.imag < truth.imag < high.imag
     assert abs(off.imag) > 1.5 * error.imag
@@ -431,9 +427,7 @@ def test_fewer_than_eight_blocks_are_said(liner):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert tl.educe(plane, liner, interval=None).uncertainty is None
-    with pytest.warns(
-        tl.DataWarning, match=r"rest on 5 independent blocks, fewer than 8.* about 21 per"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"rest on 5 independent blocks, fewer than 8.* about 21 per"):
         tl.educe(plane, liner, edge="wrap")
 
 
@@ -520,9 +514,7 @@ def test_the_page_has_the_interval_that_misses():
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_the_page_has_the_halves_that_differ():
-    stated = re.search(
-        r"halves of `g03_145` differ by ([\d.]+) in R at 0\.5 mm, by ([\d.]+)", page()
-    )
+    stated = re.search(r"halves of `g03_145` differ by ([\d.]+) in R at 0\.5 mm, by ([\d.]+)", page())
     for height, apart in zip(("0.5", "2.5"), stated.groups(), strict=True):
         plane = tl.read_plane(DATA / f"slit_g03_145_y{height}mm.h5")
         middle, liner = plane.samples // 2, tl.load_liner(plane.liner)

@@ -73,9 +73,7 @@ def test_reflected_signal_is_that_of_direct(kernels, direct, method, edge, dtype
             assert found.dtype == dtype
 
 
-@pytest.mark.parametrize(
-    ("edge", "start"), [("wrap", 0), *((e, s) for e in ("silent", "finite") for s in (0, 41))]
-)
+@pytest.mark.parametrize(("edge", "start"), [("wrap", 0), *((e, s) for e in ("silent", "finite") for s in (0, 41))])
 def test_lines_of_tones_are_those_of_direct(kernels, edge, start):
     """Forward and backward lines of every method, with a pre-roll."""
     speed = turbulence((4, 600), seed=2).abs()

@@ -24,9 +24,7 @@ def rows():
 @pytest.fixture(autouse=True)
 def solved_once(rows, monkeypatch):
     """The command takes the rows of the degrees that it asks for from those solved here."""
-    monkeypatch.setattr(
-        verify, "order_rows", lambda degrees: [row for row in rows if row["degree"] in degrees]
-    )
+    monkeypatch.setattr(verify, "order_rows", lambda degrees: [row for row in rows if row["degree"] in degrees])
 
 
 def test_all_checks_hold(tmp_path, capsys):

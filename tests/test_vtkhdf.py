@@ -146,9 +146,7 @@ def test_what_vtk_itself_writes(tmp_path, kind, values):
     """Offsets have one more than there are frames, and flat images lack an axis."""
 
     def frame(number):
-        mesh = pyvista.ImageData(
-            dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005), origin=(0, 1e-3, Z[0])
-        )
+        mesh = pyvista.ImageData(dimensions=(4, 1, 3), spacing=(0.01, 1, 0.005), origin=(0, 1e-3, Z[0]))
         if kind != "ImageData":
             mesh = pyvista.PolyData(POINTS, np.insert(QUADS, 0, 4, 1).reshape(-1))
         if kind == "UnstructuredGrid":

@@ -223,9 +223,7 @@ def test_draws_are_reproducible_and_summed_up():
     assert one.mean.tolist() == pytest.approx(drawn.mean(0).tolist())
     assert one.standard_deviation.imag.tolist() == pytest.approx(drawn.imag.std(0, ddof=1).tolist())
     alpha = one.draws.wavenumber.numpy()
-    assert one.wavenumber_deviation.real.tolist() == pytest.approx(
-        alpha.real.std(0, ddof=1).tolist()
-    )
+    assert one.wavenumber_deviation.real.tolist() == pytest.approx(alpha.real.std(0, ddof=1).tolist())
     assert one.failed.tolist() == [0, 0, 0]
     assert one.choices["draws"] == 50
 
@@ -359,9 +357,7 @@ def test_doubts_are_warned_of_and_kept():
     with pytest.warns(tl.DataWarning, match="the duct's width, 150 mm"):
         kumaresan_tufts(line_of(wave("upstream")[0], duct_width=0.15))
     x = torch.arange(12).double() * 0.2
-    with pytest.warns(
-        tl.DataWarning, match=r"above 1115 Hz the spacing, 200 mm, is more than half"
-    ):
+    with pytest.warns(tl.DataWarning, match=r"above 1115 Hz the spacing, 200 mm, is more than half"):
         kumaresan_tufts(line_of(torch.exp(-1j * (5 - 0.5j) * x[:, None]).expand(-1, 3), x=x))
     gain = torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)
     with pytest.warns(tl.DataWarning, match="the resistance is negative at 3 of 3 values"):

@@ -89,9 +89,7 @@ def test_rigid_wall_and_open_end():
     k = 2 * math.pi * FREQUENCY / FLUID.sound_speed
     places = torch.tensor([0.01, 0.03], dtype=torch.float64)
     for wave, reflection in ((torch.cos(k * places), 1.0), (torch.sin(k * places), -1.0)):
-        waves, _, _ = split_waves(
-            wave[:, None] + 0j, places, torch.tensor([FREQUENCY]).double(), FLUID.sound_speed
-        )
+        waves, _, _ = split_waves(wave[:, None] + 0j, places, torch.tensor([FREQUENCY]).double(), FLUID.sound_speed)
         assert abs(complex(waves[1, 0] / waves[0, 0]) - reflection) < 1e-12
 
 
@@ -233,9 +231,7 @@ def test_missing_parts_are_named():
         tl.decompose_waves(record, microphones=[0.5, 1])
     with pytest.raises(ValueError, match="no microphone_velocity"):
         tl.decompose_waves(dataclasses.replace(record, microphone_velocity=None), velocities=True)
-    silent = dataclasses.replace(
-        record, microphones=record.microphones * torch.tensor([[1.0], [0.0]])
-    )
+    silent = dataclasses.replace(record, microphones=record.microphones * torch.tensor([[1.0], [0.0]]))
     with pytest.raises(ValueError, match="the pressure of microphone 1 is zero"):
         tl.decompose_waves(silent)
     with pytest.raises(ValueError, match="states no frequency"):

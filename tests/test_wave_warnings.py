@@ -171,9 +171,7 @@ def test_tables_call_them_statistical():
     text = format_wall(line, kumaresan_tufts(line))
     assert "95 % statistical interval and deviation: of R and X by what the waves leave" in text
     assert " 0.00099, 0.00099 " in text  # a deviation is never 0.000
-    assert "over 9 draws of the microphones' errors" in format_wall(
-        line, kumaresan_tufts(line, draws=9)
-    )
+    assert "over 9 draws of the microphones' errors" in format_wall(line, kumaresan_tufts(line, draws=9))
 
 
 def test_one_outlier_does_not_set_the_axes():

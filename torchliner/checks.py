@@ -110,17 +110,14 @@ def _named_values(name: str, values: Any) -> dict[str, complex]:
 def _mapping(name: str, values: Any) -> dict[str, Any]:
     if not isinstance(values, Mapping):
         raise TypeError(
-            f"{name} is {type(values).__name__}; a dictionary is needed (leave it out if there is "
-            "nothing to say)"
+            f"{name} is {type(values).__name__}; a dictionary is needed (leave it out if there is nothing to say)"
         )
     return dict(values)
 
 
 def _gas(name: str, value: Any) -> Any:
     if not hasattr(value, "characteristic_impedance"):  # Fluid itself is checked from here
-        raise TypeError(
-            f"{name} is {type(value).__name__}; a Fluid is needed (leave it out for air at 20 C)"
-        )
+        raise TypeError(f"{name} is {type(value).__name__}; a Fluid is needed (leave it out for air at 20 C)")
     return value
 
 
@@ -187,8 +184,7 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
     known = list(choices)
     if value not in known:
         raise ValueError(
-            f"unknown {name} {value!r}{did_you_mean(str(value), known)}; "
-            f"choose one of: {', '.join(known)}"
+            f"unknown {name} {value!r}{did_you_mean(str(value), known)}; choose one of: {', '.join(known)}"
         )
     return value
 
@@ -241,9 +237,7 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the
     return torch.as_tensor(array.astype(np.float64)).to(dtype)
 
 
-def stated_frequency(
-    frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None
-) -> Tensor:
+def stated_frequency(frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None) -> Tensor:
     """What is asked for, else what a record states, Hz, (F,).
 
     Args:

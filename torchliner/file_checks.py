@@ -83,9 +83,7 @@ def machine_memory() -> float:
     return min(found)
 
 
-def require_memory(
-    size: float, label: str, remedy: str = "cut it, or use a larger machine"
-) -> None:
+def require_memory(size: float, label: str, remedy: str = "cut it, or use a larger machine") -> None:
     """Refuse before it is read what cannot fit into this machine.
 
     Args:
@@ -95,8 +93,7 @@ def require_memory(
     """
     if size > machine_memory():
         raise ValueError(
-            f"{label} takes {size / 1e9:.4g} GB; this machine has {machine_memory() / 1e9:.4g} GB: "
-            f"{remedy}"
+            f"{label} takes {size / 1e9:.4g} GB; this machine has {machine_memory() / 1e9:.4g} GB: {remedy}"
         )
 
 
@@ -118,9 +115,7 @@ def read_bytes(path: str | Path, head: int | None = None) -> bytes:
             if len(parts[-1]) < LONGEST_LINE:
                 break
             if b"\n" not in parts[-1] and b"\r" not in parts[-1]:
-                raise ValueError(
-                    f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text"
-                )
+                raise ValueError(f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text")
             _refuse_zero_bytes(parts[-1], path)
     _refuse_zero_bytes(parts[-1], path)
     return b"".join(parts)

@@ -40,9 +40,7 @@ class Fluid:
         for name in self.__dataclass_fields__:
             require_positive(f"fluid {name}", getattr(self, name))
         if float(self.heat_capacity_ratio) < 1:
-            raise ValueError(
-                f"fluid heat_capacity_ratio is {self.heat_capacity_ratio:g}; it is at least 1"
-            )
+            raise ValueError(f"fluid heat_capacity_ratio is {self.heat_capacity_ratio:g}; it is at least 1")
 
     @classmethod
     def from_temperature(cls, temperature: float = 293.15, pressure: float = 101325.0) -> Fluid:
@@ -66,9 +64,7 @@ class Fluid:
         return cls(
             sound_speed=(1.4 * GAS_CONSTANT_AIR * temperature) ** 0.5,
             density=pressure / (GAS_CONSTANT_AIR * temperature),
-            dynamic_viscosity=SUTHERLAND_VISCOSITY
-            * temperature**1.5
-            / (temperature + SUTHERLAND_TEMPERATURE),
+            dynamic_viscosity=SUTHERLAND_VISCOSITY * temperature**1.5 / (temperature + SUTHERLAND_TEMPERATURE),
         )
 
     @property

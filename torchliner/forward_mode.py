@@ -30,9 +30,7 @@ def dual_level() -> Iterator[None]:
 
 
 class _ZeroTangents(TorchFunctionMode):
-    def __torch_function__(
-        self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_function__(self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None) -> Any:
         if getattr(func, "__name__", "") in PAIRS and len(args) == 2:
             dual = [value for value in args if _is_dual(value)]
             if len(dual) == 1:

@@ -65,11 +65,7 @@ def rehearse(path: str | Path) -> None:
 def _rehearse(path: Path, size: int, changed: int) -> None:
     """Once for a file as it is at present."""
     python = sys.executable or ""
-    if (
-        resource is None
-        or getattr(sys, "frozen", False)
-        or not Path(python).name.lower().startswith("py")
-    ):
+    if resource is None or getattr(sys, "frozen", False) or not Path(python).name.lower().startswith("py"):
         return
     with _lock:
         child = _children.get(os.getpid())

@@ -130,10 +130,7 @@ def find_columns(
             continue
         where = f"{path}: column {name!r}"
         if name not in known:
-            raise ValueError(
-                f"{path}: unknown column {label!r}{did_you_mean(name, list(known))}; write "
-                f"{example}"
-            )
+            raise ValueError(f"{path}: unknown column {label!r}{did_you_mean(name, list(known))}; write {example}")
         if name in found:
             raise ValueError(f"{where} is named twice")
         quantity, factor = known[name], 1.0
@@ -144,10 +141,7 @@ def find_columns(
         found[name] = Column(name, index, factor, quantity)
     for name in known:
         if name not in found and name not in optional:
-            raise ValueError(
-                f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write "
-                f"{example}"
-            )
+            raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write {example}")
     return list(found.values())
 
 
@@ -246,9 +240,7 @@ def _name(word: str, unit: str, known: Mapping[str, str | None], short: Mapping[
     return lower if lower in known else short.get(lower, lower)
 
 
-def _has_comma(
-    columns: Mapping[str, Sequence[str]], numbers: Sequence[int], path: str | Path
-) -> bool:
+def _has_comma(columns: Mapping[str, Sequence[str]], numbers: Sequence[int], path: str | Path) -> bool:
     """Whether the decimal mark is a comma; both in one file are refused."""
     seen: dict[str, str] = {}
     for texts in columns.values():

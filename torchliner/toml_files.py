@@ -104,18 +104,14 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
         ValueError: it is none, is nested too deep, or longer than ``LONGEST``.
     """
     if len(text) > LONGEST:
-        raise ValueError(
-            f"{path} has {len(text)} letters; a TOML file of ours has {LONGEST} at most"
-        )
+        raise ValueError(f"{path} has {len(text)} letters; a TOML file of ours has {LONGEST} at most")
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
 
 
-def preset_or_file(
-    package: str, name: str | Path, kind: str, endings: str
-) -> tuple[dict[str, Any], Path]:
+def preset_or_file(package: str, name: str | Path, kind: str, endings: str) -> tuple[dict[str, Any], Path]:
     """Content of a preset, or of a file of the user's own, which ends in .toml; and its path.
 
     Raises:
@@ -129,9 +125,7 @@ def preset_or_file(
     return parse_toml(preset_text(package, str(name), kind, endings), path), path
 
 
-def validated(
-    model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]
-) -> Table:
+def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]) -> Table:
     """Content checked against a model.
 
     Args:
@@ -148,9 +142,7 @@ def validated(
         found = error.errors()
         mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
         more = [f"and {len(found) - MISTAKES} more"] if len(found) > MISTAKES else []
-        raise ValueError(
-            f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join([*mistakes, *more])
-        ) from None
+        raise ValueError(f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join([*mistakes, *more])) from None
 
 
 def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:

@@ -55,9 +55,7 @@ def si_factor(quantity: str, unit: str | None, name: str) -> float:
     """
     known = FACTORS[quantity]
     if unit is None:
-        raise ValueError(
-            f"{name} has no units attribute; set it to one of {', '.join(k for k in known if k)}"
-        )
+        raise ValueError(f"{name} has no units attribute; set it to one of {', '.join(k for k in known if k)}")
     # The micro sign has two code points; files of either kind mean u.
     text = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u")
     # Data sets often say more after a comma: "m/s, wall-normal, positive away from the wall".
@@ -95,9 +93,7 @@ PLAUSIBLE = {
 }  # fmt: skip
 
 
-def require_plausible(
-    values: Any, quantity: str, label: str, lines: Sequence[int] | None = None
-) -> None:
+def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[int] | None = None) -> None:
     """Refuse finite values that are none of a quantity; nan and inf are the reader's affair.
 
     Args:

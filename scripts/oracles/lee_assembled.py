@@ -21,9 +21,7 @@ from torchliner.lee.walls import wall_of
 Complex = NDArray[np.complex128]
 
 
-def solve_assembled(
-    case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh
-) -> tuple[Complex, float]:
+def solve_assembled(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -> tuple[Complex, float]:
     """One frequency and one impedance by sparse LU of all unknowns at once.
 
     Args:
@@ -43,9 +41,7 @@ def solve_assembled(
     return found, float(24 * (factors.L.nnz + factors.U.nnz))
 
 
-def assemble(
-    case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh
-) -> tuple[sparse.csc_matrix, Complex]:
+def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -> tuple[sparse.csc_matrix, Complex]:
     """Matrix and right-hand side; unknowns by column, element, field, y, x."""
     hertz = frequency_tensor(frequency)
     basis = Basis.of_degree(mesh.degree)
@@ -115,9 +111,7 @@ def _close_ends(
         going, coming = (1, 0) if left else (0, 1)  # modes upstream and downstream
         r, mean = returns[0 if left else 1], reading @ means
         direction = (into[going] + r * into[coming]) / (mean[going] + r * mean[coming])
-        drive = (
-            sent * (into[coming] - direction * mean[coming]) if left == upstream else 0 * direction
-        )
+        drive = sent * (into[coming] - direction * mean[coming]) if left == upstream else 0 * direction
         incoming, outgoing = ports[c]
         shape = (kinds if left else 1, count, n)
         gain, drive = direction.reshape(shape), drive.reshape(shape)
@@ -141,9 +135,7 @@ class _Blocks:
     def add(self, c: int, e: int, from_c: int, from_e: int, block: NDArray[Any]) -> None:
         """What element (from_c, from_e) does to the equations of (c, e)."""
         rows, columns = np.nonzero(block)
-        start, start_from = (
-            (a * self.count + b) * self.size for a, b in ((c, e), (from_c, from_e))
-        )
+        start, start_from = ((a * self.count + b) * self.size for a, b in ((c, e), (from_c, from_e)))
         values = block[rows, columns].astype(np.complex128)
         self.parts.append((rows + start, columns + start_from, values))
 

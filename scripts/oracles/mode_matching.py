@@ -173,8 +173,7 @@ def _match(
     decay = torch.exp(-1j * alpha * length)
     crossed = (one - both) * decay[..., None, :]
     even, odd = (
-        torch.linalg.solve_ex(one + both + sign * crossed, 2 * _times(to_lined, a + sign * i))[0]
-        for sign in (1, -1)
+        torch.linalg.solve_ex(one + both + sign * crossed, 2 * _times(to_lined, a + sign * i))[0] for sign in (1, -1)
     )
     c, d = (even + odd) / 2, (even - odd) / 2
     b = a - _times(to_rigid, c - decay * d)
@@ -231,9 +230,7 @@ def _axial(kappa: Tensor, numbers: Tensor) -> Tensor:
 
 def _sinc(z: Tensor) -> Tensor:
     small = z.abs() < 1e-4
-    return torch.where(
-        small, 1 - z**2 / 6, torch.sin(z) / torch.where(small, torch.ones_like(z), z)
-    )
+    return torch.where(small, 1 - z**2 / 6, torch.sin(z) / torch.where(small, torch.ones_like(z), z))
 
 
 def _decay(exponent: Tensor) -> Tensor:

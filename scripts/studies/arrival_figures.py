@@ -115,9 +115,7 @@ def _spectrum_look(label: str) -> tuple[str, str, float]:
 
 
 @styled
-def draw_effects(
-    tables: Sequence[tuple[str, Curves, float]], path: str | Path | None = None
-) -> Figure:
+def draw_effects(tables: Sequence[tuple[str, Curves, float]], path: str | Path | None = None) -> Figure:
     """Quantities over the mean rate, a panel each: (axis label, values by method, truth)."""
     figure, axes = subplots(1, len(tables), 3.1)
     for axis, (label, table, true) in zip(axes[0], tables, strict=True):

@@ -61,8 +61,7 @@ def phase_locked_power(
     require_positive("sampling_rate (Hz)", sampling_rate)
     if 2 * highest * frequency >= sampling_rate:
         raise ValueError(
-            f"harmonic {highest} of {frequency:g} Hz is not below half the sampling rate, "
-            f"{sampling_rate / 2:g} Hz"
+            f"harmonic {highest} of {frequency:g} Hz is not below half the sampling rate, {sampling_rate / 2:g} Hz"
         )
     samples = signal.shape[-1]
     length = periods * sampling_rate / frequency
@@ -84,9 +83,7 @@ def phase_locked_power(
     return PhaseLocked(used.var(-1, correction=0), power[..., 0], power[..., 1:].sum(-1), blocks)
 
 
-def _amplitudes(
-    signal: Tensor, begin: int, frequency: float, sampling_rate: float, highest: int
-) -> Tensor:
+def _amplitudes(signal: Tensor, begin: int, frequency: float, sampling_rate: float, highest: int) -> Tensor:
     """Cosine and sine amplitudes of harmonics 1 to ``highest``, (..., 2, highest)."""
     time = torch.arange(begin, begin + signal.shape[-1], dtype=torch.float64) / sampling_rate
     turns = 2 * torch.pi * frequency * torch.outer(time, torch.arange(1, highest + 1))

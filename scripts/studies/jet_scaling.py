@@ -82,14 +82,9 @@ def jet_scaling(
     """
     jets = np.geomspace(*velocities, points)
     speeds = np.geomspace(min(machs), max(machs), points)
-    heights = np.stack(
-        [penetration_height(jets, diameter, TanhProfile(m, duct_height, shear)) for m in machs]
-    )
+    heights = np.stack([penetration_height(jets, diameter, TanhProfile(m, duct_height, shear)) for m in machs])
     over_mach = np.array(
-        [
-            float(penetration_height(fixed_velocity, diameter, TanhProfile(m, duct_height, shear)))
-            for m in speeds
-        ]
+        [float(penetration_height(fixed_velocity, diameter, TanhProfile(m, duct_height, shear))) for m in speeds]
     )
     return JetScaling(
         shear, jets, tuple(machs), heights / diameter,

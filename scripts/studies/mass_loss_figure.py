@@ -39,9 +39,7 @@ class LossRow:
 
 
 @styled
-def draw_mass_loss(
-    rows: Sequence[LossRow], laws: Sequence[str], path: str | Path | None = None
-) -> Figure:
+def draw_mass_loss(rows: Sequence[LossRow], laws: Sequence[str], path: str | Path | None = None) -> Figure:
     """Predicted against true X, the band that is asked for in grey, each case named once."""
     figure, axes = subplots(1, 1, 3.6)
     axis = axes[0, 0]
@@ -63,9 +61,7 @@ def draw_mass_loss(
         axis.plot([row.true.imag] * 2, [place[1] + 0.03, top], color="0.8", linewidth=0.5, zorder=0)
         axis.annotate(row.case, place, fontsize=7, ha="center", color="0.3",
                       bbox={"color": "w", "alpha": 0.7, "linewidth": 0, "pad": 0.5})  # fmt: skip
-    label_axes(
-        axis, r"true reactance, $\mathrm{Im}\,Z$", r"$\mathrm{Im}\,Z$ of a fit without the case"
-    )
+    label_axes(axis, r"true reactance, $\mathrm{Im}\,Z$", r"$\mathrm{Im}\,Z$ of a fit without the case")
     axis.set_xlim(*ends)
     axis.set_ylim(*ends)
     return finish(figure, path, legend=3)

@@ -63,18 +63,14 @@ class MeasuredWave:
     wavenumber_deviation: Tensor | None = None
 
     @classmethod
-    def of(
-        cls, direction: str, found: WallEduction, line: MicrophoneLine, mode: int | None = None
-    ) -> MeasuredWave:
+    def of(cls, direction: str, found: WallEduction, line: MicrophoneLine, mode: int | None = None) -> MeasuredWave:
         """The wave whose impedance was educed, or one of the modes by number."""
         head = (direction, found.source_side, found.method, mode == 1, float(line.duct_height),
                 line.stated_mach, float(line.fluid.sound_speed), found.frequency)  # fmt: skip
         if mode is None:
             low, high = found.interval(LEVEL) if found.draws is not None else (None, None)
             deviation = None if found.draws is None else found.wavenumber_deviation
-            return cls(
-                *head, found.wavenumber, found.impedance, found.residual, low, high, deviation
-            )
+            return cls(*head, found.wavenumber, found.impedance, found.residual, low, high, deviation)
         wave = found.modes[..., mode, :]
         # In coordinates of the flow the relation holds for either direction.
         impedance = impedance_from_wavenumber(
@@ -116,9 +112,7 @@ def _pair(name: str, values: Tensor | None, index: int, unit: str) -> dict[str, 
 
 
 @styled
-def draw_mismatch(
-    waves: Sequence[MeasuredWave], heights: Sequence[float], path: str | Path | None = None
-) -> Figure:
+def draw_mismatch(waves: Sequence[MeasuredWave], heights: Sequence[float], path: str | Path | None = None) -> Figure:
     """Phase and decay of the waves by fits that know no height; below them R and X under each
     assumed height, lines by fits that tie both waves to one impedance."""
     figure, axes = subplots(1 + len(heights), 2, 2.15 * (1 + len(heights)) + 0.6)

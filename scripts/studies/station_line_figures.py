@@ -86,9 +86,7 @@ def _draw_average(axis: Any, line: ImpedanceLine, i: int, part: str, f: int) -> 
     assert found is not None
     value = float(part_of(found.impedance[f], part))
     if found.interval is not None:
-        low, high = (
-            float(part_of(end[f], part)) for end in (found.interval.low, found.interval.high)
-        )
+        low, high = (float(part_of(end[f], part)) for end in (found.interval.low, found.interval.high))
         level = f"{100 * float(line.choices['interval']):g} % interval"
         _bar(axis, i - SHIFT, low, high, COLOURS[0], "-", level)
     drawn = PAPER_WIDTHS * float(part_of(found.monte_carlo_spread[f], part))
@@ -97,16 +95,10 @@ def _draw_average(axis: Any, line: ImpedanceLine, i: int, part: str, f: int) -> 
     along = float(part_of(found.spatial_spread[f], part))
     words = "spread along the line"
     _bar(axis, i + SHIFT, value - along, value + along, COLOURS[2], "--", words)
-    axis.plot(
-        i - 2 * SHIFT, value, "o", color="k", markersize=3, zorder=4, label="$Z_\\mathrm{mean}$"
-    )
+    axis.plot(i - 2 * SHIFT, value, "o", color="k", markersize=3, zorder=4, label="$Z_\\mathrm{mean}$")
 
 
-def _bar(
-    axis: Any, place: float, low: float, high: float, colour: str, style: str, label: str
-) -> None:
-    axis.plot(
-        [place, place], [low, high], color=colour, linestyle=style, linewidth=1.8, label=label
-    )
+def _bar(axis: Any, place: float, low: float, high: float, colour: str, style: str, label: str) -> None:
+    axis.plot([place, place], [low, high], color=colour, linestyle=style, linewidth=1.8, label=label)
     for end in (low, high):
         axis.plot([place - 0.05, place + 0.05], [end, end], color=colour, linewidth=1.2)

@@ -68,9 +68,7 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")
-    return finish(
-        figure, path, "educed less true, all drives, phases, orders and heights, 1400 Hz", legend=3
-    )
+    return finish(figure, path, "educed less true, all drives, phases, orders and heights, 1400 Hz", legend=3)
 
 
 def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> None:

@@ -59,13 +59,9 @@ def motion_row(plane: VelocityPlane, case: str, pitch: float | None = None) -> M
     if pitch is not None:
         used = torch.ones(plane.probes, dtype=torch.bool)
         averaged = sort_into_cells(plane, pitch).membership(used).T @ velocity
-    tone, harmonics, rest = (
-        float(part.mean()) / total for part in (power.tone, power.harmonics, power.rest)
-    )
+    tone, harmonics, rest = (float(part.mean()) / total for part in (power.tone, power.harmonics, power.rest))
     cells = float(averaged.var(-1, correction=0).mean())
-    return MotionRow(
-        case, plane.height, total**0.5, tone, harmonics, rest, cells**0.5, power.blocks
-    )
+    return MotionRow(case, plane.height, total**0.5, tone, harmonics, rest, cells**0.5, power.blocks)
 
 
 @dataclass(frozen=True)
@@ -178,12 +174,9 @@ def _that_gives(
     return solved("instantaneous"), solved("rms")
 
 
-def _needed(
-    liner: SDoFLiner, frequency: float, value: float, part: str
-) -> tuple[float | None, float | None]:
+def _needed(liner: SDoFLiner, frequency: float, value: float, part: str) -> tuple[float | None, float | None]:
     constant, sine = (
-        speed_that_gives(liner, frequency, value, part, waveform, FASTEST)
-        for waveform in ("constant", "sine")
+        speed_that_gives(liner, frequency, value, part, waveform, FASTEST) for waveform in ("constant", "sine")
     )
     return constant, sine
 

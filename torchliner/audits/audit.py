@@ -151,9 +151,7 @@ class _Work:
     def _value(self, found: ImpedanceMap) -> complex:
         return complex(found.of_liner(self.order)[0])
 
-    def _add(
-        self, factor: str, variant: str, impedance: complex, ready: Prepared | None = None
-    ) -> None:
+    def _add(self, factor: str, variant: str, impedance: complex, ready: Prepared | None = None) -> None:
         off = self._closure(impedance, ready or self.ready)
         self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base, off))
 
@@ -172,9 +170,7 @@ class _Work:
                 "the moments were reduced without the rows of phase rules; reduce the plane again "
                 "with phase='self-consistent'"
             )
-        quiet = Replayed(
-            dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums
-        )
+        quiet = Replayed(dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums)
         for name in PHASE_RULES:
             if phase_rule(name).takes_phase:
                 self._stated_phases(quiet, name)
@@ -209,9 +205,7 @@ class _Work:
         others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
         for drive, mean in others:
             quiet = dataclasses.replace(ready, blocks=None)
-            other = with_drive(
-                quiet, drive, mean, running_window=self.running_window, progress=self.progress
-            )
+            other = with_drive(quiet, drive, mean, running_window=self.running_window, progress=self.progress)
             value = self._averaged(other)
             factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
             self._add(factor, name, value)
@@ -257,9 +251,7 @@ class _Work:
         rules = dataclasses.replace(self.ready.chosen, interval=None)
         for other in self.others:
             plane = _plane_of(other)
-            (ready,) = prepare(
-                [other], self.model, self.ready.frequency, rules, self.progress, basis=self.basis
-            )
+            (ready,) = prepare([other], self.model, self.ready.frequency, rules, self.progress, basis=self.basis)
             name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
             self._add("height", name, self._averaged(ready), ready)
             self.readings += ready.readings

@@ -132,8 +132,7 @@ def _both(one: ImpedanceMap, order: str) -> tuple[Tensor, list[Tensor]]:
         return value, []
     liner, cells = (getattr(one.uncertainty, f"{of}{ENDS[order]}") for of in ("liner", "cells"))
     return value, [
-        torch.view_as_real(torch.cat([getattr(liner, end)[None], getattr(cells, end)]))
-        for end in ("low", "high")
+        torch.view_as_real(torch.cat([getattr(liner, end)[None], getattr(cells, end)])) for end in ("low", "high")
     ]
 
 
@@ -158,8 +157,7 @@ def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
         where = f"{counts[0]} and {counts[1]}" if counts[0] != counts[1] else (
             f"{counts[0]} each, elsewhere")  # fmt: skip
         raise ValueError(
-            f"the maps have other cells ({where}); educe planes of the same extent with liners of "
-            "one cell_pitch"
+            f"the maps have other cells ({where}); educe planes of the same extent with liners of one cell_pitch"
         )
 
 
@@ -170,8 +168,7 @@ def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
     one, other = (float(each.uncertainty.settings["level"]) for each in (first, second))  # type: ignore[union-attr]
     if one != other:
         raise ValueError(
-            f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with "
-            "the same --interval"
+            f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with the same --interval"
         )
     return one
 
@@ -186,15 +183,12 @@ def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
     if first.mean_velocity.shape != second.mean_velocity.shape:
         return False
     means, rms = (
-        [getattr(each, name).double().cpu() for each in (first, second)]
-        for name in ("mean_velocity", "velocity_rms")
+        [getattr(each, name).double().cpu() for each in (first, second)] for name in ("mean_velocity", "velocity_rms")
     )
     # Probes that one of them left out say nothing. A mean of next to 0 is rounding by itself.
     known = torch.stack([*means, *rms]).isfinite().all(0)
     near = SAME_RECORD * rms[0] + ROUNDED * means[0].abs()
-    return bool(known.any()) and all(
-        bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms)
-    )
+    return bool(known.any()) and all(bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms))
 
 
 def _files(one: ImpedanceMap) -> set[tuple[str, str]]:

@@ -103,14 +103,11 @@ def compare_models(
     if not isinstance(plane, (VelocityPlane, Moments)):
         raise TypeError(f"plane is {type(plane).__name__}; a VelocityPlane or Moments is needed")
     if len(liners) < 2:
-        raise ValueError(
-            f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe"
-        )
+        raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
     chosen = Choices(**choices)
     if chosen.engine != "spectral":
         raise ValueError(
-            f"models are compared by engine 'spectral', not {chosen.engine!r}; leave engine and "
-            "incident out"
+            f"models are compared by engine 'spectral', not {chosen.engine!r}; leave engine and incident out"
         )
     models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
     if isinstance(plane, Moments):
@@ -149,8 +146,7 @@ def _of_one_pitch(
     elif len(stated) > 1:
         each = ", ".join(f"{n} {_millimetres(m.cell_pitch)}" for n, m in models.items())
         raise ValueError(
-            f"the models state different cells: {each}; state cell_pitch, that of the liner below "
-            f"{plane.name}"
+            f"the models state different cells: {each}; state cell_pitch, that of the liner below {plane.name}"
         )
     else:
         pitch = next(iter(stated), None)

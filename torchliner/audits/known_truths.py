@@ -133,8 +133,7 @@ def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
     known = min(known_truths(), key=lambda each: here.distance(each.setting))
     there = known.setting
     resistance, reactance = (
-        f"{', '.join(f'{getattr(z, part):.2f}' for z in known.educed.values())} for "
-        f"{getattr(known.true, part):.2f}"
+        f"{', '.join(f'{getattr(z, part):.2f}' for z in known.educed.values())} for {getattr(known.true, part):.2f}"
         for part in ("real", "imag")
     )
     return (

@@ -134,8 +134,7 @@ class Variants:
     def _require_rows(self, lines: Sequence[float], of: str) -> None:
         if any(index_of(self.reader.plan.lines, line) is None for line in lines):
             raise CannotApply(
-                f"the moments were reduced without the rows of {of}, which an audit of the plane "
-                "itself sums"
+                f"the moments were reduced without the rows of {of}, which an audit of the plane itself sums"
             )
 
     def _of_kernel(self, liner: LinerModel, kind: str) -> Response:
@@ -159,9 +158,7 @@ class Variants:
             ready = dataclasses.replace(self.ready, liner=liner, reader=reader)
             yield (factor, name, ready)
 
-    def _with_moments(
-        self, groups: list[GroupMoments], record: Record, lines: list[tuple[float, complex]]
-    ) -> Prepared:
+    def _with_moments(self, groups: list[GroupMoments], record: Record, lines: list[tuple[float, complex]]) -> Prepared:
         sums = dataclasses.replace(self.ready.sums, groups=tuple(groups))
         reader = self._read(lines, self.reader.response)
         return dataclasses.replace(self.ready, sums=sums, record=record, reader=reader)
@@ -171,9 +168,7 @@ class Variants:
         half = blocks.count // 2
         periods = half * blocks.periods
         if periods < FEWEST_PERIODS and not ready.chosen.allow_short:
-            raise CannotApply(
-                f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}"
-            )
+            raise CannotApply(f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}")
         kept = [group.of_blocks for group in ready.sums.groups if group.of_blocks is not None]
         if not kept or half == 0:
             raise CannotApply("no moments of blocks are kept: |v| is constant, or interval None")
@@ -199,9 +194,7 @@ class Variants:
         kept = torch.zeros_like(window.weights)
         kept[::2] = window.weights[::2]
         half = dataclasses.replace(record, window=dataclasses.replace(window, weights=kept))
-        groups = [
-            every_second(group, self.reader.plan, record.start) for group in self.ready.sums.groups
-        ]
+        groups = [every_second(group, self.reader.plan, record.start) for group in self.ready.sums.groups]
         ready = self._with_moments(groups, half, self.reader.window)
         yield ("sampling rate", f"every second sample, {rate:.6g} Hz", ready)
 
@@ -249,12 +242,8 @@ def with_drive(
     turns = (2 * ready.frequency)[:, None][:, : int(every_rule)]
     lines = lines_needed(window, turns)
     plan = dataclasses.replace(ready.sums.plan, lines=lines)
-    groups, notes = moments_of(
-        source, plan, ready.reader.basis, (), ready.blocks is not None, progress
-    )
-    reader = LineReader(
-        plan, ready.reader.basis, window, ready.frequency, ready.reader.response, turns
-    )
+    groups, notes = moments_of(source, plan, ready.reader.basis, (), ready.blocks is not None, progress)
+    reader = LineReader(plan, ready.reader.basis, window, ready.frequency, ready.reader.response, turns)
     return dataclasses.replace(
         ready, drive=source, reader=reader, notes=(*ready.notes, *notes),
         chosen=dataclasses.replace(

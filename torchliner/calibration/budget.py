@@ -145,10 +145,7 @@ def budget_of(
     half_widths = torch.tensor(widths, dtype=torch.float64)
     standard = factor * half_widths
     matrix = _correlation_matrix(tuple(stated), correlation or {})
-    changes = {
-        name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1))
-        for name, slope in slopes.items()
-    }
+    changes = {name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1)) for name, slope in slopes.items()}
     covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
     return Budget(
         stated, half_widths, standard, limits, matrix,

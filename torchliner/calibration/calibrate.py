@@ -116,9 +116,7 @@ class Calibration:
         """The calibrated liner of the first plane."""
         return self.liners[0]
 
-    def predict(
-        self, plane: VelocityPlane | Moments, liner: Liner | None = None, frequency: Any = None
-    ) -> Prediction:
+    def predict(self, plane: VelocityPlane | Moments, liner: Liner | None = None, frequency: Any = None) -> Prediction:
         """Z of another plane with the spread of the posterior.
 
         Args:
@@ -233,9 +231,7 @@ def _pairs(planes: Any, liners: Any) -> tuple[list[VelocityPlane | Moments], lis
     several = [planes] if isinstance(planes, (VelocityPlane, Moments)) else list(planes)
     models = list(liners) if isinstance(liners, (list, tuple)) else [liners] * len(several)
     if not several or len(models) != len(several):
-        raise ValueError(
-            f"{len(several)} planes and {len(models)} liners; give one liner, or one a plane"
-        )
+        raise ValueError(f"{len(several)} planes and {len(models)} liners; give one liner, or one a plane")
     return several, [as_liner(liner) for liner in models]
 
 
@@ -255,9 +251,7 @@ def _weights(
     ]  # fmt: skip
 
 
-def _result(
-    fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes: list[str]
-) -> Calibration:
+def _result(fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes: list[str]) -> Calibration:
     misfit = fit.misfit
     values = misfit.values(fit.share)
     posterior, messages = fit.posterior(draws, seed)

@@ -86,8 +86,7 @@ def require_plain_tones(chosen: Choices) -> None:
     """
     if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
         raise ValueError(
-            "a fit replays tones with engine 'spectral', phase 'averaged', not "
-            f"{chosen.engine!r}, {chosen.phase!r}"
+            f"a fit replays tones with engine 'spectral', phase 'averaged', not {chosen.engine!r}, {chosen.phase!r}"
         )
     if chosen.wall_filter is not None:
         raise ValueError(

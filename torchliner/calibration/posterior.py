@@ -53,10 +53,7 @@ class Posterior:
         """Of real (M, n), (shares, n)."""
         ordered, order = values.sort(dim=0)
         reached = self.weights[order].cumsum(0)
-        rows = [
-            ordered.gather(0, (reached < share).sum(0).clamp(max=len(values) - 1)[None])[0]
-            for share in shares
-        ]
+        rows = [ordered.gather(0, (reached < share).sum(0).clamp(max=len(values) - 1)[None])[0] for share in shares]
         return torch.stack(rows)
 
 

@@ -158,8 +158,7 @@ def sensitivities(
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     if chosen.engine != "spectral":
         raise ValueError(
-            f"sensitivities are read off engine 'spectral', not {chosen.engine!r}; leave engine "
-            "and incident out"
+            f"sensitivities are read off engine 'spectral', not {chosen.engine!r}; leave engine and incident out"
         )
     ready = prepare([plane], model, frequency, chosen, progress)[0]
     replayed = replay(ready)
@@ -211,9 +210,7 @@ def _model_slopes(ready: Prepared, numbers: Mapping[str, Number]) -> tuple[Tenso
                 )
         return torch.stack([each for each in found if each is not None])
 
-    at_nodes, wanted = slopes(response_of(moved), torch.cat([basis.speeds, speed])).tensor_split(
-        [basis.count], dim=-1
-    )
+    at_nodes, wanted = slopes(response_of(moved), torch.cat([basis.speeds, speed])).tensor_split([basis.count], dim=-1)
     between = basis.coefficients(at_nodes) @ basis.functions(speed).T.to(wanted)
     away, scale = (each.abs().amax((1, 2)) for each in (between - wanted, wanted))
     if ready.kernels is not None:

@@ -27,17 +27,12 @@ def bounds_of(
     numbers = named_numbers(liner, parameters)
     if not numbers:
         raise ValueError("no parameter is free; name at least one with its bounds")
-    bounds = {
-        each: pair for name, pair in parameters.items() for each in liner.groups.get(name, (name,))
-    }
+    bounds = {each: pair for name, pair in parameters.items() for each in liner.groups.get(name, (name,))}
     for name, number in numbers.items():
         low, high = bounds[name]
         unit = "" if number.unit == "1" else f" {number.unit}"
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the "
-                "lower first"
-            )
+            raise ValueError(f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first")
         refused = low == number.low == 0 and not number.low_included
         if low < number.low or refused or high > number.high:
             least = "at least" if number.low_included else "above"
@@ -58,9 +53,7 @@ def held_reference(one: Prepared, name: str) -> Tensor:
     plane = one.plane
     if name not in plane.reference:
         there = ", ".join(plane.reference) or "none"
-        raise ValueError(
-            f"{plane.name} holds no reference {name!r} (it holds: {there}); give the values"
-        )
+        raise ValueError(f"{plane.name} holds no reference {name!r} (it holds: {there}); give the values")
     if plane.frequency is not None:
         asked = one.frequency.tolist()
         if len(asked) > 1 or abs(asked[0] / plane.frequency - 1) > SAME_FREQUENCY:
@@ -87,10 +80,7 @@ def references_of(ready: Sequence[Prepared], references: Any) -> Tensor:
         plane, count = one.plane, len(one.frequency)
         each = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
         if len(each) != count:
-            raise ValueError(
-                f"{plane.name} has {count} frequencies and {len(each)} reference impedances; one "
-                "each"
-            )
+            raise ValueError(f"{plane.name} has {count} frequencies and {len(each)} reference impedances; one each")
         if not bool(torch.isfinite(each.abs()).all()):
             raise ValueError(f"{plane.name}: a reference impedance is not finite")
         found.append(each)
@@ -105,16 +95,13 @@ def noise_of(noise: Any, counts: Sequence[int]) -> Tensor:
     if len(stated) == 1:
         stated = stated * len(counts)
     if len(stated) != len(counts):
-        raise ValueError(
-            f"noise has {len(stated)} values for {len(counts)} planes; one, or one each"
-        )
+        raise ValueError(f"noise has {len(stated)} values for {len(counts)} planes; one, or one each")
     rows = []
     for value, count in zip(stated, counts, strict=True):
         each = complex(value) if isinstance(value, complex) else complex(value, value)
         if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
             raise ValueError(
-                f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 "
-                "(None if unknown)"
+                f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 (None if unknown)"
             )
         rows += [each] * count
     return torch.tensor(rows, dtype=torch.complex128)
@@ -132,8 +119,7 @@ def prior_of(
         require_choice("parameter of a prior", name, names)
         if not (math.isfinite(mean) and 0 < spread < math.inf):
             raise ValueError(
-                f"prior of {name} is {mean:g} +- {spread:g}; a mean and a standard deviation above "
-                "0 are needed"
+                f"prior of {name} is {mean:g} +- {spread:g}; a mean and a standard deviation above 0 are needed"
             )
     return dict(prior)
 
@@ -172,7 +158,6 @@ def nepers_of(decibels: Any) -> Any:
     stated = [decibels] if isinstance(decibels, (int, float, complex)) else list(decibels)
     if any(isinstance(value, complex) for value in stated):
         raise ValueError(
-            f"noise is {decibels}, and with closure it is of levels: state dB, one number, or one "
-            "by plane"
+            f"noise is {decibels}, and with closure it is of levels: state dB, one number, or one by plane"
         )
     return [value * math.log(10) / 20 for value in stated]

@@ -210,9 +210,7 @@ def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]
     found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
     if not found:
         place = (folder / pattern).parent
-        there = (
-            sorted(p.name for p in place.glob(f"*{Path(pattern).suffix}")) if place.is_dir() else []
-        )
+        there = sorted(p.name for p in place.glob(f"*{Path(pattern).suffix}")) if place.is_dir() else []
         words = f"; {place} holds {', '.join(there[:4])}" + (" ..." if len(there) > 4 else "")
         raise FileNotFoundError(
             f"{path}: planes.files = {pattern!r} matches nothing in {folder}"

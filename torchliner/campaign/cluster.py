@@ -33,19 +33,14 @@ def open_cluster(where: str | None) -> Iterator[Any]:
     local = kind == "local" and count.isdecimal() and 0 < int(count) <= 1024
     if not (local or kind in ("tcp", "tls") or where.endswith(".json")):
         raise ValueError(
-            f"cluster {where!r} cannot be read; write local:4, tcp://host:8786, or the .json file "
-            "of a scheduler"
+            f"cluster {where!r} cannot be read; write local:4, tcp://host:8786, or the .json file of a scheduler"
         )
     try:
         import dask
         import distributed
     except ImportError as error:
-        raise ImportError(
-            f"a cluster needs dask.distributed ({error}); pip install 'torchliner[cluster]'"
-        ) from error
-    settings: dict[str, Any] = {
-        f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in MALLOC.items()
-    }
+        raise ImportError(f"a cluster needs dask.distributed ({error}); pip install 'torchliner[cluster]'") from error
+    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in MALLOC.items()}
     # What a second reading must know of the first takes some MB, sent once.
     settings["distributed.admin.large-graph-warning-threshold"] = "1GB"
     settings["distributed.comm.timeouts.connect"] = f"{PATIENCE}s"

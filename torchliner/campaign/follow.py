@@ -238,9 +238,7 @@ class Following:
         plane = self.moments().plane
         duration = plane.samples / plane.sampling_rate
         rows = []
-        for i, (f, z) in enumerate(
-            zip(found.frequency.tolist(), found.answer.tolist(), strict=True)
-        ):
+        for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
             bounds = found.bounds_of_liner(found.order, i)
             width = math.nan
             if bounds is not None:

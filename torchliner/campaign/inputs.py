@@ -40,9 +40,7 @@ def open_moments(path: Path, request: Mapping[str, Any]) -> Moments | None:
     if not holds_moments(path):
         return None
     if request:
-        raise ValueError(
-            f"{path} holds moments, which are read as they are: leave out {', '.join(request)}"
-        )
+        raise ValueError(f"{path} holds moments, which are read as they are: leave out {', '.join(request)}")
     return read_moments(path)
 
 

@@ -79,13 +79,9 @@ class KeptParts:
             found = torch.load(path, weights_only=True)
         except Exception as error:
             words = str(error).splitlines()[0][:80]
-            raise ValueError(
-                f"{path} is no part of moments ({words}); delete it: it is summed again"
-            ) from error
+            raise ValueError(f"{path} is no part of moments ({words}); delete it: it is summed again") from error
         if not isinstance(found, MomentsPart):
-            raise ValueError(
-                f"{path} holds a {type(found).__name__}; delete it: it is summed again"
-            )
+            raise ValueError(f"{path} holds a {type(found).__name__}; delete it: it is summed again")
         return found
 
     def save(self, reading: int, part: MomentsPart) -> None:

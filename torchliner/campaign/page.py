@@ -90,9 +90,7 @@ def _page(
     ]  # fmt: skip
     noted = {row["unit"]: int(row["notes"]) for row in done if row["notes"] > 0}
     warned += [f"warnings in the map of {unit}: {count}" for unit, count in noted.items()]
-    every: list[Block] = [
-        Grid("index", "A row a case and frequency, as in index.csv.", _index(rows))
-    ]
+    every: list[Block] = [Grid("index", "A row a case and frequency, as in index.csv.", _index(rows))]
     sections = [
         Section("cases", "Cases", [_cases(units, beside, {path.stem for path in written})]),
         Section("warnings", "Warnings", warnings_of(warned)),

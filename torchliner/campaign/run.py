@@ -86,16 +86,12 @@ def plan(campaign: Campaign) -> Plan:
     names = [unit.name for unit in units]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ValueError(
-            f"{campaign.path}: two units are called {twice}; rename a plane or a liner's file"
-        )
+        raise ValueError(f"{campaign.path}: two units are called {twice}; rename a plane or a liner's file")
     current = frozenset(unit.name for unit in units if _kept_rows(unit) is not None)
     return Plan(tuple(units), tuple(failed), current)
 
 
-def run_campaign(
-    campaign: Campaign, *, client: Any = None, progress: Progress | None = None
-) -> Rows:
+def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress | None = None) -> Rows:
     """Do what is not done yet, and write the index.
 
     Args:
@@ -130,9 +126,7 @@ def run_campaign(
 
 
 @contextlib.contextmanager
-def _reduced(
-    found: Plan, client: Any, progress: Progress | None
-) -> Iterator[Callable[[Unit], object]]:
+def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Callable[[Unit], object]]:
     """What makes sure that the moments of a unit are there."""
     if client is None:
 
@@ -146,26 +140,19 @@ def _reduced(
     at_once = max(1, min(MOST_PLANES, threads, len(found.to_read)))
     ahead = max(2, -(-2 * threads // at_once))
     pool = ThreadPoolExecutor(at_once)
-    futures = {
-        name: pool.submit(_reduce, unit, progress, client, ahead)
-        for name, unit in found.to_read.items()
-    }
+    futures = {name: pool.submit(_reduce, unit, progress, client, ahead) for name, unit in found.to_read.items()}
     try:
         yield lambda unit: unit.moments not in futures or futures[unit.moments].result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _reduce(
-    unit: Unit, progress: Progress | None, client: Any = None, ahead: int | None = None
-) -> None:
+def _reduce(unit: Unit, progress: Progress | None, client: Any = None, ahead: int | None = None) -> None:
     """The moments of a unit's plane; parts stay until these are whole."""
     path = unit.moments
     assert unit.request is not None
     kept = KeptParts(path.with_suffix(".parts"))
-    known = moments_in_slices(
-        unit.plane(), unit.request, client=client, kept=kept, progress=progress, ahead=ahead
-    )
+    known = moments_in_slices(unit.plane(), unit.request, client=client, kept=kept, progress=progress, ahead=ahead)
     path.parent.mkdir(parents=True, exist_ok=True)
     known.write(path)
     kept.clear()

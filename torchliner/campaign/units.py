@@ -94,9 +94,7 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
         )
     beside = None if case.in_situ is None else fingerprint(case.in_situ)
     facts, asked = sorted(case.facts.items()), campaign.frequencies
-    order = (
-        ORDERS[2] if any(Choices(**one).order == ORDERS[2] for one, _ in campaign.choices) else None
-    )
+    order = ORDERS[2] if any(Choices(**one).order == ORDERS[2] for one, _ in campaign.choices) else None
     found = []
     for liner in case.liners or (plane.liner,):
         model, content = _loaded(liner)

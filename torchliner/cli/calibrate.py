@@ -55,10 +55,7 @@ def run(options: argparse.Namespace) -> int:
 
     paths = [*options.planes, *options.predict]
     if options.draws and options.draws < FEWEST_DRAWS:
-        raise ValueError(
-            f"--draws is {options.draws}; the posterior needs at least "
-            f"{FEWEST_DRAWS}, or 0 for none"
-        )
+        raise ValueError(f"--draws is {options.draws}; the posterior needs at least {FEWEST_DRAWS}, or 0 for none")
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
     both = read_records(seen_from_anywhere(options, paths), options)
@@ -118,8 +115,7 @@ def references_given(texts: list[str]) -> Any:
     except ValueError:
         if len(texts) > 1:
             raise ValueError(
-                f"--reference {' '.join(texts)} cannot be read; one name, or numbers such as "
-                "0.168-0.066j"
+                f"--reference {' '.join(texts)} cannot be read; one name, or numbers such as 0.168-0.066j"
             ) from None
     return texts[0]
 
@@ -136,9 +132,7 @@ def bounds_given(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]
                 try:
                     low, high = (float(part) for part in rest.split(":"))
                 except ValueError:
-                    raise ValueError(
-                        f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units"
-                    ) from None
+                    raise ValueError(f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units") from None
             else:
                 # A share of what is above 0, else of 1.
                 reach = AROUND * number.value if number.low >= 0 else AROUND
@@ -159,9 +153,7 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
 
     fitted = ", ".join(
         f"{name} = {value:.6g} +- {spread:.2g}"
-        for name, value, spread in zip(
-            found.parameters, found.values.tolist(), found.standard.tolist(), strict=True
-        )
+        for name, value, spread in zip(found.parameters, found.values.tolist(), found.standard.tolist(), strict=True)
     )
     source = (
         f"{before.name} calibrated by torchliner: {fitted}; fitted to "

@@ -83,9 +83,7 @@ CHOICES: dict[str, dict[str, Any]] = {
 ALL = [dest(spec) for group in CHOICES.values() for spec in group]
 
 
-def choice_options(
-    wanted: Sequence[str], others: Mapping[str, Any] | None = None
-) -> dict[str, dict[str, Any]]:
+def choice_options(wanted: Sequence[str], others: Mapping[str, Any] | None = None) -> dict[str, dict[str, Any]]:
     """Tables of options, for ``add_options``; their defaults are those of ``torchliner.educe``.
 
     Args:

@@ -16,8 +16,7 @@ OPTIONS = {
         "second PATH": "another one of the same cells",
         "--order": (ORDERS, "of averaging; default: that of both"),
         **frequency_option("the tone; of moments alone, a map has its frequencies"),
-        "--liner LINER": "of moments: preset, .toml, .csv or .py file; default: the one "
-        "the file names",
+        "--liner LINER": "of moments: preset, .toml, .csv or .py file; default: the one the file names",
     }
     | shared("--output", "--json", "--quiet"),
 }

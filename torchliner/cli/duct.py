@@ -87,8 +87,7 @@ def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
         raise ValueError(f"--copy writes a preset, {' or '.join(presets)}; {named}")
     _no_option(
         options,
-        "--copy writes the preset as it stands, without --{}; edit the copy, or leave one of them "
-        "out",
+        "--copy writes the preset as it stands, without --{}; edit the copy, or leave one of them out",
     )
 
 
@@ -107,8 +106,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
     if options.impedance is not None:
         hard = "'rigid' for a hard wall, or "
         changes["impedance"] = [
-            text if text == "rigid" else complex_number(text, "--impedance", hard)
-            for text in options.impedance
+            text if text == "rigid" else complex_number(text, "--impedance", hard) for text in options.impedance
         ]
     if options.liner is None:
         if options.speed is not None:

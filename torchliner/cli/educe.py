@@ -90,10 +90,7 @@ def run(options: argparse.Namespace) -> int:
     pressure = None if options.in_situ is None else read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     stated_by_user = stated(options, ("incident_level", "source_side"))
-    records = [
-        with_facts(each, stated_by_user)
-        for each in read_records(seen_from_anywhere(options), options)
-    ]
+    records = [with_facts(each, stated_by_user) for each in read_records(seen_from_anywhere(options), options)]
     planes = planes_of(records)
     count = math.inf if options.incident else len(options.frequency or [0])
     for path, plane in zip(outputs, planes, strict=False):
@@ -126,9 +123,7 @@ def _educed(
     for name in dict.fromkeys(names):
         members = [i for i, each in enumerate(names) if each == name]
         total = sum(2 * each.samples for each in planes_of([records[i] for i in members]))
-        with progress_bar(
-            total, options.planes[members[0]].name, options, reading=total // 2
-        ) as step:
+        with progress_bar(total, options.planes[members[0]].name, options, reading=total // 2) as step:
             several = educe(
                 [records[i] for i in members], load_liner(name), options.frequency,
                 pressure=pressure, progress=step, reflected=options.reflected,

@@ -60,9 +60,7 @@ def write_copy(text: str, path: Path) -> None:
     write_text(text, path)
 
 
-def read_planes(
-    paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True
-) -> list[VelocityPlane]:
+def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True) -> list[VelocityPlane]:
     """The planes, by default with their velocity still in the file, as the options say.
 
     Raises:
@@ -80,17 +78,13 @@ def read_planes(
     return [read_plane(path, lazy=lazy, **reading(options)) for path in paths]
 
 
-def seen_from_anywhere(
-    options: argparse.Namespace, paths: Sequence[Path] | None = None
-) -> list[Path]:
+def seen_from_anywhere(options: argparse.Namespace, paths: Sequence[Path] | None = None) -> list[Path]:
     """Planes by paths that workers in other folders can open, if there are any."""
     named = options.planes if paths is None else paths
     return list(named) if options.cluster is None else [path.absolute() for path in named]
 
 
-def read_records(
-    paths: Sequence[Path], options: argparse.Namespace
-) -> list[VelocityPlane | Moments]:
+def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[VelocityPlane | Moments]:
     """Planes, or the moments that planes were reduced to.
 
     Raises:
@@ -103,9 +97,7 @@ def read_records(
     facts = {"holes": read_holes(said.pop("holes"))} if "holes" in said else {}
     for path in paths if said else ():
         if holds_moments(path):
-            raise ValueError(
-                f"{path} holds moments, of which there is no part: leave out {spelled(said)}"
-            )
+            raise ValueError(f"{path} holds moments, of which there is no part: leave out {spelled(said)}")
     return [
         with_facts(read_moments(path), facts) if holds_moments(path)
         else read_planes([path], options)[0]
@@ -130,17 +122,13 @@ def with_facts(record: Any, facts: dict[str, Any]) -> Any:
     return replace(record, plane=restated(plane, facts))
 
 
-def liner_names(
-    liner: str | None, records: Sequence[VelocityPlane | Moments], paths: Sequence[Path]
-) -> list[str]:
+def liner_names(liner: str | None, records: Sequence[VelocityPlane | Moments], paths: Sequence[Path]) -> list[str]:
     """The liner of each plane: that of --liner, else the preset its file names."""
     planes = planes_of(records)
     return [liner or preset_named(p.liner, path) for p, path in zip(planes, paths, strict=True)]
 
 
-def only_liner(
-    liner: str | None, planes: Sequence[VelocityPlane | Moments], paths: Sequence[Path]
-) -> Any:
+def only_liner(liner: str | None, planes: Sequence[VelocityPlane | Moments], paths: Sequence[Path]) -> Any:
     """The one liner of all planes.
 
     Raises:
@@ -167,9 +155,7 @@ def preset_named(name: str, path: Path) -> str:
 
     if name not in preset_names():
         fault = f"names {name!r}, which is no preset" if name else "names no liner"
-        raise ValueError(
-            f"{path} {fault}; choose a model with --liner ({', '.join(preset_names())})"
-        )
+        raise ValueError(f"{path} {fault}; choose a model with --liner ({', '.join(preset_names())})")
     return name
 
 

@@ -72,7 +72,4 @@ def _line(row: Any) -> str:
         f"{left / 60:.3g} min" if left < 18000 else f"{left / 3600:.3g} h")  # fmt: skip
     z = f"{row.impedance.real:.3f}{row.impedance.imag:+.3f}j"
     width, needed = (f"{v:.3g}" if v == v else "-" for v in (row.half_width, row.needed))
-    return (
-        f"{row.samples:<9d}  {row.duration:<8.4g}  {row.frequency:<8.1f}  {z:14s}  {width:10s}  "
-        f"{needed:8s}  {later}"
-    )
+    return f"{row.samples:<9d}  {row.duration:<8.4g}  {row.frequency:<8.1f}  {z:14s}  {width:10s}  {needed:8s}  {later}"

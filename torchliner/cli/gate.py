@@ -74,8 +74,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
                 _require_matplotlib()
             if outputs.setdefault(identity(value), flag) != flag:
                 raise ValueError(
-                    f"{flag} {value} is another output, that of {outputs[identity(value)]}; name "
-                    "another file"
+                    f"{flag} {value} is another output, that of {outputs[identity(value)]}; name another file"
                 )
         yield named
 
@@ -126,9 +125,7 @@ def require_input(path: Path) -> None:
         os.stat(path)
     except FileNotFoundError:
         if path.is_symlink():
-            raise FileNotFoundError(
-                f"{path}: no such file; it is a link to {os.readlink(path)}"
-            ) from None
+            raise FileNotFoundError(f"{path}: no such file; it is a link to {os.readlink(path)}") from None
         there: list[str] = []
         with contextlib.suppress(OSError), os.scandir(path.parent) as entries:
             there = [entry.name for entry, _ in zip(entries, range(MOST_NAMES), strict=False)]

@@ -61,9 +61,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--reach is of the table that is written; name --output as well")
     given = stated(options, ("rest", "freedom", "prior", "reactance", "reach"))
     if given and options.free and options.fit is None:
-        raise ValueError(
-            f"{spelled(given)}: of a curve; fit one too, with --fit curve, or leave this out"
-        )
+        raise ValueError(f"{spelled(given)}: of a curve; fit one too, with --fit curve, or leave this out")
     paths = [*options.planes, *options.predict]
     both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)
@@ -133,8 +131,7 @@ def _write(found: Any, path: Path, options: argparse.Namespace) -> None:
         return
     if path.suffix.lower() == ".csv":
         raise ValueError(
-            f"{path}: {found.best.label} were found, a law at every frequency and not a table; "
-            "write it as .toml"
+            f"{path}: {found.best.label} were found, a law at every frequency and not a table; write it as .toml"
         )
     fitted = found.best.fitted
     both = zip(fitted.values.items(), fitted.standard.values(), strict=True)

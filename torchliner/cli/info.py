@@ -23,9 +23,7 @@ def run(options: argparse.Namespace) -> int:
 
     # Of moments there is nothing to draw: the plane is asked for.
     (plane,) = (
-        read_records([options.plane], options)
-        if options.figure is None
-        else read_planes([options.plane], options)
+        read_records([options.plane], options) if options.figure is None else read_planes([options.plane], options)
     )
     read = isinstance(plane, VelocityPlane)
     about = {"format": ", ".join({format_of(each).name: 0 for each in paths_of(options.plane)})}

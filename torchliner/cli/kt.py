@@ -109,9 +109,7 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     chosen = stated(options, (*SHARED, *own))
     for key in ("level_error", "phase_error"):  # the fit of the field weights by them
         if key in chosen and options.method != "field" and not chosen.get("draws"):
-            raise ValueError(
-                f"{spelled([key])} is of the draws; add --draws, e.g. 500, or leave it out"
-            )
+            raise ValueError(f"{spelled([key])} is of the draws; add --draws, e.g. 500, or leave it out")
     if "start" in chosen:
         chosen["start"] = complex_number(chosen["start"], "--start")
     if "margin" in chosen:

@@ -14,9 +14,9 @@ INFO = {
     "--intervals FILE": "write histograms of the intervals as .csv",
     "--figure PICTURE": "draw moments, rates and intervals there",
 } | shared("--json", "--quiet")
-CONVERT = {
-    "--output FILE": {"required": True, "help": "write the stations as .h5/.nc, or one as .csv"}
-} | shared("--json", "--quiet")
+CONVERT = {"--output FILE": {"required": True, "help": "write the stations as .h5/.nc, or one as .csv"}} | shared(
+    "--json", "--quiet"
+)
 TASKS = {
     "info": (
         "describe and check stations",

@@ -122,9 +122,7 @@ def _reference(options: argparse.Namespace) -> Any:
     """A channel for all stations, or a function that reads that of each."""
     if options.reference is None:
         if options.reference_rate is not None or options.reference_start is not None:
-            raise ValueError(
-                "--reference-rate and --reference-start are of a --reference; name the recording"
-            )
+            raise ValueError("--reference-rate and --reference-start are of a --reference; name the recording")
         return None
     if not options.reference.exists():
         raise FileNotFoundError(f"{options.reference}: no such file or folder")
@@ -139,9 +137,7 @@ def _recording_of(source: StationSource, folder: Path) -> Path:
         path = folder / f"{stem}{suffix}"
         if path.exists():
             return path
-    raise FileNotFoundError(
-        f"{folder} holds no recording {stem}{{{','.join(RECORDINGS)}}} for {source.name}"
-    )
+    raise FileNotFoundError(f"{folder} holds no recording {stem}{{{','.join(RECORDINGS)}}} for {source.name}")
 
 
 def _channel(path: Path, options: argparse.Namespace) -> Any:
@@ -149,6 +145,4 @@ def _channel(path: Path, options: argparse.Namespace) -> Any:
     from torchliner.records import ReferenceChannel
 
     found = read_signal(path, options.reference_rate)
-    return ReferenceChannel(
-        found.signal, found.sampling_rate, options.reference_start or 0.0, str(path)
-    )
+    return ReferenceChannel(found.signal, found.sampling_rate, options.reference_start or 0.0, str(path))

@@ -87,13 +87,9 @@ def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:
     from torchliner.report.numbers import impedance_over_band
 
     curves = [
-        impedance_over_band(
-            liner, speed, f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem
-        )
+        impedance_over_band(liner, speed, f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem)
         for name, liner in liners.items()
         for speed in (speeds if len(liners) == 1 else [0.0])
     ]
-    title = (
-        f"liner model {Path(next(iter(liners))).stem}" if len(liners) == 1 else "linear impedance"
-    )
+    title = f"liner model {Path(next(iter(liners))).stem}" if len(liners) == 1 else "linear impedance"
     draw_liner(curves, title, path)

@@ -71,8 +71,7 @@ def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
     top = Parser(
         prog="torchliner",
         usage="torchliner [-h] [--version] COMMAND ...",
-        description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n"
-        f"{_overview()}",
+        description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n{_overview()}",
         epilog="examples:\n"
         + "\n".join(f"  torchliner {name} {EXAMPLES[name][0]}" for name in SHOWN)
         + "\n\ntorchliner help COMMAND: its options; COMMAND --help-all: all of them.",
@@ -86,9 +85,7 @@ def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
         "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL",
         help=f"print the completion script of {', '.join(SHELLS)} and exit",
     )  # fmt: skip
-    commands = top.add_subparsers(
-        dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner"
-    )
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner")
     parsers = {}
     for name, summary in COMMANDS.items():
         parsers[name] = commands.add_parser(
@@ -101,13 +98,9 @@ def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
         if not hasattr(command, "TASKS"):
             add_options(parsers[name], command.OPTIONS)
             continue
-        tasks = parsers[name].add_subparsers(
-            dest="task", metavar="TASK", required=True, prog=parsers[name].prog
-        )
+        tasks = parsers[name].add_subparsers(dest="task", metavar="TASK", required=True, prog=parsers[name].prog)
         for task, (text, description, options) in command.TASKS.items():
-            made = tasks.add_parser(
-                task, help=text, description=description, examples=examples_of(f"{name} {task}")
-            )
+            made = tasks.add_parser(task, help=text, description=description, examples=examples_of(f"{name} {task}"))
             add_options(made, options)
     return top, parsers
 

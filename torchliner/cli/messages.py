@@ -92,9 +92,7 @@ def printable_output() -> Iterator[None]:
 
 
 @contextmanager
-def warnings_on_stderr(
-    options: argparse.Namespace, parser: Parser, inputs: Sequence[str]
-) -> Iterator[None]:
+def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequence[str]) -> Iterator[None]:
     """Show each warning once, on one line, or none with --quiet.
 
     One that several inputs share, but for its numbers, is shown for the first of them; the others

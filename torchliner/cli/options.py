@@ -32,9 +32,7 @@ def whole_number(text: str, low: int = 0) -> int:
     """An index or a count; argparse reports a ValueError itself."""
     value = int(text)
     if not low <= value <= LARGEST:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is outside {low} to 2^53; a whole number in there is needed"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is outside {low} to 2^53; a whole number in there is needed")
     return value
 
 
@@ -59,21 +57,16 @@ KINDS = {
 KIND_OF = {metavar: kind for kind, metavars in KINDS.items() for metavar in metavars}
 
 
-def frequency_option(
-    default: str, name: str = "--frequency", value: Sequence[float] | None = None
-) -> dict[str, Any]:
+def frequency_option(default: str, name: str = "--frequency", value: Sequence[float] | None = None) -> dict[str, Any]:
     """Values or ranges of frequency; ``default``: what ``value`` stands for, in words."""
     text = f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}"
-    return {
-        f"{name} HZ ...": {"type": frequencies, "action": Joined, "default": value, "help": text}
-    }
+    return {f"{name} HZ ...": {"type": frequencies, "action": Joined, "default": value, "help": text}}
 
 
 SHARED: dict[str, Any] = {
     "planes PLANE ...": "files of planes, of any format; 'run_*.nc' joins restarts",
     "plane PLANE": "file of a plane, of any format; 'run_*.nc' joins restarts",
-    "--liner LINER": "preset, or .toml, .csv or .py file of a model; default: the one the file "
-    "names",
+    "--liner LINER": "preset, or .toml, .csv or .py file of a model; default: the one the file names",
     **frequency_option("the tone of the file"),
     "--output FILE": "write the rows as .csv",
     "--figure FOLDER": "draw pictures there",
@@ -88,8 +81,7 @@ CLUSTER = {
 }  # fmt: skip
 CASE: dict[str, Any] = {
     "--frequency HZ": "tone in Hz",
-    "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), "
-    "dB re 20 uPa rms",
+    "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms",
     "--mach M": "bulk Mach number",
     "--displacement-thickness M": "of the boundary layer, m",
     "--source-side": (
@@ -119,12 +111,8 @@ def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None
             further = settings.pop("further", False)
             action = group.add_argument(*flags, **settings)
             if flags == ["--figure"]:  # as some commands spelt it
-                group.add_argument(
-                    "--figures", **settings | {"dest": "figure", "help": argparse.SUPPRESS}
-                )
-                width = (
-                    "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
-                )
+                group.add_argument("--figures", **settings | {"dest": "figure", "help": argparse.SUPPRESS})
+                width = "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
                 group.add_argument("--figure-width", metavar="WIDTH", help=width)
             if further:
                 parser.leave_out(action)
@@ -210,9 +198,7 @@ def complex_number(text: str, option: str, infinite: str = "") -> complex:
     except ValueError:
         raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
     if not cmath.isfinite(value):
-        raise ValueError(
-            f"{option} {text!r} is not finite; write {infinite}a value such as 2.33-0.30j"
-        )
+        raise ValueError(f"{option} {text!r} is not finite; write {infinite}a value such as 2.33-0.30j")
     return value
 
 

@@ -69,9 +69,7 @@ class Parser(argparse.ArgumentParser):
             "--debug", action="store_true", default=argparse.SUPPRESS,
             help="print the traceback of an error",
         )  # fmt: skip
-        self._help_all = self.add_argument(
-            "--help-all", action=ShowAll, nargs=0, help=argparse.SUPPRESS
-        )
+        self._help_all = self.add_argument("--help-all", action=ShowAll, nargs=0, help=argparse.SUPPRESS)
 
     def text_of(self, action: argparse.Action) -> str:
         """The help of an option, whether or not --help shows it."""
@@ -105,7 +103,5 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, extras: Sequence[str]) -> NoReturn:
         """Complain of unknown options, each with its nearest known one."""
         known = [option for action in self._actions for option in action.option_strings]
-        unknown = [
-            word + did_you_mean(word.split("=")[0], known) for word in extras if word[:1] == "-"
-        ]
+        unknown = [word + did_you_mean(word.split("=")[0], known) for word in extras if word[:1] == "-"]
         self.error(f"unknown option or argument: {', '.join(unknown or map(repr, extras))}")

@@ -100,7 +100,5 @@ def _tolerances(options: argparse.Namespace) -> tuple[dict[str, str], dict[tuple
         try:
             found[both] = float(value)
         except ValueError:
-            raise ValueError(
-                f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE, as a,b=0.5"
-            ) from None
+            raise ValueError(f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE, as a,b=0.5") from None
     return dict(pairs), found

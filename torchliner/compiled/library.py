@@ -54,9 +54,7 @@ def available() -> bool:
     return there
 
 
-def address(
-    tensor: Tensor | None, shape: Sequence[int], dtype: torch.dtype = torch.float64
-) -> int | None:
+def address(tensor: Tensor | None, shape: Sequence[int], dtype: torch.dtype = torch.float64) -> int | None:
     """Where a tensor lies, once it is what C++ takes it for; -1 in the shape: any length."""
     if tensor is None:
         return None

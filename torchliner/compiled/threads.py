@@ -38,9 +38,7 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(_given.pop())
 
 
-def in_order(
-    work: Callable[[Item], Result], items: Iterable[Item], use: Callable[[Result], None]
-) -> None:
+def in_order(work: Callable[[Item], Result], items: Iterable[Item], use: Callable[[Result], None]) -> None:
     """Use the ``work`` of each item, in order; several are worked on at once, each in one thread,
     without derivatives."""
 

@@ -136,9 +136,7 @@ def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
         pairs = [liner] if liner and isinstance(liner[0], (int, float)) else liner
         return tuple((float(start), float(end)) for start, end in pairs)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"liner is {liner!r}; it must be (start, end) in m, or a list of such pairs"
-        ) from None
+        raise ValueError(f"liner is {liner!r}; it must be (start, end) in m, or a list of such pairs") from None
 
 
 def doubt_sound(

@@ -36,10 +36,7 @@ def derivative_matrix(count: int) -> Tensor:
 def integral_matrix(count: int) -> Tensor:
     """W with (W f)_i = integral of f from 0 to x_i for polynomials of degree below N, (N, N)."""
     places, weights = (torch.as_tensor(v) for v in np.polynomial.legendre.leggauss(count))
-    rows = [
-        x / 2 * weights @ interpolation_matrix(count, x * (1 + places) / 2)
-        for x in chebyshev_points(count)
-    ]
+    rows = [x / 2 * weights @ interpolation_matrix(count, x * (1 + places) / 2) for x in chebyshev_points(count)]
     return torch.stack(rows)
 
 

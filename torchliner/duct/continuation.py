@@ -39,9 +39,7 @@ class Values(NamedTuple):
 Function = Callable[[Tensor, Tensor, Tensor], Values]
 
 
-def follow_roots(
-    function: Function, start: Tensor, first_step: float = FIRST_STEP
-) -> tuple[Tensor, Tensor]:
+def follow_roots(function: Function, start: Tensor, first_step: float = FIRST_STEP) -> tuple[Tensor, Tensor]:
     """Carry roots from t = 0 to t = 1.
 
     Args:

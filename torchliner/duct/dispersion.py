@@ -121,9 +121,7 @@ def wavenumber_from_impedance(
     return root.reshape(shape).to(impedance.dtype)
 
 
-def cut_on_frequency(
-    height: float, mach: float = 0.0, sound_speed: float = 343.2, mode: int = 1
-) -> float:
+def cut_on_frequency(height: float, mach: float = 0.0, sound_speed: float = 343.2, mode: int = 1) -> float:
     """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H).
 
     Raises:
@@ -180,9 +178,7 @@ def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
         between = _homogeneous(impedance[lost] * torch.polar(torch.ones_like(angle), aside))
         part, begin = duct.at(lost), (rigid[0][lost], rigid[1][lost])
         via, _ = carry_wavenumber(part, start[lost], begin, between)
-        root[lost], arrived[lost] = carry_wavenumber(
-            part, via, between, _homogeneous(impedance[lost])
-        )
+        root[lost], arrived[lost] = carry_wavenumber(part, via, between, _homogeneous(impedance[lost]))
     if not bool(arrived.all()):
         i = int((~arrived).nonzero()[0])
         raise RuntimeError(

@@ -33,9 +33,7 @@ LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
 NEPER = 20 * math.log10(math.e)  # dB
 
 
-def growing_wave(
-    profile: MeanFlow, frequency: Any, impedance: Any, slip_condition: str | None = None
-) -> Tensor:
+def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_condition: str | None = None) -> Tensor:
     r"""Wavenumber of the fastest growing wave along the flow above an endless liner.
 
     Args:
@@ -56,8 +54,7 @@ def growing_wave(
     reflection = wall_reflection(impedance).detach().cpu()
     if reflection.shape not in ((), (1,), wanted.shape):
         raise ValueError(
-            f"impedance has shape {tuple(reflection.shape)}; one value is needed, or "
-            f"{len(wanted)}, one a frequency"
+            f"impedance has shape {tuple(reflection.shape)}; one value is needed, or {len(wanted)}, one a frequency"
         )
     reflection = reflection.expand(wanted.shape)
     found = torch.full(wanted.shape, complex(math.nan, math.nan), dtype=torch.complex128)
@@ -97,9 +94,7 @@ def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tupl
     return growth, worst
 
 
-def _fastest(
-    profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool
-) -> Tensor | None:
+def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool) -> Tensor | None:
     """alpha H of the fastest growing root, or None."""
     low, high = (math.log(share * kappa / fastest) for share in (NEAREST, FARTHEST))
     along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()

@@ -116,23 +116,19 @@ def duct_modes(
     except ValueError:
         axes = "(P, F)" if lead else "(F,)"
         raise ValueError(
-            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against {axes} = "
-            f"{tuple(kappa.shape)}"
+            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against {axes} = {tuple(kappa.shape)}"
         ) from None
     shape = (*wall.shape, count)
     number = torch.arange(len(profiles), device=kappa.device)[:, None]
     number = number.expand(-1, len(wanted)).reshape(kappa.shape)
-    flat_kappa, flow, flat_wall = (
-        item[..., None].expand(shape).reshape(-1) for item in (kappa, number, wall)
-    )
+    flat_kappa, flow, flat_wall = (item[..., None].expand(shape).reshape(-1) for item in (kappa, number, wall))
     equation = equations_of(profiles, points, any(slips), flat_kappa, flow)
     with torch.no_grad():
         rigid = torch.stack([_rigid(one, points, wanted, count, direction) for one in profiles])
     rigid = rigid.reshape(*kappa.shape, count).expand(shape).reshape(-1)
     items = zip(equation.split(CHUNK), rigid.split(CHUNK), flat_wall.split(CHUNK), strict=True)
     a, pressure, u, v = (
-        torch.cat(part).to(result_type(impedance))
-        for part in zip(*(_solve(*item) for item in items), strict=True)
+        torch.cat(part).to(result_type(impedance)) for part in zip(*(_solve(*item) for item in items), strict=True)
     )
     whole = (*shape, -1)
     return DuctModes(
@@ -180,9 +176,7 @@ def _rigid(profile: MeanFlow, points: int, frequency: Tensor, count: int, direct
     return found
 
 
-def _solve(
-    equation: PridmoreBrown, rigid: Tensor, wall: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _solve(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     with torch.no_grad():
         found = follow(equation, rigid, wall)
         solution = equation.solve(found)

@@ -282,8 +282,6 @@ def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
         values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls]
         return torch.tensor(values, dtype=torch.complex128)
     if patches == 0:
-        raise ValueError(
-            "sound has an impedance_file, the duct no liner; state one or leave it out"
-        )
+        raise ValueError("sound has an impedance_file, the duct no liner; state one or leave it out")
     file = path.parent / sound.impedance_file
     return tabulated_wall(file, duct.liner, duct.start, duct.end, sound.frequency)

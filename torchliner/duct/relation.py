@@ -72,9 +72,7 @@ def duct_of(
         worst = float(flow.detach()[fast].reshape(-1)[0])
         raise ValueError(f"mach is {worst:g}; its size must be below 1 (a Mach number, not m/s)")
     k = 2 * torch.pi * reals["frequency (Hz)"] / reals["sound_speed (m/s)"]
-    wave, k, tall, flow = torch.broadcast_tensors(
-        first.to(torch.complex128), k, reals["height (m)"], flow
-    )
+    wave, k, tall, flow = torch.broadcast_tensors(first.to(torch.complex128), k, reals["height (m)"], flow)
     return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
 
 

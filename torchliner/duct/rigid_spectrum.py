@@ -18,9 +18,7 @@ INFINITE = 1e5  # of alpha H: rounding of the infinite eigenvalues, which the si
 SHIFT = 0.1 + 0.37j  # of kappa: near the plane waves, on none of them
 
 
-def rigid_wavenumbers(
-    profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = 32
-) -> Tensor:
+def rigid_wavenumbers(profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = 32) -> Tensor:
     r"""The ``count`` lowest modes in one direction, a = alpha H, to a few digits.
 
     The linearised Euler equations (kappa - j(A_y d/deta + B)) q = a A_x q in q = (p, u, v) at
@@ -50,9 +48,7 @@ def rigid_wavenumbers(
     still = torch.zeros(n, n, dtype=mach.dtype)
     one, flow = torch.eye(n, dtype=mach.dtype), torch.diag(mach)
     along = _blocks([[flow, one, still], [one, flow, still], [still, still, flow]])
-    across = _blocks(
-        [[still, still, derivative], [still, still, torch.diag(slope)], [derivative, still, still]]
-    )
+    across = _blocks([[still, still, derivative], [still, still, torch.diag(slope)], [derivative, still, still]])
     damped = (kappa * (1 - 1j * CAUSAL)).to(mach)[:, None, None]
     system = damped * torch.eye(3 * n, dtype=mach.dtype) - 1j * across
     for wall in (0, n - 1):
@@ -68,9 +64,7 @@ def rigid_wavenumbers(
     return _lowest(found, kappa, profile, fastest, count, direction).to(device)
 
 
-def _lowest(
-    found: Tensor, kappa: Tensor, profile: MeanFlow, fastest: float, count: int, direction: str
-) -> Tensor:
+def _lowest(found: Tensor, kappa: Tensor, profile: MeanFlow, fastest: float, count: int, direction: str) -> Tensor:
     wanted = found.imag < 0 if direction == "downstream" else found.imag > 0
     if fastest > 0:
         wanted = wanted & (found.real < CONVECTED * kappa[:, None] / fastest)
@@ -78,9 +72,7 @@ def _lowest(
     number = torch.where(wanted, number, torch.inf)
     ranked, order = torch.sort(number, dim=-1)
     if not bool(torch.isfinite(ranked[:, :count]).all()):
-        raise RuntimeError(
-            f"fewer than {count} {direction} modes are resolved; take more points or fewer modes"
-        )
+        raise RuntimeError(f"fewer than {count} {direction} modes are resolved; take more points or fewer modes")
     return torch.gather(found, -1, order[:, :count])
 
 
@@ -114,7 +106,6 @@ def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
     low, high = 0.5 * uniform, 1.5 * uniform
     if difference(low) > 0 or difference(high) < 0:
         raise RuntimeError(
-            f"mode {mode} has no cut-on within 0.5 to 1.5 of that of the uniform flow, "
-            f"{uniform * to_hertz:.4g} Hz"
+            f"mode {mode} has no cut-on within 0.5 to 1.5 of that of the uniform flow, {uniform * to_hertz:.4g} Hz"
         )
     return to_hertz * float(brentq(difference, low, high, xtol=1e-9))

@@ -35,7 +35,5 @@ def growing_of(setup: DuctSetup) -> Tensor:
 
 def _first_wall(setup: DuctSetup) -> Any:
     if callable(setup.impedance):
-        raise ValueError(
-            f"{setup.name} has an impedance that varies along x; modes need one: state impedance"
-        )
+        raise ValueError(f"{setup.name} has an impedance that varies along x; modes need one: state impedance")
     return setup.impedance[..., 0] if setup.impedance.numel() else torch.inf

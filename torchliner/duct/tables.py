@@ -30,9 +30,7 @@ def velocity_table(path: Path) -> tuple[Array, Array]:
         FileNotFoundError: no such file.
         ValueError: other columns, y without a unit, a cell that is no finite number.
     """
-    found = read_table(
-        read_lines(path), VELOCITY, path, example=VELOCITY_EXAMPLE, short={"velocity": "u"}
-    )
+    found = read_table(read_lines(path), VELOCITY, path, example=VELOCITY_EXAMPLE, short={"velocity": "u"})
     return found["y"], found["u"]
 
 
@@ -82,10 +80,7 @@ def _span(x: Array, start: float, end: float, path: Path) -> None:
     low, high = float(x.min()), float(x.max())
     where = f"the lined patch, x = {start:g} to {end:g} m"
     if low > end or high < start:
-        raise ValueError(
-            f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit "
-            "right?"
-        )
+        raise ValueError(f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit right?")
     if low > start + NEAR or high < end - NEAR:
         tell(
             f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
@@ -120,9 +115,7 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
     def along(at: Tensor, frequency: Tensor) -> Tensor:
         wanted = at.detach().cpu().numpy()
-        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(
-            wanted, places, admittance.imag
-        )
+        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(wanted, places, admittance.imag)
         hard = found == 0
         z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
         return torch.as_tensor(z).expand(len(frequency), len(wanted))
@@ -151,8 +144,6 @@ def tabulated_wall(
     low, high = float(places[0]), float(places[-1])
     for f in frequencies:
         if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
-            raise ValueError(
-                f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz"
-            )
+            raise ValueError(f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz")
     wanted = torch.tensor(frequencies, dtype=torch.float64)
     return between(wanted, wanted[:1]).mT.expand(-1, len(liner))

@@ -64,9 +64,7 @@ class LawOfTheWallProfile(SymmetricProfile):
     @cached_property
     def friction_reynolds(self) -> float:
         """Re_tau = u_tau H/(2 nu)."""
-        return math.exp(
-            float(brentq(self._excess, math.log(LOWEST) - 1e-9, math.log(HIGHEST), xtol=1e-14))
-        )
+        return math.exp(float(brentq(self._excess, math.log(LOWEST) - 1e-9, math.log(HIGHEST), xtol=1e-14)))
 
     @property
     def friction_velocity(self) -> float:

@@ -114,10 +114,7 @@ class SymmetricProfile:
         for name in ("bulk_mach", "duct_height", "sound_speed"):
             require_positive(f"profile {name}", getattr(self, name))
         if self.bulk_mach >= 1:
-            raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}; it must be below 1 (a Mach number, "
-                "not m/s)"
-            )
+            raise ValueError(f"profile bulk_mach is {self.bulk_mach:g}; it must be below 1 (a Mach number, not m/s)")
 
     def _check_centreline(self, about: str = "") -> None:
         if self.centreline_mach >= 1:
@@ -136,7 +133,5 @@ def inside_duct(y: ArrayLike, duct_height: float) -> Array:
     heights = np.asarray(y, np.float64)
     outside = ~((heights >= 0) & (heights <= duct_height))
     if outside.any():
-        raise ValueError(
-            f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {duct_height:g} m"
-        )
+        raise ValueError(f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {duct_height:g} m")
     return heights

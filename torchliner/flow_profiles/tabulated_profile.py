@@ -17,9 +17,7 @@ from torchliner.flow_profiles.mean_flow import Array, inside_duct
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 
 
-def displacement_thickness(
-    y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None
-) -> float:
+def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None) -> float:
     r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
 
     Args:
@@ -44,9 +42,7 @@ def displacement_thickness(
     return float(trapezoid(1 - speeds / reference, heights))
 
 
-def _checked_table(
-    y: ArrayLike, velocity: ArrayLike, name: str, fewest: int
-) -> tuple[Array, Array]:
+def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
     """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
     heights, speeds = (np.array(plain_array(values, label), np.float64)
                        for label, values in (("y", y), (name, velocity)))  # fmt: skip
@@ -119,8 +115,7 @@ class TabulatedProfile:
             require_positive("profile bulk_mach", self.bulk_mach)
             if mean == 0:
                 raise ValueError(
-                    "the velocity table is 0 everywhere; it cannot be scaled to bulk_mach "
-                    f"{self.bulk_mach:g}"
+                    f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}"
                 )
             machs = speeds * (self.bulk_mach / mean)
         if machs.max() >= 1:

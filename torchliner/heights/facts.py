@@ -81,8 +81,7 @@ def cell_imprint(x: ArrayLike, values: ArrayLike, pitch: float) -> Imprint:
     cells = math.floor(len(places) * spacing / pitch + WHOLE)
     if cells < 1:
         raise ValueError(
-            f"the probes span {1e3 * len(places) * spacing:.4g} mm, less than one cell of "
-            f"{1e3 * pitch:.4g} mm"
+            f"the probes span {1e3 * len(places) * spacing:.4g} mm, less than one cell of {1e3 * pitch:.4g} mm"
         )
     most = math.ceil(pitch / (2 * spacing)) - (1 if cells == 1 else 2)
     if most < 1 or pitch / spacing < FEWEST_PROBES - 1e-6:
@@ -149,9 +148,7 @@ def fit_decay(heights: Sequence[float], amplitudes: Sequence[float], pitch: floa
     places, logs = np.asarray(heights), np.log(amplitudes)
     slope, start = np.polyfit(places, logs, 1)
     stray = float(np.sqrt(np.mean((logs - slope * places - start) ** 2)))
-    return Decay(
-        math.exp(float(start)), -float(slope), pitch / (2 * math.pi), scatter=math.exp(stray)
-    )
+    return Decay(math.exp(float(start)), -float(slope), pitch / (2 * math.pi), scatter=math.exp(stray))
 
 
 @dataclass(frozen=True)

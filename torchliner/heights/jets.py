@@ -93,7 +93,5 @@ def _height(speed: float, diameter: float, profile: FlowProfile) -> float:
             "or raise the Mach number"
         )
     if excess(low) > 0:
-        raise ValueError(
-            f"a jet of {speed:g} m/s stays below {LOWEST * middle:.1g} m; raise its velocity"
-        )
+        raise ValueError(f"a jet of {speed:g} m/s stays below {LOWEST * middle:.1g} m; raise its velocity")
     return math.exp(float(brentq(excess, low, high, xtol=1e-13, rtol=1e-13)))

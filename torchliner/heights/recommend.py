@@ -183,8 +183,7 @@ def _context(study: HeightStudy, chosen: float | None, order: str) -> list[str]:
             drift = ACOUSTIC_DRIFT * 1e3 * facts.height
             share = 100 * abs(drift) / abs(facts.impedance[order])
             parts.append(
-                f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, "
-                f"{share:.3g} % of |Z|"
+                f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, {share:.3g} % of |Z|"
             )
         if facts.jet_height is not None:
             side = "above" if facts.height > facts.jet_height else "BELOW"

@@ -141,10 +141,7 @@ def study_heights(
         raise ValueError("heights are compared under a tone; leave the incident signal out")
 
     def educe(some: Sequence[Record], how: Choices) -> list[ImpedanceMap]:
-        return [
-            replay(ready).map(how.phase, reference_phase)
-            for ready in prepare(some, model, wanted, how)
-        ]
+        return [replay(ready).map(how.phase, reference_phase) for ready in prepare(some, model, wanted, how)]
 
     averaged = partial(educe, how=replace(chosen, order=ORDERS[0], oncoming_rms=None))
     given = [records[id(plane)] for plane in ordered]
@@ -181,9 +178,7 @@ def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> 
     if frequency is None:
         stated = {plane.frequency for plane in planes}
         if len(stated) > 1:
-            raise ValueError(
-                f"the planes state different frequencies, {sorted(map(str, stated))}; give one"
-            )
+            raise ValueError(f"the planes state different frequencies, {sorted(map(str, stated))}; give one")
     values = stated_frequency(frequency, planes[0].frequency, planes[0].name)
     if len(values) != 1:
         raise ValueError(f"heights are compared at one frequency; {len(values)} are given")
@@ -210,20 +205,16 @@ def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[fl
         require_positive("averaging length (m)", length)
         if length < shortest * (1 - 1e-3):
             raise ValueError(
-                f"averaging length {1e3 * length:.4g} mm is below the spacing of the probes, "
-                f"{1e3 * shortest:.4g} mm"
+                f"averaging length {1e3 * length:.4g} mm is below the spacing of the probes, {1e3 * shortest:.4g} mm"
             )
         if length > longest + 0.5 * shortest:
             raise ValueError(
-                f"averaging length {1e3 * length:.4g} mm is above the plane's length, "
-                f"{1e3 * longest:.4g} mm"
+                f"averaging length {1e3 * length:.4g} mm is above the plane's length, {1e3 * longest:.4g} mm"
             )
     return sorted(set(lengths))
 
 
-def _rows_of(
-    record: Record, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe
-) -> list[LengthRow]:
+def _rows_of(record: Record, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe) -> list[LengthRow]:
     """One plane at every averaging length, for which it is read once."""
     plane, shape = _stated(record), (grid.rows, grid.columns)
     reflection = seen.reflection[..., 0].detach().cpu().reshape(shape)
@@ -244,9 +235,7 @@ def _rows_of(
     ]  # fmt: skip
 
 
-def _averages(
-    over_probes: Tensor, reply: Tensor | None
-) -> tuple[complex, complex, complex, complex]:
+def _averages(over_probes: Tensor, reply: Tensor | None) -> tuple[complex, complex, complex, complex]:
     """Of both orders, then the spreads, from Y and R of windows."""
     velocity, spread = UNKNOWN, UNKNOWN
     if reply is not None:

@@ -121,9 +121,7 @@ class CurveModel:
                 for i, f in enumerate(run.frequency.tolist())
                 if abs(f / frequency - 1) < SAME_FREQUENCY
             ]
-            shape = prior_shape(
-                self.shape, self.base, frequency, self.knots, self.reactance, self.rest
-            )
+            shape = prior_shape(self.shape, self.base, frequency, self.knots, self.reactance, self.rest)
             problem = CurveProblem(data, self.knots, shape, frequency, self.freedom)
             found.append(fit_curve(problem))
         return FittedCurves(self, tuple(found))

@@ -91,8 +91,7 @@ def identify(
     require_plain_tones(chosen)
     if pressure is not None and references not in ("in-situ", "closure"):
         raise ValueError(
-            "pressures are for references 'in-situ' and 'closure'; name one of these, or leave "
-            "pressure out"
+            "pressures are for references 'in-situ' and 'closure'; name one of these, or leave pressure out"
         )
     facts = [each.plane if isinstance(each, Moments) else each for each in several]
     names = _groups(facts, groups, CURVE in models)
@@ -122,9 +121,7 @@ def identify(
     return found
 
 
-def _groups(
-    planes: Sequence[VelocityPlane], groups: Sequence[str] | None, curve: bool
-) -> list[str]:
+def _groups(planes: Sequence[VelocityPlane], groups: Sequence[str] | None, curve: bool) -> list[str]:
     if groups is not None and len(groups) != len(planes):
         raise ValueError(f"{len(groups)} groups for {len(planes)} planes; one each")
     found = [str(each) for each in groups] if groups is not None else [
@@ -161,8 +158,7 @@ def _parameters(
         if flow and (still or not any(plane.mach for plane in planes)):
             fault = f"{still[0]} states no Mach number" if still else "no plane has a flow"
             raise ValueError(
-                f"{', '.join(flow)} cannot be told: {fault}; state --mach in the files, or free "
-                "another parameter"
+                f"{', '.join(flow)} cannot be told: {fault}; state --mach in the files, or free another parameter"
             )
         found.append(ParameterModel(bounds))
     return found

@@ -122,19 +122,14 @@ def candidate_of(model: Model, runs: Sequence[Run], knots: Knots) -> Candidate:
         for run in (run for run in runs if run.group == group):
             rows += _rows(run, fitted, left, others, knots)
     speeds = torch.linspace(0, knots.top**0.5, CHECKED, dtype=torch.float64).square()
-    lowest = min(
-        float(fitted.law(run, i, speeds).real.min())
-        for run in runs
-        for i in range(len(run.frequency))
-    )
+    lowest = min(float(fitted.law(run, i, speeds).real.min()) for run in runs for i in range(len(run.frequency)))
     return Candidate(model, fitted, tuple(rows), error_of(rows), lowest)
 
 
 def knots_for(runs: Sequence[Run]) -> Knots:
     """Up to the |v| below which nearly all of every plane's weight lies."""
     square = max(
-        float(run.ready.survey.mean_square[driving_columns(run.ready, run.weights.order)].max())
-        for run in runs
+        float(run.ready.survey.mean_square[driving_columns(run.ready, run.weights.order)].max()) for run in runs
     )
     fine, top = Knots(CREST * square**0.5, FINE), 0.0
     for run in runs:
@@ -165,9 +160,7 @@ def outside_of(weight: Tensor, others: Tensor) -> float:
     return float(weight[others.amax(0) < SEEN].sum())
 
 
-def _rows(
-    run: Run, fitted: Fitted, left: Fitted, others: Sequence[Run], knots: Knots
-) -> list[RunRow]:
+def _rows(run: Run, fitted: Fitted, left: Fitted, others: Sequence[Run], knots: Knots) -> list[RunRow]:
     known, weights = seen_by(others, left, knots), seen_by([run], left, knots)
     whole, (predicted, spread) = fitted.predict(run)[0], left.predict(run)
     off, standard = run.off(predicted), standard_of(spread)

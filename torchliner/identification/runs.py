@@ -134,9 +134,7 @@ class AtRest(LinerModel):
         return rest + 0 * torch.as_tensor(speed)
 
 
-def read_weights(
-    plane: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices
-) -> SpeedWeights:
+def read_weights(plane: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices) -> SpeedWeights:
     """A plane read once, for any liner.
 
     Raises:
@@ -147,8 +145,7 @@ def read_weights(
     found = speed_weights(ready, chosen.order)
     if found.reader.read.shape[1] != 1:
         raise ValueError(
-            f"window {chosen.window!r} reads R beside the tone as well, where no curve is known; "
-            "leave window out"
+            f"window {chosen.window!r} reads R beside the tone as well, where no curve is known; leave window out"
         )
     return found
 

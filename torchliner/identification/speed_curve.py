@@ -111,9 +111,7 @@ class PriorShape:
         q, x, up, down = self.split(parameters)
         steps = self.resistance_steps * up.exp(), self.reactance_steps * down.exp()
         first, second = (each @ sums.T for each, sums in zip(steps, rising, strict=True))
-        return torch.complex(
-            self.resistance * q.exp() + first, self.reactance + x + self.sign * second
-        )
+        return torch.complex(self.resistance * q.exp() + first, self.reactance + x + self.sign * second)
 
     def slopes(self, parameters: Tensor, rising: tuple[Tensor, Tensor]) -> Tensor:
         """dZ/dparameters, (V, count)."""

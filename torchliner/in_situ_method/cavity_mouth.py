@@ -25,9 +25,7 @@ NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as z
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 
 
-def mouth_velocity_ratio(
-    record: PressureRecord, frequency: Tensor, losses: str = "none"
-) -> tuple[Tensor, list[str]]:
+def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[str]]:
     """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings.
 
     Raises:

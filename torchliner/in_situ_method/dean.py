@@ -92,9 +92,7 @@ def in_situ(
     coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
     known = dean_uncertainty(record, wanted, drive, found, cells, rows, options, interval)
     notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
-    notes += few_blocks_note(
-        f"{record.name}: in situ", None if known is None else known.liner, interval
-    )
+    notes += few_blocks_note(f"{record.name}: in situ", None if known is None else known.liner, interval)
     tell(notes)
     x, z = record.probe_coordinates()
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
@@ -117,9 +115,7 @@ def in_situ(
     )  # fmt: skip
 
 
-def frequencies_of(
-    record: PressureRecord, frequency: Any, start: float, allow_short: bool
-) -> Tensor:
+def frequencies_of(record: PressureRecord, frequency: Any, start: float, allow_short: bool) -> Tensor:
     """Those asked for, or the record's tone, Hz, (F,).
 
     Raises:
@@ -181,9 +177,7 @@ def _backplate_rows(record: PressureRecord) -> int:
     return math.prod(record.backplate.shape[:-1])
 
 
-def _amplitudes(
-    record: PressureRecord, frequency: Tensor, options: dict[str, Any]
-) -> tuple[Tensor, Tensor]:
+def _amplitudes(record: PressureRecord, frequency: Tensor, options: dict[str, Any]) -> tuple[Tensor, Tensor]:
     """Tones on the facesheet (S, P, F) and at the backplate (S, C, F)."""
     found = []
     for label, count in (("facesheet", record.probes), ("backplate", _backplate_rows(record))):

@@ -72,15 +72,11 @@ def in_situ_report(
     """
     if losses != "none" and record.facesheet is None:
         raise ValueError(
-            f"{record.name} holds microphones alone; losses {losses!r} are those of a cavity: "
-            "leave them out"
+            f"{record.name} holds microphones alone; losses {losses!r} are those of a cavity: leave them out"
         )
     count = 0 if record.microphones is None else len(record.microphones)
     if pair != "pair" and count < 2:
-        raise ValueError(
-            f"{record.name} holds {count} microphones; there is no pair to choose: leave "
-            "microphones out"
-        )
+        raise ValueError(f"{record.name} holds {count} microphones; there is no pair to choose: leave microphones out")
     rows: list[InSituRow] = []
     notes: tuple[str, ...] = ()
     points = None

@@ -112,9 +112,7 @@ def decompose_waves(
         # Stored along +y, away from the surface; the waves' velocity is that into it.
         velocity = record.microphone_velocity[chosen].to(torch.float64)
         signals.append(-fluid.characteristic_impedance * velocity)
-    pressure, *inward = (
-        segment_amplitudes(signal, wanted, record.sampling_rate, **options) for signal in signals
-    )
+    pressure, *inward = (segment_amplitudes(signal, wanted, record.sampling_rate, **options) for signal in signals)
     if not bool((pressure.abs().amax(0) > 0).all()):
         first = chosen[int((pressure.abs().amax(0) == 0).any(-1).nonzero()[0])]
         raise ValueError(f"{record.name}: the pressure of microphone {first} is zero; leave it out")
@@ -137,9 +135,7 @@ def decompose_waves(
     )  # fmt: skip
 
 
-def _chosen(
-    record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor
-) -> list[int]:
+def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor) -> list[int]:
     count = len(record.microphone_y)
     if microphones == "pair" and count > 1:
         speed, mach = record.fluid.sound_speed, record.microphone_mach

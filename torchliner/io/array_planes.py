@@ -188,9 +188,7 @@ def plane_of_array(file: ArrayFile, request: PlaneRequest) -> VelocityPlane:
         tile_rows=1 if order[0] == 0 or isinstance(file, Matlab73File) else shape[order[0]],
     )  # fmt: skip
     assert request.sampling_rate is not None
-    return VelocityPlane(
-        velocity, sampling_rate=request.sampling_rate, name=label, title=path.stem, **places
-    )
+    return VelocityPlane(velocity, sampling_rate=request.sampling_rate, name=label, title=path.stem, **places)
 
 
 def _velocity(file: ArrayFile, request: PlaneRequest, normal: str) -> str:

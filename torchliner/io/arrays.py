@@ -51,9 +51,7 @@ def read_npy(path: Path, variable: str | None) -> np.ndarray:
     except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole .npy file: {error}") from error
     if not isinstance(found, np.ndarray):
-        raise ValueError(
-            f"{path} is an archive of arrays (.npz), no .npy file; take one of them out"
-        )
+        raise ValueError(f"{path} is an archive of arrays (.npz), no .npy file; take one of them out")
     return found
 
 
@@ -93,8 +91,7 @@ def _pick(names: Sequence[str], variable: str | None, path: Path) -> str:
         raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
     if variable not in names:
         raise ValueError(
-            f"{path} has no variable {variable!r}{did_you_mean(variable, list(names))}; it holds "
-            f"{', '.join(names)}"
+            f"{path} has no variable {variable!r}{did_you_mean(variable, list(names))}; it holds {', '.join(names)}"
         )
     return variable
 
@@ -149,12 +146,8 @@ def plane_from_array(
     return VelocityPlane(
         scaled,
         sampling_rate=sampling_rate,
-        x=None
-        if x is None
-        else np.asarray(plain_array(x, f"{name}: x"), float).reshape(-1) * metre,
-        z=None
-        if z is None
-        else np.asarray(plain_array(z, f"{name}: z"), float).reshape(-1) * metre,
+        x=None if x is None else np.asarray(plain_array(x, f"{name}: x"), float).reshape(-1) * metre,
+        z=None if z is None else np.asarray(plain_array(z, f"{name}: z"), float).reshape(-1) * metre,
         name=name,
         **about,
     )
@@ -174,9 +167,7 @@ def require_axes(axes: Sequence[str], shape: Sequence[int], name: str) -> None:
             ", or x and y with a row of y"
         )
     if len(axes) != len(shape):
-        raise ValueError(
-            f"{name} has shape {tuple(shape)}, but {len(axes)} axes are named: {','.join(axes)}"
-        )
+        raise ValueError(f"{name} has shape {tuple(shape)}, but {len(axes)} axes are named: {','.join(axes)}")
 
 
 def read_array_plane(
@@ -197,9 +188,7 @@ def read_array_plane(
     needed = {"axes": axes, "velocity_units": velocity_units, "sampling_rate": sampling_rate}
     for name, value in needed.items():
         if value is None:
-            raise ValueError(
-                f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed"
-            )
+            raise ValueError(f"--{name.replace('_', '-')} is needed for an array: nothing about it is guessed")
     coordinates = {}
     for name, where in (("x", x), ("z", z), ("y", y)):
         if where is not None:

@@ -82,9 +82,7 @@ def write_case(file: h5py.File, record: Any, table: Table) -> None:
     write_references(file, record.reference)
 
 
-def read_case(
-    file: h5py.File, kind: FileKind, table: Table, path: Path, strict: bool = True
-) -> dict[str, Any]:
+def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path, strict: bool = True) -> dict[str, Any]:
     """What ``write_case`` wrote and the attributes of the file, as fields of a record.
 
     The gas is air at 20 C where the file says nothing, the title the name of the file. Without
@@ -117,9 +115,7 @@ def write_times(file: h5py.File, record: Any) -> None:
     write_variable(file, "time", times, "s", ("time",))
 
 
-def float_factor(
-    file: h5py.Group, key: str, unit: str, path: Path, stated: str | None = None
-) -> float:
+def float_factor(file: h5py.Group, key: str, unit: str, path: Path, stated: str | None = None) -> float:
     """Factor from the units of a signal to an SI unit; ``stated``: units if the file has none.
 
     Integers count where ``scale_factor`` says what they stand for.
@@ -130,9 +126,7 @@ def float_factor(
     dataset = get_dataset(file, key, path)
     packed = dataset.dtype.kind in "iu" and "scale_factor" in dataset.attrs
     if dataset.dtype.kind != "f" and not packed:
-        raise ValueError(
-            f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed"
-        )
+        raise ValueError(f"{place(file, key, path)} is {dataset.dtype}; floating-point {unit} are needed")
     return factor_to(unit, file, key, path, stated)
 
 
@@ -237,10 +231,7 @@ def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
     elif shape[-1] == samples:
         axis = -1
     else:
-        raise ValueError(
-            f"{name} has shape {shape}, but /time has {samples} values; time is its first or last "
-            "axis"
-        )
+        raise ValueError(f"{name} has shape {shape}, but /time has {samples} values; time is its first or last axis")
     if labels.count("time") == 0 and shape[0] == shape[-1] and len(shape) > 1:
         raise ValueError(
             f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach "
@@ -277,9 +268,7 @@ def read_coordinate(
         index = read_values(dataset, label, path)
         if np.array_equal(index, np.arange(index.size)):
             return None
-        raise ValueError(
-            f"{label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'"
-        )
+        raise ValueError(f"{label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'")
     values = read_si(file, key, "m", path, stated=stated).reshape(-1)
     wanted = 1 if not shape else shape[-1] if key == "x" or len(shape) == 1 else shape[0]
     if len(values) != wanted:

@@ -68,9 +68,7 @@ def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path)
         raise ValueError(f"{path}: no station to write")
     if Path(path).suffix.lower() == ".csv":
         if len(records) > 1:
-            raise ValueError(
-                f"{path}: a .csv holds one station, not {len(records)}; write .h5 instead"
-            )
+            raise ValueError(f"{path}: a .csv holds one station, not {len(records)}; write .h5 instead")
         write_burst_csv(records[0], path)
         return
     _require_one_case(records)
@@ -173,9 +171,7 @@ def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarr
     KIND.require(file, path)
     stated = read_si(file, "burst_count", "1", path).reshape(-1)
     if len(stated) == 0 or not (np.isfinite(stated) & (stated >= 1) & (stated % 1 == 0)).all():
-        raise ValueError(
-            f"{path}:/burst_count holds {stated.tolist()}; whole numbers, at least 1 a station"
-        )
+        raise ValueError(f"{path}:/burst_count holds {stated.tolist()}; whole numbers, at least 1 a station")
     counts = stated.astype(np.int64)
     places = {}
     for key in PLACES:
@@ -206,9 +202,7 @@ def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
         found["title"] = read_texts(file, "station_name", path)
     for key, values in found.items():
         if len(values) != count:
-            raise ValueError(
-                f"{path}: {len(values)} stations have a {key}, /burst_count says {count}"
-            )
+            raise ValueError(f"{path}: {len(values)} stations have a {key}, /burst_count says {count}")
     return found
 
 

@@ -111,8 +111,7 @@ def _files(folder: Path) -> list[Path]:
     )  # fmt: skip
     if not files:
         raise ValueError(
-            f"{folder} holds no files of bursts ({', '.join(s for s in SUFFIXES if s)}); name the "
-            "folder that does"
+            f"{folder} holds no files of bursts ({', '.join(s for s in SUFFIXES if s)}); name the folder that does"
         )
     return files
 
@@ -123,8 +122,7 @@ def _sources(path: Path, options: dict[str, Any], about: dict[str, Any]) -> list
     if burst_format(name).own_fields:
         if about:
             raise ValueError(
-                f"{path} has places of its own for {', '.join(about)}; state them in the file, or "
-                "leave them out"
+                f"{path} has places of its own for {', '.join(about)}; state them in the file, or leave them out"
             )
         return [StationSource(path, i, place, name) for i, place in enumerate(places)]
     x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
@@ -143,8 +141,7 @@ def sort_stations(sources: Sequence[StationSource]) -> list[StationSource]:
     if len(known) < len(sources):
         without = next(each for each in sources if None in each.place)
         raise ValueError(
-            f"{without.name} states no position (x, y, z), {known[0].name} does; stations are "
-            "placed all or none"
+            f"{without.name} states no position (x, y, z), {known[0].name} does; stations are placed all or none"
         )
     order = order_of([each.place for each in sources], [each.name for each in sources])
     return [sources[i] for i in order]

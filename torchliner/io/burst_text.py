@@ -41,9 +41,7 @@ def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
     turned = {i for i, label in enumerate(labels) if label.startswith("-")}
     for column in columns:
         if column.index in turned and QUANTITIES[column.name] == "time":
-            raise ValueError(
-                f"{path}: column {labels[column.index]!r} has a sign; only velocities have one"
-            )
+            raise ValueError(f"{path}: column {labels[column.index]!r} has a sign; only velocities have one")
     if not {"wall_normal", "streamwise"} & {column.name for column in columns}:
         raise ValueError(f"{path}: no velocity; a column 'wall_normal' or 'streamwise' is needed")
     return [replace(c, factor=-c.factor) if c.index in turned else c for c in columns]
@@ -124,8 +122,6 @@ def read_burst_columns(
 FORMAT = BurstFormat(
     recognises=lambda _, options: options["columns"] is not None,
     places=lambda _: [(None, None, None)],
-    read=lambda path, _, options, about: read_burst_columns(
-        path, options["columns"], options["separator"], **about
-    ),
+    read=lambda path, _, options, about: read_burst_columns(path, options["columns"], options["separator"], **about),
     takes=("columns", "separator"),
 )

@@ -67,8 +67,7 @@ def find_velocity(file: h5py.File, request: PlaneRequest, path: Path) -> str:
             f"it holds: {listed}. Name it: variable=..., and if it has no units velocity_units=..."
         )
     raise ValueError(
-        f"{path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; "
-        "name it: variable=..."
+        f"{path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; name it: variable=..."
     )
 
 
@@ -122,9 +121,7 @@ def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest, label: str) 
     ours = "away, by its schema" if key == VELOCITY and schema.startswith("torchliner ") else ""
     words = (text_attribute(dataset, "positive") or ours).strip().lower()
     turned_by_user = (request.normal or "").startswith("-")
-    others = " ".join(
-        text_attribute(dataset, name) or "" for name in ("long_name", "units")
-    ).lower()
+    others = " ".join(text_attribute(dataset, name) or "" for name in ("long_name", "units")).lower()
     said = "positive" in others or re.search(rf"({TOWARDS}|{OUT}) {WALL}", others)
     for text in (words, others if said else ""):
         # Into the duct is away from the liner.
@@ -139,8 +136,7 @@ def sign_of(dataset: h5py.Dataset, key: str, request: PlaneRequest, label: str) 
             return -1.0 if into else 1.0
     if words and not (re.search(DOWN, words) or re.search(UP, words)):
         raise ValueError(
-            f"{label}: positive is {words!r}; write 'away from the liner' or 'into the liner' (or "
-            "'up', 'down')"
+            f"{label}: positive is {words!r}; write 'away from the liner' or 'into the liner' (or 'up', 'down')"
         )
     down = re.search(DOWN, words) is not None or says(dataset, key, r"\bdownward_")
     return -1.0 if down != turned_by_user else 1.0

@@ -21,9 +21,7 @@ from torchliner.io.plane_format import PlaneRequest
 UPWARD = r"\b(up|down)ward_(air|sea_water)_vel"
 DIRECTIONS = {"x": r"\bstreamwise\b|\bx_?1\b", "z": r"\bspanwise\b|\bx_?3\b", "y": r"\bx_?2\b"}
 HEIGHT = r"(?i)height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
-COMPONENT = (
-    r"(?i)comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
-)
+COMPONENT = r"(?i)comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
 ROLE = r"(?i)[ni]?([xyz])(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?))?"
 
 
@@ -83,9 +81,7 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
     if request.axes is not None:
         roles = [str(axis) for axis in request.axes]
         if len(roles) != len(shape):
-            raise ValueError(
-                f"{label} has shape {shape}, but {len(roles)} axes are named: {','.join(roles)}"
-            )
+            raise ValueError(f"{label} has shape {shape}, but {len(roles)} axes are named: {','.join(roles)}")
     else:
         names = axis_names(dataset, label)
         roles = [_role(*each) for each in zip(names, scales, strict=True)]
@@ -94,21 +90,18 @@ def find_axes(group: h5py.Group, key: str, request: PlaneRequest, path: Path) ->
     if roles.count("time") != 1:
         if samples is None:
             raise ValueError(
-                f"{label}: none of its axes is time; name them (axes='time,z,x') and give "
-                "sampling_rate=..., in Hz"
+                f"{label}: none of its axes is time; name them (axes='time,z,x') and give sampling_rate=..., in Hz"
             )
         at = find_time_axis(dataset, samples, path) % len(shape)
         if any(role == "time" and i != at and shape[i] > 1 for i, role in enumerate(roles)):
             raise ValueError(
-                f"{label} has shape {shape} and more than one axis of time; name the axes: "
-                "axes='time,z,x'"
+                f"{label} has shape {shape} and more than one axis of time; name the axes: axes='time,z,x'"
             )
         roles = [role if role != "time" else "" for role in roles]
         roles[at] = "time"
     elif time is not None and samples != shape[roles.index("time")]:
         raise ValueError(
-            f"{label} has shape {shape} with time on axis {roles.index('time')}, {time.name} has "
-            f"{samples} values"
+            f"{label} has shape {shape} with time on axis {roles.index('time')}, {time.name} has {samples} values"
         )
     across, height = ("y", "z") if upward else ("z", "y")
     space = [i for i, role in enumerate(roles) if role != "time"]
@@ -142,9 +135,7 @@ def _times(scales: list[h5py.Dataset | None], group: h5py.Group, path: Path) -> 
             own = where[named]
             time = own if isinstance(own, h5py.Dataset) and not _is_bare(own) else None
     if time is not None and (time.shape is None or len(time.shape) != 1 or time.shape[0] < 2):
-        raise Unwritten(
-            f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed"
-        )
+        raise Unwritten(f"{path}:{time.name} has shape {time.shape}; a list of at least two times is needed")
     return time
 
 
@@ -183,9 +174,7 @@ def _is_height(name: str, height: str) -> bool:
     return name == height or re.fullmatch(HEIGHT, name) is not None
 
 
-def _rows_first(
-    kept: list[int], roles: list[str], across: str, free: bool, label: str
-) -> list[int]:
+def _rows_first(kept: list[int], roles: list[str], across: str, free: bool, label: str) -> list[int]:
     """The two axes of a plane, z outside x; whether one of them may be called anything."""
     names = [roles[i] for i in kept]
     said = {"x", across} & set(names)
@@ -231,11 +220,7 @@ def find_coordinates(
         if scale is not None and scale.name and (len(axes.shape) == 2 or own == word):
             choices.insert(0, scale)
         for each in choices:
-            if (
-                found.get(role) is None
-                and isinstance(each, h5py.Dataset)
-                and (strict or each.size == count)
-            ):
+            if found.get(role) is None and isinstance(each, h5py.Dataset) and (strict or each.size == count):
                 found[role] = read_coordinate(
                     each.parent, each.name.split("/")[-1], (count,) if axes.shape else (), path,
                     request.length_units,

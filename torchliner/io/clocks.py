@@ -12,9 +12,7 @@ UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
 
 
-def clock_of(
-    time: np.ndarray, name: str, stated: float | None, exact: float = 0.0
-) -> tuple[float, float]:
+def clock_of(time: np.ndarray, name: str, stated: float | None, exact: float = 0.0) -> tuple[float, float]:
     """Sampling rate, Hz, and time of the first of uniform stamps, s.
 
     Args:

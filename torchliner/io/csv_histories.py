@@ -153,9 +153,7 @@ def _clock(rows: TextRows, unit: str, request: PlaneRequest, path: Path) -> tupl
                          "sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     factor = si_factor("time", unit, f"{path}: time") if unit else 1.0
     stated = request.sampling_rate
-    rate, start = clock_of(
-        rows.first * factor, f"{path}, time", None if unit else stated, rows.rounding * factor
-    )
+    rate, start = clock_of(rows.first * factor, f"{path}, time", None if unit else stated, rows.rounding * factor)
     require_same_rate(rate, stated, str(path), unit)
     return stated or rate, start
 

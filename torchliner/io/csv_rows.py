@@ -33,9 +33,7 @@ def rows_of(columns: Mapping[str, Any], shape: Sequence[int]) -> Rows:
     return [dict(zip(columns, row, strict=True)) for row in zip(*flat, strict=True)]
 
 
-def write_rows(
-    rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n"
-) -> None:
+def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n") -> None:
     """A CSV file with the headings of the first row, whole or not at all.
 
     Args:
@@ -48,9 +46,7 @@ def write_rows(
         fill_csv(file, rows, number, end)
 
 
-def fill_csv(
-    file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n"
-) -> None:
+def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n") -> None:
     """Into what is open, in memory too; arguments as for ``write_rows``."""
     writer = csv.writer(file, lineterminator=end)
     writer.writerow(map(text_cell, rows[0]))

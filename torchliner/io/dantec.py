@@ -120,8 +120,7 @@ def read_position(line: str, path: str | Path) -> tuple[float, float, float]:
     found = [match for part in parts if (match := re.fullmatch(rf"({NUMBER})\s*(.*)", part))]
     if not len(parts) == len(found) == 3:
         raise ValueError(
-            f"{path}: line 4 is {line.strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' "
-            "is needed"
+            f"{path}: line 4 is {line.strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' is needed"
         )
     where = f"{path}: the position on line 4"
     x, y, z = (float(m[1].replace(",", ".")) * si_factor("length", m[2], where) for m in found)
@@ -171,9 +170,7 @@ def _column(name: str, index: int, unit: str | None, path: str | Path, sign: flo
     return Column(name, index, sign * factor)
 
 
-def _meanings(
-    channels: Sequence[str], components: Sequence[str] | None, path: str | Path
-) -> Sequence[str]:
+def _meanings(channels: Sequence[str], components: Sequence[str] | None, path: str | Path) -> Sequence[str]:
     if components is None:
         if len(channels) not in USUAL:
             raise ValueError(
@@ -190,9 +187,7 @@ def _meanings(
     known = [*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip"]
     for name in components:
         if name not in known:
-            raise ValueError(
-                f"unknown component {name!r}{did_you_mean(name, known)}; one of {', '.join(known)}"
-            )
+            raise ValueError(f"unknown component {name!r}{did_you_mean(name, known)}; one of {', '.join(known)}")
     used = [name.lstrip("-") for name in components if name != "skip"]
     if not used or len(set(used)) < len(used):
         raise ValueError(
@@ -238,8 +233,7 @@ def _joined(
     mine, partner = pair_coincident(times[0], times[1], window)
     if len(mine) == 0:
         raise ValueError(
-            f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the "
-            "coincidence window"
+            f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the coincidence window"
         )
     joined = {name: values[mine.numpy()] for name, values in wall.items()}
     joined |= {n: v[partner.numpy()] for n, v in other.items() if n in COMPONENTS}

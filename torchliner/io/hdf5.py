@@ -78,8 +78,7 @@ def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
         target = ":".join(getattr(link, name) for name in ("filename", "path")
                           if hasattr(link, name))  # fmt: skip
         raise ValueError(
-            f"{place(group, key, path)} is a link to {target}, which is not there; restore that or "
-            "remove the link"
+            f"{place(group, key, path)} is a link to {target}, which is not there; restore that or remove the link"
         )
     return True
 
@@ -140,9 +139,7 @@ def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
     return float(value.reshape(()))
 
 
-def factor_to(
-    unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None
-) -> float:
+def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None) -> float:
     """Factor from the units of a dataset to an SI unit of the same quantity.
 
     Args:
@@ -184,9 +181,7 @@ def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> flo
     """One number in an SI unit; an array of one counts."""
     size = get_dataset(group, key, path).size
     if size != 1:
-        raise ValueError(
-            f"{place(group, key, path)} has shape {group[key].shape}; one number is needed"
-        )
+        raise ValueError(f"{place(group, key, path)} has shape {group[key].shape}; one number is needed")
     return float(read_si(group, key, unit, path).reshape(()))
 
 
@@ -234,9 +229,7 @@ def write_index(group: h5py.Group, name: str, count: int) -> None:
 
 def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
     """A list of texts along a dimension."""
-    attach_scales(
-        group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,)
-    )
+    attach_scales(group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,))
 
 
 def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:
@@ -247,9 +240,7 @@ def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) ->
 
 def to_json(value: Any) -> str:
     """JSON text; arrays and tensors become lists, what JSON does not know becomes text."""
-    return json.dumps(
-        value, default=lambda item: item.tolist() if hasattr(item, "tolist") else str(item)
-    )
+    return json.dumps(value, default=lambda item: item.tolist() if hasattr(item, "tolist") else str(item))
 
 
 def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any:

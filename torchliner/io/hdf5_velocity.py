@@ -137,9 +137,7 @@ class H5Velocity(Stored):
                 part = dataset[time_part(self.order, begin, end)]
                 np.copyto(out.numpy().reshape(-1, *self.shape[:-1]), time_first(part, self.order))
         except (OSError, RuntimeError) as error:
-            raise OSError(
-                f"{self.path}:/{self.key} cannot be read from sample {begin} to {end}: {error}"
-            ) from error
+            raise OSError(f"{self.path}:/{self.key} cannot be read from sample {begin} to {end}: {error}") from error
         # HDF5 fills what lies beyond the end of a file with zeros and says nothing.
         now = self.path.stat().st_size
         if now < self._bytes:

@@ -170,9 +170,7 @@ def read_line(path: str | Path) -> ImpedanceLine:
         head = KIND.read_head(file, path)
         for key, each in {"station_name": names, **{k: head[k] for k in STATIONS}}.items():
             if (len(each),) != sizes["station"]:
-                raise ValueError(
-                    f"{path}: {key} has {len(each)} values for {sizes['station'][0]} stations"
-                )
+                raise ValueError(f"{path}: {key} has {len(each)} values for {sizes['station'][0]} stations")
         return ImpedanceLine(
             **fields,
             **head,

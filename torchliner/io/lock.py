@@ -45,8 +45,7 @@ def locked_by(path: Path, name: str | Path) -> Iterator[None]:
                 file.seek(0)
                 holder = file.read().decode(errors="replace").strip() or "unknown"
                 raise OSError(
-                    f"{name} is in use by another run ({holder}); wait for its end, or name "
-                    "another --output"
+                    f"{name} is in use by another run ({holder}); wait for its end, or name another --output"
                 ) from None
         with suppress(OSError):  # the disk is full; the words are for the message alone
             file.truncate(0)

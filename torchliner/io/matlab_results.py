@@ -26,9 +26,7 @@ def write_matlab(file: ResultFile, record: Any, path: str | Path) -> None:
 
 def _plain(group: h5py.Group) -> dict[str, Any]:
     """Variables and texts of a group; a real and an imaginary part become one array."""
-    found: dict[str, Any] = {
-        key: text for key, text in group.attrs.items() if isinstance(text, str)
-    }
+    found: dict[str, Any] = {key: text for key, text in group.attrs.items() if isinstance(text, str)}
     for name, each in group.items():
         if isinstance(each, h5py.Group):
             found[name] = _plain(each)

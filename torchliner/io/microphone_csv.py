@@ -35,9 +35,7 @@ def write_microphone_csv(line: MicrophoneLine, path: str | Path) -> None:
         ValueError: the line has leading axes.
     """
     if line.pressure.ndim > 2:
-        raise ValueError(
-            f"{path}: a .csv holds one line, not {tuple(line.pressure.shape[:-2])}; write .h5"
-        )
+        raise ValueError(f"{path}: a .csv holds one line, not {tuple(line.pressure.shape[:-2])}; write .h5")
     with written_whole(path, *TEXT_ENDINGS) as temporary, temporary.open("w", newline="") as file:
         write_stated(file, line, UNITS, path)
         write_stated(file, line.fluid, FLUID_UNITS, path)
@@ -75,9 +73,7 @@ def read_microphone_csv(path: str | Path, **about: Any) -> MicrophoneLine:
         raise ValueError(f"{path} states a frequency above a column of frequencies; keep one")
     if "frequency" not in columns:
         if single is None:
-            raise ValueError(
-                f"{path}: no column 'frequency [Hz]' and no line '# frequency = ... Hz'; add one"
-            )
+            raise ValueError(f"{path}: no column 'frequency [Hz]' and no line '# frequency = ... Hz'; add one")
         columns["frequency"] = np.full(len(columns["x"]), single)
     fields = {"title": path.stem, "provenance": {"file": path.name, "format": "csv"},
              "name": str(path), **stated, **about}  # fmt: skip
@@ -110,9 +106,7 @@ def _with_fluid(stated: dict[str, Any], path: Path) -> dict[str, Any]:
     gas = {key: stated.pop(key) for key in FLUID_UNITS if key in stated}
     temperature = stated.pop("temperature", None)
     if temperature is not None and gas:
-        raise ValueError(
-            f"{path} states a temperature and {', '.join(gas)}; state one or the other"
-        )
+        raise ValueError(f"{path} states a temperature and {', '.join(gas)}; state one or the other")
     try:
         if temperature is not None:
             stated["fluid"] = Fluid.from_temperature(temperature)

@@ -150,15 +150,11 @@ def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
 def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> MicrophoneLine:
     """Amplitudes at some frequencies; what only signals know is refused."""
     if signals["segment"] is not None or signals["start"] != 0.0:
-        raise ValueError(
-            f"{line.name} holds amplitudes, no time signals; leave segment and start out"
-        )
+        raise ValueError(f"{line.name} holds amplitudes, no time signals; leave segment and start out")
     return line if frequency is None else line.at(frequency)
 
 
-def _from_signals(
-    file: h5py.File, path: Path, head: dict[str, Any], **options: Any
-) -> dict[str, Any]:
+def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Pressure, coherence, provenance and notes from signals."""
     dataset = get_dataset(file, "pressure", path)
     channel = get_dataset(file, "reference", path)
@@ -169,9 +165,7 @@ def _from_signals(
     axis = find_time_axis(dataset, samples, path)
     signals = np.moveaxis(read_si(file, "pressure", "Pa", path), axis, -1).astype(np.float64)
     if signals.shape[:-1] != tuple(head["x"].shape):
-        raise ValueError(
-            f"{path}:/pressure has {signals.shape[:-1]} microphones, /x {len(head['x'])} values"
-        )
+        raise ValueError(f"{path}:/pressure has {signals.shape[:-1]} microphones, /x {len(head['x'])} values")
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
         torch.from_numpy(reference.astype(np.float64).reshape(-1)),

@@ -49,10 +49,7 @@ def checked_head(words: dict[str, Any], path: Path) -> tuple[PassPlan, Basis | N
         basis = basis_of(words["basis"]) if words["basis"] else None
         if basis is not None:
             count, speeds = basis.count, basis.speeds
-            if not (
-                2 <= count <= MOST_ORDERS
-                and bool(torch.isfinite(speeds).all() and (speeds >= 0).all())
-            ):
+            if not (2 <= count <= MOST_ORDERS and bool(torch.isfinite(speeds).all() and (speeds >= 0).all())):
                 raise ValueError(f"{words['basis']} are no functions of |v|")
     with _attribute("settings", path):
         pitch = settings.pop("cell_pitch")

@@ -139,9 +139,7 @@ def write_moments(known: Moments, path: str | Path) -> None:
         for name, size in sizes.items():
             write_index(file, name, size)
         write_variables(file, sums, TONES)
-        write_variables(
-            file, SimpleNamespace(**vars(seen) | {"segments": torch.tensor(seen.segments)}), SURVEY
-        )
+        write_variables(file, SimpleNamespace(**vars(seen) | {"segments": torch.tensor(seen.segments)}), SURVEY)
         for name, table in BLOCKS.items():
             if getattr(seen, name) is not None:
                 write_variables(file, getattr(seen, name), table)
@@ -213,9 +211,7 @@ def read_moments(path: str | Path) -> Moments:
     return Moments(plane, sums, words["settings"], pitch, words["notes"])
 
 
-def _read_sums(
-    file: h5py.File, path: Path, plan: PassPlan, basis: Basis | None, probes: int
-) -> PlaneSums:
+def _read_sums(file: h5py.File, path: Path, plan: PassPlan, basis: Basis | None, probes: int) -> PlaneSums:
     sizes: Sizes = {name: (size,) for name, size in _sizes(plan, probes).items()}
     if basis is not None:
         sizes["order"] = (basis.count,)
@@ -254,8 +250,6 @@ def _read_sums(
         if basis is not None and is_there(file, table[0].names[0], path):
             groups.append(GroupMoments(**({"of_blocks": None} | read(table))))
             require_sums(groups[-1], plan, basis, place(file, table[0].names[0], path))
-    sums = PlaneSums(
-        plan, tones, Survey(**kept, **blocks), cells, used, periodic, basis, tuple(groups)
-    )
+    sums = PlaneSums(plan, tones, Survey(**kept, **blocks), cells, used, periodic, basis, tuple(groups))
     require_whole(sums, probes, path)
     return sums

@@ -157,6 +157,4 @@ def _layout(each: Any) -> Layout:
                   tuple(int(n) for n in array.shape), tuple(array.strides))  # fmt: skip
 
 
-FORMAT = PlaneFormat(
-    "netCDF-3", recognises, open_plane, tuple(t for t in HDF5.takes if t != "group")
-)
+FORMAT = PlaneFormat("netCDF-3", recognises, open_plane, tuple(t for t in HDF5.takes if t != "group"))

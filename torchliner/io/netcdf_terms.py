@@ -31,9 +31,7 @@ class NamedArray:
 
 
 @contextmanager
-def in_terms_of_hdf5(
-    variables: Mapping[str, NamedArray], attributes: Mapping[str, Any]
-) -> Iterator[h5py.File]:
+def in_terms_of_hdf5(variables: Mapping[str, NamedArray], attributes: Mapping[str, Any]) -> Iterator[h5py.File]:
     """An HDF5 file in memory with what is said of the variables, and the values of small ones."""
     with h5py.File.in_memory() as file:
         for name, each in variables.items():

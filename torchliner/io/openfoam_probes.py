@@ -134,9 +134,7 @@ def _joined(parts: list[TextRows], width: int, columns: tuple[int, ...]) -> Text
     return whole
 
 
-def _require_same(
-    whole: TextRows, again: TextRows, width: int, columns: tuple[int, ...], step: float
-) -> None:
+def _require_same(whole: TextRows, again: TextRows, width: int, columns: tuple[int, ...], step: float) -> None:
     """Refuse an overlap in which the later run has other values."""
     if not len(again):
         return

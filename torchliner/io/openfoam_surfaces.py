@@ -206,9 +206,7 @@ def parse_foam(path: Path, mesh: Path, faces: int) -> Frame:
     for kind, components in FIELDS.items():
         for file in sorted((path / kind).iterdir()) if (path / kind).is_dir() else []:
             count, _ = _list_head(file)
-            arrays[file.name] = FrameArray(
-                count == faces, count, components, partial(_field, file, components)
-            )
+            arrays[file.name] = FrameArray(count == faces, count, components, partial(_field, file, components))
     return Frame(partial(_mesh, mesh), arrays)
 
 
@@ -271,6 +269,4 @@ def _mesh(folder: Path) -> Surface:
     return Surface(points, *unpack_faces(flat, count, f"{folder / 'faces'}"))
 
 
-FORMAT = PlaneFormat(
-    "OpenFOAM surfaces", recognises, named(open_surfaces), ("variable", "group", "normal")
-)
+FORMAT = PlaneFormat("OpenFOAM surfaces", recognises, named(open_surfaces), ("variable", "group", "normal"))

@@ -88,8 +88,7 @@ def plane_from(
                                   "name the plane that was reduced (educe takes moments)",
         }  # fmt: skip
         raise ValueError(
-            f"{path} is no velocity plane but a file of schema {schema!r}"
-            + remedies.get(schema.rpartition(" ")[0], "")
+            f"{path} is no velocity plane but a file of schema {schema!r}" + remedies.get(schema.rpartition(" ")[0], "")
         )
     where, _, key = find_velocity(file, request, path).rpartition("/")
     group = file[where or "/"]
@@ -133,9 +132,7 @@ def _single(group: h5py.Group, ours: bool) -> list[Variable]:
     return [row for row in NUMBERS if ours or getattr(group.get(row.names[0]), "size", 0) == 1]
 
 
-def _with_attributes(
-    case: dict[str, Any], group: h5py.Group, dataset: h5py.Dataset, path: Path
-) -> dict[str, Any]:
+def _with_attributes(case: dict[str, Any], group: h5py.Group, dataset: h5py.Dataset, path: Path) -> dict[str, Any]:
     """Also the numbers that stand as attributes, and the gas that the velocity's group states.
 
     Raises:

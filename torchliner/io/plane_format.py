@@ -130,9 +130,7 @@ class FrameVelocity(Stored):
         try:
             values = np.asarray(self.source(begin, end))
         except (OSError, RuntimeError) as error:
-            raise OSError(
-                f"{self.label} cannot be read from sample {begin} to {end}: {error}"
-            ) from error
+            raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
         into = out.numpy()
         np.multiply(values.reshape(into.shape), self.factor, out=into, casting="same_kind")
         return out

@@ -55,9 +55,7 @@ class SelectedVelocity(Stored):
             most = max(1, rows // self.every)
             for first in range(0, rows, most):
                 last = min(first + most, rows)
-                slab = self.stored.read(
-                    low + first * self.every, low + (last - 1) * self.every + 1
-                )[:: self.every]
+                slab = self.stored.read(low + first * self.every, low + (last - 1) * self.every + 1)[:: self.every]
                 out[first:last] = slab if self.columns is None else slab[:, self.columns]
         return out if self.factor == 1 else out.mul_(self.factor)
 
@@ -126,9 +124,7 @@ def _samples(plane: VelocityPlane, start: float | None, stop: float | None) -> t
     return low, high
 
 
-def _region(
-    plane: VelocityPlane, region: Sequence[Limits] | str | None
-) -> tuple[Tensor | None, dict[str, Any]]:
+def _region(plane: VelocityPlane, region: Sequence[Limits] | str | None) -> tuple[Tensor | None, dict[str, Any]]:
     """Numbers of the probes, and shape and coordinates that go with them."""
     if region is None:
         return None, {}
@@ -185,9 +181,7 @@ def parse_region(text: str) -> list[Limits]:
             if not colon or len(found) == 2 or any(s is not None and s != s for s in sides):
                 raise ValueError
         except ValueError:
-            raise ValueError(
-                f"region {text!r} cannot be read; write X0:X1 or X0:X1,Z0:Z1, in m"
-            ) from None
+            raise ValueError(f"region {text!r} cannot be read; write X0:X1 or X0:X1,Z0:Z1, in m") from None
         if None not in sides and sides[0] > sides[1]:  # type: ignore[operator]
             raise ValueError(f"region {text!r} is upside down: {low} is above {high}")
         found.append((sides[0], sides[1]))

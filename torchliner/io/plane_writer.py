@@ -159,9 +159,7 @@ def _filled(
             yield before + high
 
 
-def _bounds(
-    plane: VelocityPlane, value: Any, memory: int | None, begin: int
-) -> list[tuple[int, int]]:
+def _bounds(plane: VelocityPlane, value: Any, memory: int | None, begin: int) -> list[tuple[int, int]]:
     """Slabs within the memory, of whole tiles of the file that is read and of that written."""
     tile = getattr(value, "tile_rows", 1)
     longest = max(4 * SLAB_ROWS, tile, NARROW // plane.probes)
@@ -169,9 +167,7 @@ def _bounds(
         plane.probes, value.dtype.itemsize, memory, most=longest,
         tile=getattr(value, "tile_bytes", 0),
     )  # fmt: skip
-    step = next(
-        (n for n in (math.lcm(tile, COMPRESSED_ROWS), tile, COMPRESSED_ROWS) if n <= most), 1
-    )
+    step = next((n for n in (math.lcm(tile, COMPRESSED_ROWS), tile, COMPRESSED_ROWS) if n <= most), 1)
     return bounds_of(plane.samples, most - most % step, begin)
 
 

@@ -157,10 +157,7 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     own = [name for name in COORDINATES if name in given and name not in found.takes]
     for name in given:
         if name not in (*found.takes, *ANY):
-            raise ValueError(
-                f"{path} is {found.name}, which says {name} itself or has none: leave out "
-                f"{name}=..."
-            )
+            raise ValueError(f"{path} is {found.name}, which says {name} itself or has none: leave out {name}=...")
     plane: VelocityPlane = found.open(Path(path), request)
     # What a converted file tells is of the reading before it was written, not of this one.
     kept = dict(plane.provenance)

@@ -24,9 +24,7 @@ from torchliner.units import require_plausible, si_factor
 
 AXES = "xyz"
 SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
-COMPONENT = re.compile(
-    r"([xyz])[ _]?vel(?:ocity)?|(?:u|v|vel|velocity)[ _:]?([xyz])", re.IGNORECASE
-)
+COMPONENT = re.compile(r"([xyz])[ _]?vel(?:ocity)?|(?:u|v|vel|velocity)[ _:]?([xyz])", re.IGNORECASE)
 Source = Callable[[int, int], np.ndarray]
 
 
@@ -150,9 +148,7 @@ def require_one_height(points: np.ndarray, axis: int, label: str) -> None:
     tell(f"{label}: the points stand at {span}, of which a plane has one", depth=3)
 
 
-def grid_order(
-    x: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray | None, np.ndarray, np.ndarray] | None:
+def grid_order(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, np.ndarray] | None:
     """How scattered points fill a grid: which point stands at each place (None: as they come), x
     and z of columns and rows; None where they fill none of two rows at least.
 
@@ -272,9 +268,7 @@ def plane_at(
         area = None if area is None else area[order]
     where = {"normal": ("-" if sign < 0 else "") + AXES[axis],
              "normal_coordinate": float(np.median(points[:, axis]))}  # fmt: skip
-    velocity = FrameVelocity(
-        source, (*shape, samples), label, factor * sign, dtype, tile_rows=tile_rows
-    )
+    velocity = FrameVelocity(source, (*shape, samples), label, factor * sign, dtype, tile_rows=tile_rows)
     return VelocityPlane(
         velocity, sampling_rate=rate, start=start, x=x, z=z, area=area, name=label, title=path.stem,
         provenance={**where, **about},

@@ -118,10 +118,7 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
     with naming(path), variables_of(path) as (shapes, read):
         get = partial(_get, read, shapes, path)
         scales = get("lx_scales").astype(float).reshape(-1)
-        if (
-            len(scales) < 4
-            or not (np.isfinite(scales[[0, 3, -1]]) & (scales[[0, 3, -1]] > 0)).all()
-        ):
+        if len(scales) < 4 or not (np.isfinite(scales[[0, 3, -1]]) & (scales[[0, 3, -1]] > 0)).all():
             raise ValueError(f"{path}:/lx_scales is {scales}; lengths, velocity and time need at "
                              "least four, above 0")  # fmt: skip
         length, velocity = float(scales[0]), float(scales[3])
@@ -272,6 +269,4 @@ def _face(
     return name, None if len(chosen) == count else chosen
 
 
-FORMAT = PlaneFormat(
-    "PowerFLOW", recognises, named(open_measurement), ("variable", "group", "normal")
-)
+FORMAT = PlaneFormat("PowerFLOW", recognises, named(open_measurement), ("variable", "group", "normal"))

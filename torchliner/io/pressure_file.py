@@ -104,8 +104,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
             get_dataset(file, "facesheet_pressure", path)  # says what is there instead
         rate, samples, start = read_clock(file, path)
         fields: dict[str, Any] = {
-            signal.field: read_signal(file, signal.names[0], signal.unit, samples, path)
-            for signal in there
+            signal.field: read_signal(file, signal.names[0], signal.unit, samples, path) for signal in there
         }
         shape = fields["facesheet"].shape[:-1] if "facesheet" in fields else ()
         fields |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}

@@ -35,9 +35,7 @@ from torchliner.units import si_factor
 TRUTHS = {"wave": "waves", "insitu": "in situ", "top": "top row"}
 
 
-def read_resolved(
-    path: str | Path, case: str | None = None, line: int = 0, stride: int = 1
-) -> VelocityPlane:
+def read_resolved(path: str | Path, case: str | None = None, line: int = 0, stride: int = 1) -> VelocityPlane:
     """One height of one case of a resolved liner, with its own true impedance.
 
     Args:
@@ -97,9 +95,7 @@ def read_resolved(
         )
 
 
-def resolved_provenance(
-    file: h5py.File, case: str, stride: int, path: str | Path
-) -> dict[str, Any]:
+def resolved_provenance(file: h5py.File, case: str, stride: int, path: str | Path) -> dict[str, Any]:
     """Where a cut of a case comes from."""
     return {
         "source": str(file.attrs.get("source", "")),
@@ -110,9 +106,7 @@ def resolved_provenance(
     }
 
 
-def time_last(
-    group: h5py.Group, key: str, part: Any, path: str | Path, quantity: str = "velocity"
-) -> np.ndarray:
+def time_last(group: h5py.Group, key: str, part: Any, path: str | Path, quantity: str = "velocity") -> np.ndarray:
     """A part of a dataset, SI units, its first remaining axis, time, moved to the end."""
     dataset = get_dataset(group, key, path)
     factor = si_factor(quantity, text_attribute(dataset, "units"), place(group, key, path))
@@ -127,9 +121,7 @@ def require_samples(values: np.ndarray, samples: int, label: str) -> None:
         raise ValueError(f"{label} has {values.shape[-1]} samples for {samples} times")
 
 
-def read_channel(
-    path: str | Path, line: int = 0, length: float = 1.0, velocity: float = 1.0
-) -> VelocityPlane:
+def read_channel(path: str | Path, line: int = 0, length: float = 1.0, velocity: float = 1.0) -> VelocityPlane:
     """One plane of the turbulent channel (hard wall, no sound), rescaled to a duct.
 
     Args:

@@ -140,8 +140,7 @@ def require_case(path: str | Path, case: str, cases: Iterable[str]) -> None:
     known = list(cases)
     if case not in known:
         raise ValueError(
-            f"{path} has no case {case!r}{did_you_mean(case, known)}; it holds "
-            f"{', '.join(known) or 'none'}"
+            f"{path} has no case {case!r}{did_you_mean(case, known)}; it holds {', '.join(known) or 'none'}"
         )
 
 

@@ -45,9 +45,7 @@ def interval_table(stem: str, dims: tuple[str, ...]) -> Table:
     )  # fmt: skip
 
 
-def read_interval(
-    file: h5py.Group, table: Table, path: str | Path, sizes: Sizes | None = None
-) -> Interval | None:
+def read_interval(file: h5py.Group, table: Table, path: str | Path, sizes: Sizes | None = None) -> Interval | None:
     """What is there of an ``interval_table``; None if nothing is."""
     if not is_there(file, table[0].names[0], path):
         return None
@@ -121,9 +119,7 @@ def write_closure(file: h5py.Group, found: Closure, of_cells: str = "cell") -> N
         write_variables(file, gap, gap_table(stem, dims), words=", ".join(found.orders))
 
 
-def read_closure(
-    file: h5py.Group, path: str | Path, sizes: Sizes, of_cells: str = "cell"
-) -> Closure | None:
+def read_closure(file: h5py.Group, path: str | Path, sizes: Sizes, of_cells: str = "cell") -> Closure | None:
     """What ``write_closure`` wrote; None if there is none.
 
     Args:

@@ -129,8 +129,7 @@ class ResultWriter:
             )
         if self.places and not places:
             raise ValueError(
-                f"{path}: a {ending} needs places and the result has no x or z; state them in the "
-                "data, or write .csv"
+                f"{path}: a {ending} needs places and the result has no x or z; state them in the data, or write .csv"
             )
 
 

@@ -12,9 +12,7 @@ from torchliner.io.arrays import read_array
 from torchliner.replay.waves import Recorded
 
 
-def read_signal(
-    path: str | Path, sampling_rate: float | None = None, channel: int | None = None
-) -> Recorded:
+def read_signal(path: str | Path, sampling_rate: float | None = None, channel: int | None = None) -> Recorded:
     """A recorded incident signal.
 
     Args:
@@ -32,14 +30,10 @@ def read_signal(
     if path.suffix.lower() == ".wav":
         rate, values = _read_wav(path)
         if sampling_rate is not None and abs(sampling_rate / rate - 1) > 1e-6:
-            raise ValueError(
-                f"{path} says {rate:g} Hz, sampling_rate {sampling_rate:g} Hz; one of them is wrong"
-            )
+            raise ValueError(f"{path} says {rate:g} Hz, sampling_rate {sampling_rate:g} Hz; one of them is wrong")
     else:
         if sampling_rate is None:
-            raise ValueError(
-                f"{path} does not state its sampling rate; give it in Hz (--incident-rate)"
-            )
+            raise ValueError(f"{path} does not state its sampling rate; give it in Hz (--incident-rate)")
         rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
         values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
     if channel is not None:
@@ -48,9 +42,7 @@ def read_signal(
             raise ValueError(f"{path} has channels 0 to {columns.shape[1] - 1}, not {channel}")
         values = columns[:, channel]
     if values.ndim != 1:
-        raise ValueError(
-            f"{path} has shape {values.shape}, (samples, channels); choose one channel"
-        )
+        raise ValueError(f"{path} has shape {values.shape}, (samples, channels); choose one channel")
     return Recorded(values, rate, str(path))
 
 

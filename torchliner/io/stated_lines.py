@@ -35,8 +35,7 @@ def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path
         key, value = match.groups()
         if key not in known:
             raise ValueError(
-                f"{path}: line {number} states {key!r}{did_you_mean(key, list(known))}; known are "
-                f"{', '.join(known)}"
+                f"{path}: line {number} states {key!r}{did_you_mean(key, list(known))}; known are {', '.join(known)}"
             )
         if key in found:
             raise ValueError(f"{path}: line {number} states {key!r} a second time; keep one")
@@ -48,9 +47,7 @@ def _require_remark(line: str, known: Mapping[str, str], label: str) -> None:
     """Refuse what may have been meant to state something: '# mach: 0.1' would count as silence."""
     named = re.match(r"#\s*(\w+)[\s:]*[-+]?\.?\d", line)
     if "=" in line or (named is not None and named[1] in known):
-        raise ValueError(
-            f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='"
-        )
+        raise ValueError(f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='")
 
 
 def _stated_value(text: str, kind: str, label: str) -> Any:
@@ -85,9 +82,7 @@ def write_stated(file: TextIO, record: Any, known: Mapping[str, str], path: str 
         if value is None or (kind in ("text", "json") and not value):
             continue
         if kind == "text" and (value != value.strip() or len(value.splitlines()) > 1):
-            raise ValueError(
-                f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks around it"
-            )
+            raise ValueError(f"{path}: {key} is {value!r}; a .csv holds one line of it, without blanks around it")
         if kind == "text":
             text = printable(value)
         else:

@@ -171,9 +171,7 @@ def read_variables(
     return found
 
 
-def _require_shape(
-    shape: tuple[int, ...], dims: Sequence[str], sizes: dict[str, tuple[int, ...]], label: str
-) -> None:
+def _require_shape(shape: tuple[int, ...], dims: Sequence[str], sizes: dict[str, tuple[int, ...]], label: str) -> None:
     """Each dimension has one length in all variables; ``sizes`` collects them.
 
     Raises:
@@ -189,8 +187,7 @@ def _require_shape(
         at += len(length)
         if sizes.setdefault(dim, length) != length:
             raise ValueError(
-                f"{label} has shape {shape}, ({', '.join(dims)}); {dim} is {sizes[dim]} elsewhere "
-                "in the file"
+                f"{label} has shape {shape}, ({', '.join(dims)}); {dim} is {sizes[dim]} elsewhere in the file"
             )
 
 
@@ -279,11 +276,7 @@ class FileKind:
         found = text_attribute(group, "schema")
         lost = [name for name in group if group.get(name, getlink=True) is None]
         if lost or len(set(group)) < len(group):
-            raise ValueError(
-                f"{path} is damaged: of the names that it lists {lost or 'some'} lead nowhere"
-            )
+            raise ValueError(f"{path} is damaged: of the names that it lists {lost or 'some'} lead nowhere")
         if found not in (self.schema, *self.older):
             where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
-            raise ValueError(
-                f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}"
-            )
+            raise ValueError(f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}")

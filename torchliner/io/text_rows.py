@@ -56,20 +56,14 @@ class TextRows:
     def width(self) -> int:
         """Numbers in the first row."""
         size = int(self.end[0] - self.begin[0])
-        return len(
-            bytes_at(self.paths[self.file[0]], int(self.begin[0]), size)
-            .translate(self.marks)
-            .split()
-        )
+        return len(bytes_at(self.paths[self.file[0]], int(self.begin[0]), size).translate(self.marks).split())
 
     def part(self, rows: Any) -> TextRows:
         """Some of the rows, by a slice or an array."""
         names = ("file", "begin", "end", "line", "first")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
-    def numbers(
-        self, begin: int, end: int, width: int, columns: Sequence[int], kind: Any = np.float32
-    ) -> np.ndarray:
+    def numbers(self, begin: int, end: int, width: int, columns: Sequence[int], kind: Any = np.float32) -> np.ndarray:
         """Some columns of rows begin .. end - 1, and all rows tested for their length.
 
         Raises:
@@ -91,9 +85,7 @@ class TextRows:
             if len(text) < size:
                 raise OSError(f"{path} has become shorter: line {self.line[low]} is not there")
             label = f"{path}, from line {self.line[low]}"
-            parts.append(
-                parse_rows(text.translate(self.marks), high - low, width, columns, label, kind)
-            )
+            parts.append(parse_rows(text.translate(self.marks), high - low, width, columns, label, kind))
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
@@ -161,9 +153,7 @@ def index_rows(path: Path, whole: bool = False) -> TextRows:
             for end in ends.tolist():
                 number += 1
                 line, begin, start = start, start, offset + end
-                head = (
-                    block[line - offset : end][:TOKEN] if line >= offset else bytes_at(path, line)
-                )
+                head = block[line - offset : end][:TOKEN] if line >= offset else bytes_at(path, line)
                 word = head.translate(SPACES).split(None, 1)[:1]
                 value, exact = number_of(word[0]) if word else (None, 0)
                 if value is not None:
@@ -180,9 +170,7 @@ def index_rows(path: Path, whole: bool = False) -> TextRows:
                     )
     if not rows:
         bare = [line for line in heading if line and not line.startswith("#")]
-        raise (Unwritten if len(bare) < 2 else ValueError)(
-            f"{path} holds no row of numbers that is whole"
-        )
+        raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
     if start < size and bytes_at(path, start, size - start).strip():
         tell(
             f"{path}: the last line, {number + 1}, has no end, as where a run was broken off or "

@@ -171,18 +171,14 @@ def _whole(read: Numbers) -> np.ndarray:
     return read(None)[:, 0].astype(np.int64)
 
 
-def _binary(
-    part: bytes, count: int, width: int, kind: str, label: str, axis: int | None
-) -> np.ndarray:
+def _binary(part: bytes, count: int, width: int, kind: str, label: str, axis: int | None) -> np.ndarray:
     if len(part) != count * width * np.dtype(kind).itemsize:
         raise ValueError(f"{label}: truncated, {len(part)} bytes of {count} x {width} numbers")
     whole = np.frombuffer(part, kind).reshape(count, width)
     return whole if axis is None else whole[:, axis]
 
 
-def _text(
-    raw: bytes, begin: int, end: int, count: int, width: int, label: str, axis: int | None
-) -> np.ndarray:
+def _text(raw: bytes, begin: int, end: int, count: int, width: int, label: str, axis: int | None) -> np.ndarray:
     return parse_vectors(raw[begin:end], count, width, axis, label)
 
 

@@ -72,9 +72,7 @@ def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
                          "state sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     else:
         _require_all(paths, numbers, path)
-    return plane_of_frames(
-        paths, parse_vtk, request, rate, path, factor, length, start=start, format="VTK series"
-    )
+    return plane_of_frames(paths, parse_vtk, request, rate, path, factor, length, start=start, format="VTK series")
 
 
 def _series(path: Path, group: str | None) -> tuple[list[Path], list[float], list[Decimal]]:
@@ -136,9 +134,7 @@ def _require_all(paths: Sequence[Path], numbers: Sequence[Decimal], path: Path) 
     digits = min(int(each.as_tuple().exponent) for each in numbers)
     if digits < 0:  # Solvers round times, and leave zeros at their end away.
         times = np.array(numbers, np.float64)
-        uniform_rate(
-            times, f"{path}, numbers in the names", max(10.0**digits, last_digit(times, 0))
-        )
+        uniform_rate(times, f"{path}, numbers in the names", max(10.0**digits, last_digit(times, 0)))
         return
     counts = [int(each) for each in numbers]
     steps = [high - low for low, high in pairwise(counts)]

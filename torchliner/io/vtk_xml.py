@@ -222,9 +222,7 @@ def _extent(file: XmlFile) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _joined(
-    file: XmlFile, parts: list[Part], counts: list[int], width: int, axis: int
-) -> np.ndarray:
+def _joined(file: XmlFile, parts: list[Part], counts: list[int], width: int, axis: int) -> np.ndarray:
     found = [file.values(*each, width, axis) for each in zip(parts, counts, strict=True)]
     return found[0] if len(found) == 1 else np.concatenate(found)
 

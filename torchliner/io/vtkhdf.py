@@ -183,9 +183,7 @@ def _arrays(group: h5py.Group, path: Path, size: np.ndarray | None) -> dict[str,
                 least += 3 if list(data.shape[1:4]) == full else int((size > 1).sum())
             width = data.shape[least] if data.ndim > least else 1
             count = int(np.prod(data.shape[1:least], dtype=np.int64))
-            found[name] = FrameArray(
-                on_faces, count, width, lambda axis: np.empty(0), data.dtype.itemsize > 4
-            )
+            found[name] = FrameArray(on_faces, count, width, lambda axis: np.empty(0), data.dtype.itemsize > 4)
     return found
 
 

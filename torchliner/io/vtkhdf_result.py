@@ -59,9 +59,7 @@ def _grid(places: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if len(x) % across:
         return None
     columns, lines = x[:across], z[::across]
-    whole = np.array_equal(x, np.tile(columns, len(lines))) and np.array_equal(
-        z, np.repeat(lines, across)
-    )
+    whole = np.array_equal(x, np.tile(columns, len(lines))) and np.array_equal(z, np.repeat(lines, across))
     flat = bool((places[:, 1] == places[0, 1]).all())
     return (columns, lines) if whole and flat else None
 
@@ -92,9 +90,7 @@ def _image(
         point[name] = values.reshape(shape)
 
 
-def _points(
-    root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.ndarray] | None, fields: Fields
-) -> None:
+def _points(root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.ndarray] | None, fields: Fields) -> None:
     root.attrs["Type"] = np.bytes_("PolyData")
     root["NumberOfPoints"] = [len(places)]
     root["Points"] = places

@@ -142,9 +142,7 @@ def write_wall(found: WallEduction | FieldFit, path: str | Path, *others: Educed
             if one.draws is not None or one.covariance is not None:
                 low, high = one.interval(LEVEL)
                 spread = one.standard_error if one.draws is None else one.standard_deviation
-                write_variables(
-                    group, SimpleNamespace(low=low, high=high, deviation=spread), INTERVAL
-                )
+                write_variables(group, SimpleNamespace(low=low, high=high, deviation=spread), INTERVAL)
             if one.draws is not None:
                 _fill(group.create_group("draws"), one.draws, kept.table)
 
@@ -207,9 +205,7 @@ def _read(group: h5py.Group, path: Path) -> Educed:
     return record(**about, **_fields(group, line, kept, path, {"draws": ()}), draws=draws)
 
 
-def _fields(
-    group: h5py.Group, line: MicrophoneLine, kept: Kept, path: Path, sizes: Sizes
-) -> dict[str, Any]:
+def _fields(group: h5py.Group, line: MicrophoneLine, kept: Kept, path: Path, sizes: Sizes) -> dict[str, Any]:
     """Variables of a table, at the frequencies and microphones of the line.
 
     Raises:
@@ -224,8 +220,7 @@ def _fields(
     if not torch.equal(found["frequency"], line.frequency):
         own, others = (each.tolist() for each in (found["frequency"], line.frequency))
         raise ValueError(
-            f"{place(group, 'frequency', path)} is {own} Hz, but its microphones' {others} Hz; "
-            "restore the file"
+            f"{place(group, 'frequency', path)} is {own} Hz, but its microphones' {others} Hz; restore the file"
         )
     for row in kept.table:
         value = torch.as_tensor(found.get(row.field, 0.0))

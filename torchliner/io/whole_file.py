@@ -137,9 +137,7 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     target = writable(path, *endings)
     _clean(target.parent)
     try:
-        handle, temporary = tempfile.mkstemp(
-            dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part"
-        )
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part")
     except OSError as error:
         raise OSError(f"{path} cannot be written: {error.strerror}") from error
     os.close(handle)

@@ -124,9 +124,7 @@ class Store:
         """Whether it is of version 2."""
         return not (self.path / ZARR[0]).is_file()
 
-    def require_written(
-        self, name: str, label: str, packing: Packing = UNPACKED, time: int = 0, most: int = 0
-    ) -> None:
+    def require_written(self, name: str, label: str, packing: Packing = UNPACKED, time: int = 0, most: int = 0) -> None:
         """Refuse an array whose chunks are not all there, and would read as numbers.
 
         Args:

@@ -20,9 +20,7 @@ HALVINGS = 60
 MOST_LINES = 256  # of a noise; neighbours are taken together
 
 
-def fixed_points(
-    liner: LinerModel, frequency: Tensor, power: Tensor, highest: float
-) -> list[float]:
+def fixed_points(liner: LinerModel, frequency: Tensor, power: Tensor, highest: float) -> list[float]:
     """All rms speeds (m/s) that the wave and the wall agree on, up to ``highest``.
 
     Args:

@@ -122,11 +122,7 @@ def ir_tdibc(
     review_band(kernel, case.band, signal, unit[0], rate)
     answer = _answered(case, way, levels)
     sent, reflected = answer.motion.incident, answer.motion.reflected
-    cut = (
-        {"window": "boxcar"}
-        if isinstance(signal, Tones)
-        else {"segment": min(segment or SEGMENT, n / rate)}
-    )
+    cut = {"window": "boxcar"} if isinstance(signal, Tones) else {"segment": min(segment or SEGMENT, n / rate)}
     reflection = transfer_function(sent, reflected, read, rate, **cut).response
     shape = (len(levels), realisations)
     velocity = answer.motion.velocity
@@ -163,8 +159,7 @@ def _answered(case: Case, way: Way, levels: Tensor) -> Answer:
             else "the liner is known no further: lower the level"
         )
         raise ValueError(
-            f"at {levels[error.column // each]:g} dB |v| exceeds {top:g} m/s, the top of the "
-            f"kernel table; {remedy}"
+            f"at {levels[error.column // each]:g} dB |v| exceeds {top:g} m/s, the top of the kernel table; {remedy}"
         ) from None
     except NotSettled as error:
         raise ValueError(

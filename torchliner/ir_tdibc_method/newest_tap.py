@@ -44,9 +44,7 @@ class NewestTap:
         self.taps = kernels.taps[:, 0].numpy()
         self.steepest = float(np.abs(np.diff(self.taps) / np.diff(self.speeds)).max())
 
-    def solve(
-        self, sent: Array, memory: Array, past: Array, share: float
-    ) -> tuple[Array, Array, Array, Array]:
+    def solve(self, sent: Array, memory: Array, past: Array, share: float) -> tuple[Array, Array, Array, Array]:
         """The speed and what it rests on.
 
         Args:

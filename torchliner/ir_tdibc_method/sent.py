@@ -78,8 +78,7 @@ def record_length(signal: Any, rate: float, duration: Any, kernel: int) -> int:
     if isinstance(signal, Recorded):
         if duration is not None:
             raise ValueError(
-                f"{signal.label} is sent whole, {len(signal.signal) / rate:.6g} s; cut it, or "
-                "leave duration out"
+                f"{signal.label} is sent whole, {len(signal.signal) / rate:.6g} s; cut it, or leave duration out"
             )
         samples = len(signal.signal)
     elif isinstance(signal, Tones):
@@ -110,22 +109,17 @@ def unit_records(signal: Any, realisations: int, samples: int, rate: float) -> T
     Raises:
         ValueError: a signal that has only one.
     """
-    several = isinstance(signal, BandNoise) or (
-        isinstance(signal, Tones) and len(signal.frequency) > 1
-    )
+    several = isinstance(signal, BandNoise) or (isinstance(signal, Tones) and len(signal.frequency) > 1)
     if realisations > 1 and not several:
         raise ValueError(
-            f"{signal.label} has one realisation, {realisations} are asked for; noise and several "
-            "tones have more"
+            f"{signal.label} has one realisation, {realisations} are asked for; noise and several tones have more"
         )
     draws = torch.stack([_drawn(signal, i).sampled(samples, rate) for i in range(realisations)])
     if isinstance(signal, Recorded):  # whose mean is an offset: it moves no wave
         draws = draws - draws.mean(1, keepdim=True)
     size = draws.square().mean(1, keepdim=True).sqrt()
     if not bool((size > 1e-12 * draws.abs().max()).all()):
-        raise ValueError(
-            f"{signal.label} is one value throughout; there is no wave to scale to a level"
-        )
+        raise ValueError(f"{signal.label} is one value throughout; there is no wave to scale to a level")
     return draws / size
 
 

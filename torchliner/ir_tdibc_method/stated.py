@@ -61,10 +61,7 @@ def grid_of(model: LinerModel, velocity_max: float | None) -> VelocityGrid:
     top = FASTEST if model.speed_max is None else min(FASTEST, model.speed_max)
     grid = VelocityGrid(top if velocity_max is None else velocity_max)
     if model.speed_max is not None and grid.maximum > model.speed_max:
-        raise ValueError(
-            f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {model.speed_max:g} "
-            "m/s"
-        )
+        raise ValueError(f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {model.speed_max:g} m/s")
     return grid
 
 
@@ -114,9 +111,7 @@ def band_of(
     return low, high
 
 
-def review_band(
-    kernel: str, band: tuple[float, float], signal: Any, wave: Tensor, rate: float
-) -> None:
+def review_band(kernel: str, band: tuple[float, float], signal: Any, wave: Tensor, rate: float) -> None:
     """Say how much of the wave (n,) is sent where the kernel does not stand for the liner.
 
     Warns:

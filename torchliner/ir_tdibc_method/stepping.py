@@ -56,9 +56,7 @@ class Motion:
         return Motion(x, y, self.residual, self.several)
 
 
-def step_in_time(
-    sent: Tensor, kernels: KernelTable, window: int = 1, progress: Progress | None = None
-) -> Motion:
+def step_in_time(sent: Tensor, kernels: KernelTable, window: int = 1, progress: Progress | None = None) -> Motion:
     """What a wall at rest makes of incident waves.
 
     Args:

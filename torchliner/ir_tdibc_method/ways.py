@@ -132,8 +132,7 @@ class Periodic:
         """
         if not case.repeats:
             raise ValueError(
-                "kernel 'periodic' needs a signal that repeats, and a recording does not; take "
-                "'least-squares'"
+                "kernel 'periodic' needs a signal that repeats, and a recording does not; take 'least-squares'"
             )
         n = case.sent.shape[1]
         frequency = torch.fft.rfftfreq(n, 1 / case.rate, dtype=torch.float64)

@@ -84,9 +84,7 @@ def educe_bursts(
     model = as_liner(liner)
     station_choices, replay_choices = _split(choices)
     if reference_phase is not None and not phase_rule(replay_choices.phase).takes_phase:
-        raise ValueError(
-            f"reference_phase is only used with phase='given', not {replay_choices.phase!r}"
-        )
+        raise ValueError(f"reference_phase is only used with phase='given', not {replay_choices.phase!r}")
     if phase_rule(replay_choices.phase).several_tones:
         raise ValueError(
             f"phase {replay_choices.phase!r} is for planes; bursts of a station take one tone at a "
@@ -108,10 +106,7 @@ def educe_bursts(
         shared = [
             liner_fingerprint(model), wanted, station_choices.describe(), replay_choices.describe(),
         ]  # fmt: skip
-        keys = [
-            station_key(stations[i], _channel(references[i], stations[i]), [*shared, phases[i]])
-            for i in order
-        ]
+        keys = [station_key(stations[i], _channel(references[i], stations[i]), [*shared, phases[i]]) for i in order]
     missing = [i for i, key in zip_longest(order, keys) if kept is None or not kept.holds(key)]
     made = in_order(
         client, _read_and_educe, (model, frequency, station_choices, replay_choices),
@@ -132,9 +127,7 @@ def educe_bursts(
     return with_choices(dataclasses.replace(line, notes=tuple(notes)), **origin)
 
 
-def _named(
-    stations: Sequence[Station], references: Sequence[Any], liner: LinerModel
-) -> Iterator[tuple[str, str]]:
+def _named(stations: Sequence[Station], references: Sequence[Any], liner: LinerModel) -> Iterator[tuple[str, str]]:
     """What went into a line, and the names of its files."""
     for each in stations:
         own = each.path if isinstance(each, StationSource) else each.name.split(", station ")[0]
@@ -163,8 +156,7 @@ def _order(stations: Sequence[Station]) -> list[int]:
         ValueError: two stations have the same position.
     """
     places: list[Place] = [
-        each.place if isinstance(each, StationSource) else (each.x, each.y, each.z)
-        for each in stations
+        each.place if isinstance(each, StationSource) else (each.x, each.y, each.z) for each in stations
     ]
     if any(None in place for place in places):
         return list(range(len(stations)))
@@ -175,8 +167,7 @@ def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
     channel = reference(station) if callable(reference) else reference
     if channel is not None and not isinstance(channel, ReferenceChannel):
         raise TypeError(
-            f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples and "
-            "their rate first"
+            f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples and their rate first"
         )
     return channel
 
@@ -189,9 +180,7 @@ def _checked_stations(stations: Any) -> list[Station]:
         raise ValueError("no station is given")
     for each in found:
         if not isinstance(each, (BurstRecord, StationSource)):
-            raise TypeError(
-                f"a station is {type(each).__name__}; make a BurstRecord of your bursts first"
-            )
+            raise TypeError(f"a station is {type(each).__name__}; make a BurstRecord of your bursts first")
     return found
 
 
@@ -260,9 +249,7 @@ def _require_same_case(first: ImpedanceLine, other: ImpedanceLine) -> None:
             f"{other.names[0]} states a tone of {tones[0]:g} Hz, {first.names[0]} of {tones[1]:g} "
             "Hz; the stations of a line share one case"
         )
-    mine, theirs = (
-        None if line.goodrich is None else line.goodrich.tolist() for line in (first, other)
-    )
+    mine, theirs = (None if line.goodrich is None else line.goodrich.tolist() for line in (first, other))
     if mine != theirs:
         raise ValueError(
             f"{other.names[0]} has another displacement thickness or Mach number than "
@@ -272,22 +259,17 @@ def _require_same_case(first: ImpedanceLine, other: ImpedanceLine) -> None:
         mine, theirs = getattr(first, key), getattr(other, key)
         if mine != theirs:
             raise ValueError(
-                f"{other.names[0]} has {key} {theirs}, {first.names[0]} {mine}; the stations of a "
-                "line share one case"
+                f"{other.names[0]} has {key} {theirs}, {first.names[0]} {mine}; the stations of a line share one case"
             )
 
 
-def station_key(
-    station: BurstRecord | StationSource, reference: ReferenceChannel | None, choices: list[Any]
-) -> str:
+def station_key(station: BurstRecord | StationSource, reference: ReferenceChannel | None, choices: list[Any]) -> str:
     """Hash of the data, the reference channel and all choices: 32 hexadecimal digits."""
     if isinstance(station, StationSource):
         source = f"{station.digest()} {station.name}"
     else:
         source = _hash(list(vars(station).values()))
-    channel = (
-        [] if reference is None else [reference.values, reference.sampling_rate, reference.start]
-    )
+    channel = [] if reference is None else [reference.values, reference.sampling_rate, reference.start]
     text = json.dumps([__version__, source, _hash(channel), *choices], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 

@@ -102,9 +102,7 @@ def _deviation(values: Tensor) -> Tensor:
     return torch.complex(values.real.std(0), values.imag.std(0))
 
 
-def _line_interval(
-    line: ImpedanceLine, admittance: Tensor, counts: Tensor, choices: Choices
-) -> Interval | None:
+def _line_interval(line: ImpedanceLine, admittance: Tensor, counts: Tensor, choices: Choices) -> Interval | None:
     """Variances of the stations, added; their degrees of freedom by Welch and Satterthwaite."""
     if choices.interval is None or not can_resample(int(counts.min())):
         return None

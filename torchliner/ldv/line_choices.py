@@ -51,13 +51,9 @@ class StationChoices:
             if getattr(self, name) is not None:
                 require_positive(f"{name} (Hz)", getattr(self, name))
         if self.band_limit is not None and self.method != "band-limited":
-            raise ValueError(
-                f"band_limit is for method 'band-limited', not {self.method!r}; leave it out"
-            )
+            raise ValueError(f"band_limit is for method 'band-limited', not {self.method!r}; leave it out")
         if not 0 <= self.overlap < 1:
-            raise ValueError(
-                f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1"
-            )
+            raise ValueError(f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1")
         if not 2 <= self.monte_carlo <= MOST_DRAWS:
             raise ValueError(f"monte_carlo is {self.monte_carlo}; it is 2 to {MOST_DRAWS} draws")
 

@@ -122,16 +122,12 @@ def _mean_amplitude(ready: Prepared, phases: Tensor) -> Tensor:
     return 2 * (amplitude * torch.exp(-1j * phases)).mean(0)
 
 
-def _warnings_of(
-    ready: Prepared, cut: Segments, tone: ReferenceTone | None, choices: Choices
-) -> list[str]:
+def _warnings_of(ready: Prepared, cut: Segments, tone: ReferenceTone | None, choices: Choices) -> list[str]:
     """A tone that wanders past the correction; a reference that v does not follow."""
     notes = []
     segments = slice(0, len(cut.start))
     size = 2 * ready.velocity_amplitude[segments].cpu().abs().mean(0)
-    left = _mean_amplitude(ready, clock_phases(cut, ready.frequency, None)).abs() / size.clamp(
-        min=1e-300
-    )
+    left = _mean_amplitude(ready, clock_phases(cut, ready.frequency, None)).abs() / size.clamp(min=1e-300)
     has_tone = ready.survey.coherence[segments].cpu().mean(0) > choices.minimum_coherence / 2
     for i, f in enumerate(ready.frequency.tolist()):
         if bool(cut.corrected[i]) and float(left[i]) < WANDERS and bool(has_tone[i]):

@@ -98,10 +98,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     rate = signal.grid.rate
     starts, length = segment_starts(signal.grid.samples, 0, choices.segment, rate, choices.overlap)
     if len(starts) < FEWEST_SEGMENTS:
-        raise ValueError(
-            f"{record.name}: its grid holds one segment of {choices.segment:g} s; shorten the "
-            "segment"
-        )
+        raise ValueError(f"{record.name}: its grid holds one segment of {choices.segment:g} s; shorten the segment")
     hop = starts[1] - starts[0]
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop), sampling_rate=rate, frequency=record.frequency,
@@ -209,9 +206,7 @@ class ReferenceTone:
         return amplitude, self.coherence.expand(amplitude.shape)
 
 
-def reference_tone(
-    cut: Segments, reference: ReferenceChannel, frequency: Tensor, record: Record
-) -> ReferenceTone:
+def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor, record: Record) -> ReferenceTone:
     """The reference channel in the segments of a station; ``record`` has the window over each.
 
     Raises:
@@ -247,9 +242,7 @@ def clock_phases(cut: Segments, frequency: Tensor, reference: ReferenceTone | No
     return reference.amplitude.angle()
 
 
-def sound_phases(
-    cut: Segments, frequency: Tensor, reference: ReferenceTone | None, lead: float | None
-) -> Tensor:
+def sound_phases(cut: Segments, frequency: Tensor, reference: ReferenceTone | None, lead: float | None) -> Tensor:
     """psi of ``given`` in each segment, counted from its first sample, rad, (S, F), ``lead`` ahead
     of the clock.
 
@@ -258,8 +251,7 @@ def sound_phases(
     """
     if reference is None and lead is None:
         raise ValueError(
-            "phase='given' needs a reference channel, or reference_phase in rad on the clock of "
-            "the arrivals"
+            "phase='given' needs a reference channel, or reference_phase in rad on the clock of the arrivals"
         )
     return clock_phases(cut, frequency, reference) + (lead or 0.0)
 

@@ -88,10 +88,7 @@ def _lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Lagrange polynomials through ``nodes`` at ``places``, (P, n), as products."""
     apart = nodes[:, None] - nodes + np.eye(len(nodes))
     away = places[:, None] - nodes
-    columns = [
-        np.prod(np.delete(away, j, 1), 1) / np.prod(np.delete(apart[j], j))
-        for j in range(len(nodes))
-    ]
+    columns = [np.prod(np.delete(away, j, 1), 1) / np.prod(np.delete(apart[j], j)) for j in range(len(nodes))]
     return np.stack(columns, 1)
 
 

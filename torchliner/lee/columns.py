@@ -156,9 +156,7 @@ class Column:
         return self.points if self.lined else 0
 
 
-def condense_column(
-    k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool
-) -> Column:
+def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
     """One column of a given width; see ``condense_elements``."""
     elements = condense_elements(k, width, basis, rows, flow)
     n, count = basis.count, len(rows.mass)

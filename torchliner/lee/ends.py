@@ -43,9 +43,7 @@ class EndModes:
 
 def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
     """Plane-like modes at heights y (m, (N,))."""
-    down, up = (
-        duct_modes(profile, frequency, count=1, direction=d) for d in ("downstream", "upstream")
-    )
+    down, up = (duct_modes(profile, frequency, count=1, direction=d) for d in ("downstream", "upstream"))
     return end_modes(down, up, y, flow)
 
 
@@ -85,10 +83,7 @@ def _warn_of_near_ends(case: DuctCase, frequency: float) -> None:
     """At the highest frequency below cut-on, where mode 1 decays least."""
     kappa = torch.tensor([case.height * 2 * math.pi * frequency / case.profile.sound_speed])
     ends = {"upstream": case.liner[0][0] - case.start, "downstream": case.end - case.liner[-1][1]}
-    decay = {
-        end: float(rigid_wavenumbers(case.profile, kappa, 2, end)[0, 1].imag.abs()) / case.height
-        for end in ends
-    }
+    decay = {end: float(rigid_wavenumbers(case.profile, kappa, 2, end)[0, 1].imag.abs()) / case.height for end in ends}
     nearest = min(ends, key=lambda end: decay[end] * ends[end])
     share = math.exp(-decay[nearest] * ends[nearest])
     if decay[nearest] * ends[nearest] < GONE:

@@ -46,9 +46,7 @@ class EnergyBalance:
         """One a frequency, of a field without leading axes."""
         parts = {"energy out": self.out, "energy absorbed": self.absorbed,
                  "energy missing": self.missing}  # fmt: skip
-        return [
-            {name: float(part[f]) for name, part in parts.items()} for f in range(len(self.out))
-        ]
+        return [{name: float(part[f]) for name, part in parts.items()} for f in range(len(self.out))]
 
 
 def energy_balance(swept: SweptDuct, waves: Tensor, wall: Wall | None) -> EnergyBalance:

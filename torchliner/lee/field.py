@@ -55,8 +55,7 @@ class DuctField(Reported):
         """
         if not self.swept.parts[0].incoming:
             raise ValueError(
-                "the solver kept what the walls need (keep='walls'); build it with keep='all' to "
-                "read fields inside"
+                "the solver kept what the walls need (keep='walls'); build it with keep='all' to read fields inside"
             )
         places, heights = np.broadcast_arrays(_places(x), _places(y))
         _require_inside("x", places, self.case.start, self.case.end)
@@ -123,9 +122,7 @@ class DuctField(Reported):
 
     def rows(self) -> list[dict[str, float | None]]:
         """One a frequency, of a field without leading axes: reflection, transmission, energy."""
-        reflection, transmission = (
-            part.detach().abs() for part in (self.reflection, self.transmission)
-        )
+        reflection, transmission = (part.detach().abs() for part in (self.reflection, self.transmission))
         return [
             {"frequency (Hz)": frequency, "reflection": float(back), "transmission": float(through),
              "transmission loss (dB)": -20 * float(through.log10()), **energy}
@@ -170,9 +167,7 @@ class DuctField(Reported):
         number = torch.as_tensor(np.cumsum(mesh.lined) - 1).to(which)[which].clamp(min=0)
         from_wall = self.waves[..., 2:-2].unflatten(-1, (-1, basis.count))[..., number, :]
         leaving = (from_wall * values).sum(-1)
-        return arriving, torch.where(
-            torch.as_tensor(mesh.lined).to(which.device)[which], leaving, arriving
-        )
+        return arriving, torch.where(torch.as_tensor(mesh.lined).to(which.device)[which], leaving, arriving)
 
 
 def _places(values: Any) -> Array:
@@ -184,9 +179,7 @@ def _places(values: Any) -> Array:
 def _require_inside(name: str, values: Array, low: float, high: float) -> None:
     outside = ~((values >= low) & (values <= high))
     if outside.any():
-        raise ValueError(
-            f"{name} = {values[outside][0]:g} m lies outside the duct, {low:g} to {high:g} m"
-        )
+        raise ValueError(f"{name} = {values[outside][0]:g} m lies outside the duct, {low:g} to {high:g} m")
 
 
 def _cells(edges: Array, places: Array) -> tuple[NDArray[np.int64], Array]:
@@ -210,9 +203,7 @@ def _point_rows(swept: SweptDuct, part: Kept, x: Array, y: Array) -> Tensor:
     return found
 
 
-def _column_rows(
-    column: Column, element: NDArray[np.int64], along: Tensor, across: Tensor
-) -> Tensor:
+def _column_rows(column: Column, element: NDArray[np.int64], along: Tensor, across: Tensor) -> Tensor:
     """p, u and v at points of one column for unit waves into it, (F, P, 3, I)."""
     elements, n = column.elements, along.shape[-1]
     which = torch.as_tensor(element).to(along.device)

@@ -49,15 +49,12 @@ class DuctMesh:
                 raise ValueError(f"mesh {name} must be a list of increasing edges, in m")
             if abs(edges[0] - low) > tolerance or abs(edges[-1] - high) > tolerance:
                 raise ValueError(
-                    f"mesh {name} runs from {edges[0]:g} to {edges[-1]:g} m, the duct from {low:g} "
-                    f"to {high:g} m"
+                    f"mesh {name} runs from {edges[0]:g} to {edges[-1]:g} m, the duct from {low:g} to {high:g} m"
                 )
             object.__setattr__(self, name, edges)
         for edge in (edge for patch in self.case.liner for edge in patch):
             if np.abs(self.x - edge).min() > SAME * (self.case.end - self.case.start):
-                raise ValueError(
-                    f"the liner's edge at x = {edge:g} m lies inside a column; make it an edge"
-                )
+                raise ValueError(f"the liner's edge at x = {edge:g} m lies inside a column; make it an edge")
 
     @property
     def unknowns(self) -> int:
@@ -155,8 +152,7 @@ def build_mesh(
     breaks = sorted({case.start, case.end, *(edge for patch in case.liner for edge in patch)})
     column = column or largest
     parts = [
-        low + _graded(high - low, edge_cell or column, column, both=True)
-        for low, high in itertools.pairwise(breaks)
+        low + _graded(high - low, edge_cell or column, column, both=True) for low, high in itertools.pairwise(breaks)
     ]
     x = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
     return DuctMesh(case, x, y, degree)

@@ -56,9 +56,7 @@ def solve_ports(response: Response, wall: Wall | None, starts: Tensor, returns: 
         RuntimeError: the system is singular; the message holds the residual.
     """
     count = 0 if wall is None else response.wall.shape[-2]
-    reading = torch.cat(
-        [response.wall[..., :count, :], response.left[:, None], response.right[:, None]], -2
-    )
+    reading = torch.cat([response.wall[..., :count, :], response.left[:, None], response.right[:, None]], -2)
     system = _system(response, reading, wall, returns)
     modes = torch.stack([response.left_modes[:, 0], response.right_modes[:, 1]], -1)
     sources = reading[..., [0, 2 + count]]

@@ -112,9 +112,7 @@ def _solve(
     return found
 
 
-def finer_mesh(
-    case: DuctCase, frequency: Tensor, step: int, growing: Tensor | None = None
-) -> DuctMesh:
+def finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor | None = None) -> DuctMesh:
     """The mesh ``step`` times refined, its columns fit for a growing wave alpha (1/m, (F,))."""
     first = build_mesh(case, float(frequency.max()), degree=DEGREE)
     columns, rows = float(first.widths.max()), first.y[1:] - first.y[:-1]
@@ -160,9 +158,7 @@ def _judge(found: SettledField) -> None:
     tell(f"{text} (limit {SETTLED:g} dB)", depth=4)
 
 
-def _judge_growth(
-    case: DuctCase, frequency: Tensor, growth: Tensor, growing: Tensor, refuse: bool
-) -> None:
+def _judge_growth(case: DuctCase, frequency: Tensor, growth: Tensor, growing: Tensor, refuse: bool) -> None:
     worst = int(growth.argmax())
     if float(growth[worst]) == 0:
         return

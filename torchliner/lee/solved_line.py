@@ -69,10 +69,7 @@ def _asked(field: DuctField) -> list[list[Any]] | None:
         return None
     shape = (len(field.frequency), len(field.case.liner))
     walls = torch.as_tensor(field.impedance).detach().broadcast_to(shape).tolist()
-    return [
-        [[z.real, z.imag] if np.isfinite(z) else "rigid" for z in map(complex, row)]
-        for row in walls
-    ]
+    return [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in map(complex, row)] for row in walls]
 
 
 def setup_of(field: DuctField) -> DuctSetup:
@@ -82,9 +79,7 @@ def setup_of(field: DuctField) -> DuctSetup:
         ValueError: it has leading axes.
     """
     if field.waves.ndim != 2:
-        raise ValueError(
-            f"the field has the leading axes {tuple(field.waves.shape[:-2])}; a page has one field"
-        )
+        raise ValueError(f"the field has the leading axes {tuple(field.waves.shape[:-2])}; a page has one field")
     case, profile = field.case, field.case.profile
     level = float(spl_from_pressure_amplitude(torch.as_tensor(complex(case.incident))))
     facts = {

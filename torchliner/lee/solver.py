@@ -84,9 +84,7 @@ class DuctSolver:
         wall = None
         if self.case.liner:
             k = self.case.wavenumber(self.frequency)
-            wall = wall_of(
-                impedance, self.mesh, self._swept.basis, k, self.frequency, self.slip_mach
-            )
+            wall = wall_of(impedance, self.mesh, self._swept.basis, k, self.frequency, self.slip_mach)
         starts, returns = self._ends(side)
         waves = self._solve_in_parts(wall, starts, returns)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
@@ -132,9 +130,7 @@ class DuctSolver:
         if count <= step or wall is None:
             return solve_ports(response, wall, starts, returns)
         flat = wall.flattened(lead)
-        ends = [
-            t.expand(*lead, *t.shape[-2:]).reshape(count, *t.shape[-2:]) for t in (starts, returns)
-        ]
+        ends = [t.expand(*lead, *t.shape[-2:]).reshape(count, *t.shape[-2:]) for t in (starts, returns)]
         parts = [
             solve_ports(response, flat.select(at), *(end[at] for end in ends))
             for at in (slice(i, i + step) for i in range(0, count, step))

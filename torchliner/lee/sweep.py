@@ -113,9 +113,7 @@ def _columns(k: Tensor, mesh: DuctMesh, basis: Basis, rows: Rows, flow: bool) ->
     return columns
 
 
-def _one_sweep(
-    columns: list[Column], modes: EndModes, means: Tensor, keep_all: bool
-) -> tuple[Kept, Response]:
+def _one_sweep(columns: list[Column], modes: EndModes, means: Tensor, keep_all: bool) -> tuple[Kept, Response]:
     """Both sweeps over the columns, for a unit wave into each opening of the duct."""
     left, right = modes.along.mT, modes.against.flip(1).mT  # unit waves into the ends
     first, widths = left.shape[-1], [column.open_waves for column in columns]
@@ -154,9 +152,7 @@ def _one_sweep(
     return parts, response
 
 
-def _backward(
-    columns: list[Column], left: Tensor, right: Tensor
-) -> tuple[list[Tensor], list[Tensor]]:
+def _backward(columns: list[Column], left: Tensor, right: Tensor) -> tuple[list[Tensor], list[Tensor]]:
     """P and t of every column; t has the columns of its own wall and of all on its right."""
     reflection = right.new_zeros(len(right), right.shape[1], left.shape[1])
     source = right
@@ -165,9 +161,7 @@ def _backward(
     for column in reversed(columns):
         blocks, width = column.blocks, column.open_waves
         one = torch.eye(reflection.shape[-2], dtype=reflection.dtype, device=reflection.device)
-        sides = torch.cat(
-            [reflection @ blocks["right", "left"], reflection @ blocks["right", "wall"], source], -1
-        )
+        sides = torch.cat([reflection @ blocks["right", "left"], reflection @ blocks["right", "wall"], source], -1)
         solved = torch.linalg.solve(one - reflection @ blocks["right", "right"], sides)
         passed, source = solved.tensor_split([blocks["right", "left"].shape[-1]], -1)
         passes.append(passed)

@@ -95,9 +95,7 @@ def exact_mode_error(
     """Largest error of p over the elements' nodes, relative to the largest p; and the unknowns."""
     source = "upstream" if direction == "downstream" else "downstream"
     case = DuctCase(profile, 0.0, LENGTH, (0.0, LENGTH), source, slip_condition=CONDITION)
-    mesh = DuctMesh(
-        case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree
-    )
+    mesh = DuctMesh(case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree)
     frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
     down, up = _modes_of(profile)  # type: ignore[arg-type]  # flows are frozen records
 

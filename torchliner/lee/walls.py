@@ -88,9 +88,7 @@ class Wall:
         return Wall(self.send[chosen], arrive, self.inner)
 
 
-def wall_of(
-    impedance: Any, mesh: DuctMesh, basis: Basis, k: Tensor, frequency: Tensor, slip_mach: float
-) -> Wall:
+def wall_of(impedance: Any, mesh: DuctMesh, basis: Basis, k: Tensor, frequency: Tensor, slip_mach: float) -> Wall:
     """The wall of an impedance.
 
     Args:
@@ -129,9 +127,7 @@ def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) 
     return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
 
 
-def _varying(
-    impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, frequency: Tensor
-) -> Tensor:
+def _varying(impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
     places, values, weights = basis.quadrature()
     x = torch.as_tensor(mesh.lined_starts[:, None] + mesh.lined_widths[:, None] * places)
     found = impedance(x.flatten().to(frequency), frequency)

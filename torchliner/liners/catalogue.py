@@ -104,8 +104,7 @@ class TableFile(LinerFile):
                              "and reactance, with speed where they depend on it")  # fmt: skip
         shape = (len(self.frequency or ()), *(() if self.speed is None else (len(self.speed),)))
         real, imaginary = (
-            _grid(part, key, shape)
-            for part, key in ((self.resistance, "resistance"), (self.reactance, "reactance"))
+            _grid(part, key, shape) for part, key in ((self.resistance, "resistance"), (self.reactance, "reactance"))
         )
         return TabulatedLiner(self.frequency, real + 1j * imaginary, self.speed, **about)
 
@@ -174,8 +173,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     if isinstance(name, Mapping):
         if "file" in name:  # whoever wrote a map does not choose what is read here
             raise ValueError(
-                f"the liner is described by the file {name['file']!r} and not by its numbers; load "
-                "that file"
+                f"the liner is described by the file {name['file']!r} and not by its numbers; load that file"
             )
         found = _build(_stated(name), Path(str(name.get("name", "liner"))))
         missing = _missing(name, found.describe())

@@ -70,8 +70,6 @@ def cavity_propagation(omega: Tensor, hydraulic_radius: Tensor, fluid: Fluid) ->
     return 1j * omega / fluid.sound_speed * torch.sqrt(losses)
 
 
-def cavity_impedance(
-    omega: Tensor, depth: Tensor, hydraulic_radius: Tensor, fluid: Fluid
-) -> Tensor:
+def cavity_impedance(omega: Tensor, depth: Tensor, hydraulic_radius: Tensor, fluid: Fluid) -> Tensor:
     """coth(j k_c H_c), normalised: a closed cavity seen from its mouth. Last term of (2.2a)."""
     return 1 / torch.tanh(cavity_propagation(omega, hydraulic_radius, fluid) * depth)

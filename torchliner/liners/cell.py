@@ -99,8 +99,7 @@ class CellLiner(LinerModel):
 
     def _named(self, numbers: Mapping[str, tuple[str, float]]) -> dict[str, Number]:
         return {
-            name: Number(plain_number(getattr(self, name)), unit, high=high)
-            for name, (unit, high) in numbers.items()
+            name: Number(plain_number(getattr(self, name)), unit, high=high) for name, (unit, high) in numbers.items()
         }
 
     def _gain(self) -> Tensor:

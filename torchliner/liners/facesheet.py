@@ -45,9 +45,7 @@ def require_mass(name: str, thickness: float, diameter: float, porosity: float) 
         )
 
 
-def facesheet_impedance(
-    omega: Tensor, thickness: Tensor, radius: Tensor, porosity: Tensor, fluid: Fluid
-) -> Tensor:
+def facesheet_impedance(omega: Tensor, thickness: Tensor, radius: Tensor, porosity: Tensor, fluid: Fluid) -> Tensor:
     """Linear impedance of a perforate, normalised: first two terms of eq. (2.2a).
 
     Args:

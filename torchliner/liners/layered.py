@@ -143,9 +143,7 @@ class LayeredLiner(CellLiner):
             raise ValueError(f"{where} has no layers; a sheet and a cavity are the least")
         named = [*self.named_layers()]
         if isinstance(self.layers[0], Cavity):
-            raise ValueError(
-                f"{where} begins with {named[0]}; the first layer is the sheet that faces the flow"
-            )
+            raise ValueError(f"{where} begins with {named[0]}; the first layer is the sheet that faces the flow")
         if not isinstance(self.layers[-1], Cavity):
             raise ValueError(
                 f"{where} ends in {named[-1]} ({self.layers[-1].label}), on the backplate or below "

@@ -38,10 +38,7 @@ def layer_of(table: Any) -> Layer:
         raise ValueError("a table [[layers]] is needed")
     kind = table.get("kind")
     if kind not in list(kinds):
-        raise ValueError(
-            f"kind is {kind!r}{did_you_mean(str(kind), list(kinds))}; it is one of "
-            f"{', '.join(kinds)}"
-        )
+        raise ValueError(f"kind is {kind!r}{did_you_mean(str(kind), list(kinds))}; it is one of {', '.join(kinds)}")
     try:
         stated = table_of(kind, kinds[kind]).model_validate(table).model_dump(exclude={"kind"})
     except ValidationError as error:

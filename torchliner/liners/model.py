@@ -166,8 +166,7 @@ def as_liner(liner: Any) -> LinerModel:
         return liner
     if not hasattr(liner, "impedance"):
         raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read "
-            "by load_liner"
+            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read by load_liner"
         )
     members = {name: getattr(liner, name) for name in STATED if hasattr(liner, name)}
     if hasattr(liner, "orifice_diameter"):

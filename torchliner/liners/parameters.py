@@ -56,9 +56,7 @@ def require_ranges(numbers: Mapping[str, Number], label: str) -> None:
         ValueError: label, name, value, unit, range.
     """
     for name, number in numbers.items():
-        below = number.value < number.low or (
-            number.value == number.low and not number.low_included
-        )
+        below = number.value < number.low or (number.value == number.low and not number.low_included)
         if below or not math.isfinite(number.value) or number.value > number.high:
             unit = "" if number.unit == "1" else f" {number.unit}"
             edge = f"{'at least' if number.low_included else 'above'} {number.low:g}{unit}"

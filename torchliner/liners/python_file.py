@@ -44,9 +44,7 @@ def read_liner(path: Path) -> LinerModel:
     source = names.get("liner")
     if isinstance(source, LinerModel):
         return source
-    stated = {
-        name: names.get(name) if source is None else getattr(source, name, None) for name in TAKEN
-    }
+    stated = {name: names.get(name) if source is None else getattr(source, name, None) for name in TAKEN}
     members = {name: value for name, value in stated.items() if value is not None}
     if not callable(members.get("impedance")):
         near = did_you_mean("impedance", [name for name in names if name[0] != "_"])

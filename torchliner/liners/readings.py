@@ -25,9 +25,7 @@ def velocity_readings(liner: Cells) -> dict[str, Cells]:
         ValueError: the readings are one and the same here.
     """
     if plain_number(liner.open_area_fraction) == 1:
-        raise ValueError(
-            "open_area_fraction is 1: |v| as measured and |v| conserved are the same there"
-        )
+        raise ValueError("open_area_fraction is 1: |v| as measured and |v| conserved are the same there")
     others = [name for name in VELOCITY_READINGS if name != liner.velocity_reading]
     return {name: liner.replace(velocity_reading=name) for name in others}
 

@@ -107,16 +107,10 @@ class SDoFLiner(CellLiner):
         number = {n: real_tensor(getattr(self, n)).to(omega.device) for n in NUMBERS}
         radius, porosity = number["orifice_diameter"] / 2, number["porosity"]
         alpha, k = number["open_area_fraction"], self._gain().to(omega.device)
-        linear = facesheet_impedance(
-            omega, number["facesheet_thickness"], radius, porosity, self.fluid
-        )
-        cavity = cavity_impedance(
-            omega, number["cavity_depth"], number["cavity_hydraulic_radius"], self.fluid
-        )
+        linear = facesheet_impedance(omega, number["facesheet_thickness"], radius, porosity, self.fluid)
+        cavity = cavity_impedance(omega, number["cavity_depth"], number["cavity_hydraulic_radius"], self.fluid)
         linear = (linear + cavity / number["cavity_porosity"]) / alpha + self.impedance_offset
-        a, b, c, d = speed_law_coefficients(
-            omega, radius, porosity, number["vena_contracta"], self.fluid
-        )
+        a, b, c, d = speed_law_coefficients(omega, radius, porosity, number["vena_contracta"], self.fluid)
         # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
         return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
 

@@ -56,9 +56,7 @@ class TabulatedLiner(LinerModel):
         speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
         wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
         if tuple(values.shape) != wanted:
-            raise ValueError(
-                f"table {self.name!r}: values have shape {tuple(values.shape)}, the axes {wanted}"
-            )
+            raise ValueError(f"table {self.name!r}: values have shape {tuple(values.shape)}, the axes {wanted}")
         if not bool(torch.isfinite(values.real).all() and torch.isfinite(values.imag).all()):
             raise ValueError(f"table {self.name!r} holds values that are not finite")
         for label, axis in (("frequency", frequency), ("speed", speed)):
@@ -105,9 +103,7 @@ class TabulatedLiner(LinerModel):
             return cls._from_columns(_read_columns(Path(path)), path, **options)
 
     @classmethod
-    def _from_columns(
-        cls, columns: dict[str, Array], path: str | Path, **options: Any
-    ) -> TabulatedLiner:
+    def _from_columns(cls, columns: dict[str, Array], path: str | Path, **options: Any) -> TabulatedLiner:
         wall = columns["resistance"] + 1j * columns["reactance"]
         if "speed" not in columns:
             order = columns["frequency"].argsort(kind="stable")
@@ -116,9 +112,7 @@ class TabulatedLiner(LinerModel):
         frequency, speed = (sorted(set(axis)) for axis in zip(*rows, strict=True))
         found = dict(zip(rows, wall.tolist(), strict=True))
         if len(found) < len(rows):
-            raise ValueError(
-                f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed"
-            )
+            raise ValueError(f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed")
         for f in frequency:
             for v in speed:
                 if (f, v) not in found:
@@ -143,10 +137,7 @@ class TabulatedLiner(LinerModel):
             return flat.broadcast_to(np.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
         column, along = _bracket(self.speed, v)
-        lower, upper = (
-            self.values[i, column] * (1 - along) + self.values[i, column + 1] * along
-            for i in (row, above)
-        )
+        lower, upper = (self.values[i, column] * (1 - along) + self.values[i, column + 1] * along for i in (row, above))
         return lower * (1 - across) + upper * across
 
     def describe(self) -> dict[str, Any]:
@@ -181,10 +172,7 @@ def _read_columns(path: Path) -> dict[str, Array]:
         raise ValueError(f"{path} holds no values: the file ends at line 1")
     others = {i: label for i, label in enumerate(labels) if label not in COLUMNS}
     if separator == "," and any(
-        number_of(cell) == number_of(cell)
-        for row, _ in rows
-        for i, cell in enumerate(row)
-        if i in others
+        number_of(cell) == number_of(cell) for row, _ in rows for i, cell in enumerate(row) if i in others
     ):
         # A decimal comma shifts the cells of a row by one, into a column that nobody reads.
         tell(

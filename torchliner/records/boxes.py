@@ -46,18 +46,13 @@ def grid_of(plane: VelocityPlane) -> Grid:
     """
     shape = plane.probe_shape
     if len(shape) == 0 or shape[-1] < 2:
-        raise ValueError(
-            f"{plane.name} has {plane.probes} probe along x; averaging lengths need several"
-        )
+        raise ValueError(f"{plane.name} has {plane.probes} probe along x; averaging lengths need several")
     if plane.x is None or (len(shape) == 2 and shape[0] > 1 and plane.z is None):
         raise ValueError(
-            f"{plane.name} states no {'x' if plane.x is None else 'z'}; averaging lengths need "
-            "the probes' places, in m"
+            f"{plane.name} states no {'x' if plane.x is None else 'z'}; averaging lengths need the probes' places, in m"
         )
     if len(shape) == 1 and plane.z is not None and bool((plane.z != plane.z[0]).any()):
-        raise ValueError(
-            f"{plane.name} holds scattered probes; windows need a line or a (z, x) plane"
-        )
+        raise ValueError(f"{plane.name} holds scattered probes; windows need a line or a (z, x) plane")
     rows = shape[0] if len(shape) == 2 else 1
     spacing = _spacing(plane, "x", plane.x)
     return Grid(rows, shape[-1], spacing, _spacing(plane, "z", plane.z) if rows > 1 else math.inf)
@@ -149,6 +144,5 @@ def averaged_planes(plane: VelocityPlane, several: Sequence[Windows]) -> list[Ve
         for each, windows in zip(averaged, several, strict=True):
             each[begin:end] = windows.mean(slab).to(dtype)
     return [
-        dataclasses.replace(plane, velocity=each.T, x=None, z=None, streamwise=None, reference={})
-        for each in averaged
+        dataclasses.replace(plane, velocity=each.T, x=None, z=None, streamwise=None, reference={}) for each in averaged
     ]

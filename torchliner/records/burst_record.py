@@ -93,8 +93,7 @@ class BurstRecord(Written):
             tensor = signal_tensor(value, label, self.name, unit).to(torch.float64)
             if tensor.ndim != 1 or len(tensor) == 0:
                 raise ValueError(
-                    f"{self.name}: {label} has shape {tuple(tensor.shape)}; a list of at least one "
-                    "burst is needed"
+                    f"{self.name}: {label} has shape {tuple(tensor.shape)}; a list of at least one burst is needed"
                 )
             if label != "arrival_time" and len(tensor) != self.bursts:
                 raise ValueError(
@@ -111,8 +110,7 @@ class BurstRecord(Written):
         if self.transit_time is not None and bool((self.transit_time < 0).any()):
             worst = int(self.transit_time.argmin())
             raise ValueError(
-                f"{self.name}: transit_time is {float(self.transit_time[worst]):g} s at burst "
-                f"{worst}; it is at least 0"
+                f"{self.name}: transit_time is {float(self.transit_time[worst]):g} s at burst {worst}; it is at least 0"
             )
 
     @property

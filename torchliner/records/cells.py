@@ -65,9 +65,7 @@ class Cells:
         sizes = torch.bincount(labels, minlength=self.count).clamp(min=1)
         return (total / sizes.reshape(-1, *[1] * (total.ndim - 1))).movedim(0, axis)
 
-    def average_reflection(
-        self, reflection: Tensor, used: Tensor, wall: Tensor | None = None
-    ) -> Tensor:
+    def average_reflection(self, reflection: Tensor, used: Tensor, wall: Tensor | None = None) -> Tensor:
         """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
         admittance = admittance_from_reflection(reflection)
         admittance = admittance if wall is None else torch.where(wall, 0, admittance)

@@ -53,9 +53,7 @@ class Gap:
         return next(word for word in (FAILS, OPEN, CLOSES) if word in words)
 
     def _ends(self, name: str, place: tuple[int, ...]) -> tuple[float, float, float]:
-        value, low, high = (
-            float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high")
-        )
+        value, low, high = (float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high"))
         return (value, low, high) if math.isfinite(low + high) else (value, value, value)
 
 

@@ -177,10 +177,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
         """
         away = self.segment_impedance - self.impedance[:, None]
         unbiased = self.segments / (self.segments - 1).clamp(min=1)
-        parts = [
-            (self.over_segments(part.square()) * unbiased[:, None]).sqrt()
-            for part in (away.real, away.imag)
-        ]
+        parts = [(self.over_segments(part.square()) * unbiased[:, None]).sqrt() for part in (away.real, away.imag)]
         return torch.complex(*parts)
 
     def over_segments(self, values: Tensor) -> Tensor:

@@ -99,14 +99,11 @@ class MicrophoneLine(Written):
             raise ValueError(f"{self.name}: liner_start and liner_end go together; give both")
         if start is not None and end is not None and not start < end:
             raise ValueError(
-                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; its start "
-                "must be below its end"
+                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; its start must be below its end"
             )
 
     @classmethod
-    def from_levels(
-        cls, x: Any, level: Any, phase: Any, frequency: Any, **about: Any
-    ) -> MicrophoneLine:
+    def from_levels(cls, x: Any, level: Any, phase: Any, frequency: Any, **about: Any) -> MicrophoneLine:
         """A line from levels and phases, as measurements are tabulated.
 
         Args:
@@ -198,8 +195,7 @@ class MicrophoneLine(Written):
             coherence = real_tensor(self.coherence)
             if coherence.shape != (count, frequencies):
                 raise ValueError(
-                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; "
-                    f"({count}, {frequencies}) is needed"
+                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; ({count}, {frequencies}) is needed"
                 )
             object.__setattr__(self, "coherence", coherence)
 
@@ -272,9 +268,7 @@ class MicrophoneLine(Written):
         if bool((index != given).any()):
             raise TypeError(f"microphones are {given.tolist()}; whole numbers are needed")
         if len(index) and not bool(((index >= 0) & (index < self.microphones)).all()):
-            raise ValueError(
-                f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked"
-            )
+            raise ValueError(f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked")
         return replace(
             self,
             x=self.x[index],

@@ -164,9 +164,7 @@ class DrawnAtFrequency(Drawn):
 
     frequency: Tensor
 
-    def plot(
-        self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None
-    ) -> Any:
+    def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
         """Draw resistance and reactance along or over the liner.
 
         Args:

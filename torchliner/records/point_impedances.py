@@ -90,9 +90,7 @@ class PointImpedances(Result):
         known = self.uncertainty
         return None if known is None else getattr(known, f"liner{order}").bounds(index)
 
-    def bounds_of_cell(
-        self, cell: int, order: str = "", index: int = 0
-    ) -> tuple[complex, complex] | None:
+    def bounds_of_cell(self, cell: int, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
         """Of one cell's statistical interval; as ``bounds_of_liner``."""
         known = self.uncertainty
         return None if known is None else getattr(known, f"cells{order}").bounds(cell, index)

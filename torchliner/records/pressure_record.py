@@ -103,9 +103,7 @@ class PressureRecord(Written, AtProbes):
         for label in ("x", "z"):
             value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
             object.__setattr__(self, label, value)
-        require_positive_where_stated(
-            self, "cavity_depth", "cavity_hydraulic_radius", "cell_pitch", "frequency"
-        )
+        require_positive_where_stated(self, "cavity_depth", "cavity_hydraulic_radius", "cell_pitch", "frequency")
         require_positive(f"{self.name}: cavity_porosity", self.cavity_porosity)
         if self.cavity_porosity > 1:
             raise ValueError(
@@ -122,13 +120,10 @@ class PressureRecord(Written, AtProbes):
             there, missing = ("facesheet", "backplate") if self.backplate is None else (
                 "backplate", "facesheet")  # fmt: skip
             raise ValueError(
-                f"{self.name}: {missing} pressure is missing; the in situ method needs it beside "
-                f"the {there} pressure"
+                f"{self.name}: {missing} pressure is missing; the in situ method needs it beside the {there} pressure"
             )
         if self.facesheet is None and self.microphones is None:
-            raise ValueError(
-                f"{self.name}: no pressure is given; give facesheet and backplate, or microphones"
-            )
+            raise ValueError(f"{self.name}: no pressure is given; give facesheet and backplate, or microphones")
         for label, most in (("facesheet", 3), ("backplate", 3), ("microphones", 2)):
             value = getattr(self, label)
             if value is not None and (value.ndim not in range(1, most + 1) or 0 in value.shape):
@@ -155,16 +150,12 @@ class PressureRecord(Written, AtProbes):
     def _check_cells(self) -> None:
         if self.probe_cell is None:
             return
-        labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell")).reshape(
-            -1
-        )
+        labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell")).reshape(-1)
         if labels.is_floating_point() or labels.is_complex():
             raise TypeError(f"{self.name}: probe_cell is {labels.dtype}; whole numbers are needed")
         labels = labels.to(torch.int64)
         if len(labels) != self.probes:
-            raise ValueError(
-                f"{self.name}: probe_cell has {len(labels)} values for {self.probes} probes"
-            )
+            raise ValueError(f"{self.name}: probe_cell has {len(labels)} values for {self.probes} probes")
         inside = torch.unique(labels[labels >= 0])
         if not len(inside) or int(labels.min()) < -1 or len(inside) <= int(inside.max()):
             raise ValueError(
@@ -176,8 +167,7 @@ class PressureRecord(Written, AtProbes):
     def _check_microphones(self) -> None:
         if not abs(self.microphone_mach) < 1:
             raise ValueError(
-                f"{self.name}: microphone_mach is {self.microphone_mach:g}; plane waves run both "
-                "ways only below Mach 1"
+                f"{self.name}: microphone_mach is {self.microphone_mach:g}; plane waves run both ways only below Mach 1"
             )
         if self.microphones is None:
             if self.microphone_y is not None or self.microphone_velocity is not None:
@@ -225,8 +215,7 @@ def _require_finite(signal: Tensor, label: str, name: str) -> None:
     # Their squares are summed; static pressures are allowed.
     if signal.numel() and float(signal.abs().max()) > LARGEST:
         raise ValueError(
-            f"{name}: {label} reaches {float(signal.abs().max()):.3g}, above {LARGEST:g}; give it "
-            f"in {SIGNALS[label]}"
+            f"{name}: {label} reaches {float(signal.abs().max()):.3g}, above {LARGEST:g}; give it in {SIGNALS[label]}"
         )
 
 
@@ -237,6 +226,4 @@ def require_record(record: Any) -> None:
         TypeError: it is something else.
     """
     if not isinstance(record, PressureRecord):
-        raise TypeError(
-            f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)"
-        )
+        raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")

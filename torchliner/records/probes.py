@@ -94,8 +94,7 @@ def _time_last(value: Any, name: str, unit: str) -> np.ndarray:
         return array
     if axes.count("time") != 1:
         raise TypeError(
-            f"{name} has the axes {axes}, none of them 'time'; rename one, or give a plain array, "
-            "time last"
+            f"{name} has the axes {axes}, none of them 'time'; rename one, or give a plain array, time last"
         )
     order = sorted((axis for axis in axes if axis != "time"), key=lambda axis: axis == "x")
     return array.transpose([axes.index(axis) for axis in (*order, "time")])
@@ -128,9 +127,7 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
     return values
 
 
-def checked_coordinate(
-    value: Any, label: str, probe_shape: tuple[int, ...], name: str
-) -> Tensor | None:
+def checked_coordinate(value: Any, label: str, probe_shape: tuple[int, ...], name: str) -> Tensor | None:
     """x or z as float64: one value per column (row) of a (z, x) plane, else one per probe.
 
     Raises:
@@ -142,7 +139,5 @@ def checked_coordinate(
     probes = int(np.prod(probe_shape, dtype=np.int64))
     wanted = probes if len(probe_shape) < 2 else probe_shape[-1] if label == "x" else probe_shape[0]
     if len(values) != wanted:
-        raise ValueError(
-            f"{name}: {label} has {len(values)} values; probes of shape {probe_shape} need {wanted}"
-        )
+        raise ValueError(f"{name}: {label} has {len(values)} values; probes of shape {probe_shape} need {wanted}")
     return values

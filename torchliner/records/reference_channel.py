@@ -42,14 +42,11 @@ class ReferenceChannel:
         if not abs(self.start) < float("inf"):
             raise ValueError(f"{self.name}: start is {self.start} s; a finite number is needed")
         if values.ndim != 1 or len(values) < FEWEST_SAMPLES:
-            raise ValueError(
-                f"{self.name}: shape {tuple(values.shape)}; one channel, (T,), is needed"
-            )
+            raise ValueError(f"{self.name}: shape {tuple(values.shape)}; one channel, (T,), is needed")
         bad = (~torch.isfinite(values)).nonzero()
         if len(bad):
             raise ValueError(
-                f"{self.name}: {len(bad)} values are nan or inf, the first is sample "
-                f"{int(bad[0])}; repair them"
+                f"{self.name}: {len(bad)} values are nan or inf, the first is sample {int(bad[0])}; repair them"
             )
         if float(values.min()) == float(values.max()):
             raise ValueError(f"{self.name} is constant, {float(values[0]):g}; it holds no tone")

@@ -14,9 +14,7 @@ SAME_PLACE = 1e-6  # m
 SAME_HEIGHT = 1e-6  # m
 
 
-def require_same_case(
-    first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False
-) -> None:
+def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False) -> None:
     """Refuse two records that state different things.
 
     Args:
@@ -34,8 +32,7 @@ def require_same_case(
             continue
         if mine != theirs:
             raise ValueError(
-                f"{first.name} and {other.name} are not one case: {name} is {mine!r} and "
-                f"{theirs!r}; {remedy}"
+                f"{first.name} and {other.name} are not one case: {name} is {mine!r} and {theirs!r}; {remedy}"
             )
 
 
@@ -66,9 +63,7 @@ def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
         if (mine is None) != (theirs is None):
             raise ValueError(f"{both}: one of them states no {name}")
         if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
-            raise ValueError(
-                f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm"
-            )
+            raise ValueError(f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
@@ -83,8 +78,7 @@ def planes_by_height(planes: Sequence[VelocityPlane]) -> list[VelocityPlane]:
     for plane in planes:
         if plane.height is None:
             raise ValueError(
-                f"{plane.name} states no height; set 'height' (m) in the file, or convert it with "
-                "--height"
+                f"{plane.name} states no height; set 'height' (m) in the file, or convert it with --height"
             )
     ordered = sorted(planes, key=lambda plane: plane.height or 0.0)
     for before, plane in itertools.pairwise(ordered):

@@ -55,9 +55,7 @@ def frequency_words(frequency: Tensor) -> str:
         f"{len(frequency)} frequencies, {low:g} to {high:g} Hz")  # fmt: skip
 
 
-def impedance_facts(
-    frequency: Tensor, impedance: Tensor, interval: Any = None, level: float | None = None
-) -> Facts:
+def impedance_facts(frequency: Tensor, impedance: Tensor, interval: Any = None, level: float | None = None) -> Facts:
     """Z at each frequency, with the bounds of a statistical interval where there is one."""
     found = []
     for i, (f, z) in enumerate(zip(frequency.tolist(), impedance.tolist(), strict=True)):

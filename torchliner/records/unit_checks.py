@@ -129,9 +129,7 @@ def _steps_of(x: Tensor | None) -> tuple[float, float]:
     return (float(steps.median()) if len(steps) else 0.0), float(places[-1] - places[0])
 
 
-def unit_warnings(
-    name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float
-) -> tuple[str, ...]:
+def unit_warnings(name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float) -> tuple[str, ...]:
     """Why the units of a table may not be what they should be.
 
     Args:

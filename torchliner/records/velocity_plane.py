@@ -127,13 +127,10 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         thickness = self.displacement_thickness
         if thickness is not None and not 0 <= thickness < math.inf:
             raise ValueError(
-                f"{self.name}: displacement_thickness is {thickness:g} m; it must be finite and at "
-                "least 0"
+                f"{self.name}: displacement_thickness is {thickness:g} m; it must be finite and at least 0"
             )
         if self.source_side not in SOURCE_SIDES:
-            raise ValueError(
-                f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}"
-            )
+            raise ValueError(f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}")
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
@@ -204,9 +201,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
         """
         loaded, numbers = self.load(), scaled_numbers(self, length, velocity)
         streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
-        return replace(
-            loaded, velocity=loaded.velocity * velocity, streamwise=streamwise, **numbers
-        )
+        return replace(loaded, velocity=loaded.velocity * velocity, streamwise=streamwise, **numbers)
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""

@@ -71,15 +71,13 @@ class WallEduction(DrawnImpedance):
             require_complex(f"{self.method}: {label}", getattr(self, label))
         if shape[-1:] != self.frequency.shape:
             raise ValueError(
-                f"{self.method}: wavenumber has shape {tuple(shape)} for "
-                f"{len(self.frequency)} frequencies"
+                f"{self.method}: wavenumber has shape {tuple(shape)} for {len(self.frequency)} frequencies"
             )
         for label, wanted in (("impedance", shape), ("residual", shape),
                               ("amplitudes", self.modes.shape)):  # fmt: skip
             if getattr(self, label).shape != wanted:
                 raise ValueError(
-                    f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; "
-                    f"{tuple(wanted)} is needed"
+                    f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; {tuple(wanted)} is needed"
                 )
 
     def pressure_at(self, x: Tensor) -> Tensor:

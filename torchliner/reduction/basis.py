@@ -184,9 +184,7 @@ def response_of(liner: LinerModel) -> Response:
     return response
 
 
-def interpolation_error(
-    basis: Basis, response: Response, frequency: Tensor, top: float
-) -> tuple[float, float]:
+def interpolation_error(basis: Basis, response: Response, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest |dR| over 0 to ``top`` (m/s) and frequencies (Hz), and the |v| at which it stands."""
     speed = checked_speeds(top)
     with torch.no_grad():
@@ -233,9 +231,7 @@ def _best_levels(
     return found
 
 
-def _best_chebyshev(
-    responses: Sequence[Response], frequency: Tensor, tolerance: float
-) -> Chebyshev:
+def _best_chebyshev(responses: Sequence[Response], frequency: Tensor, tolerance: float) -> Chebyshev:
     every = frequency
     if len(frequency) > MOST_ASKED:
         places = torch.linspace(0, len(frequency) - 1, MOST_ASKED).round().to(torch.int64)

@@ -28,9 +28,7 @@ class BlockSums:
 
     def joined(self, later: BlockSums) -> BlockSums:
         """With what comes next of the same block."""
-        return BlockSums(
-            self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares
-        )
+        return BlockSums(self.number, self.low, later.high, self.sums + later.sums, self.squares + later.squares)
 
 
 @dataclass(frozen=True)

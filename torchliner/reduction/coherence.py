@@ -61,9 +61,7 @@ class ToneCoherence:
     Of a record whose end is not known there are segments of every length that may suit it.
     """
 
-    def __init__(
-        self, plan: PassPlan, tones: Tensor, width: int, device: torch.device, sound: float | None
-    ) -> None:
+    def __init__(self, plan: PassPlan, tones: Tensor, width: int, device: torch.device, sound: float | None) -> None:
         self.tones, self.sound, self.width = tones.tolist(), sound, width
         wanted = self._wanted(plan)
         if plan.samples == ENDLESS:

@@ -81,9 +81,7 @@ def _of_blocks(
     for begin, end in pairwise(blocks.borders):
         rows = part.harmonics.rows(begin, end)
         means.append(rows.mean(1))
-        lines.append(
-            rows.to(torch.complex128) @ waves(frequency, rate, begin, end).T / (end - begin)
-        )
+        lines.append(rows.to(torch.complex128) @ waves(frequency, rate, begin, end).T / (end - begin))
     device, away = part.deviation.device, part.deviation.T
     row_means, row_lines = torch.stack(means).to(device), torch.stack(lines).to(device)
     mean = part.scale * seen.mean[:, :probes] - row_means @ away.T

@@ -90,9 +90,7 @@ class DriveSpeed:
             high.copy_(torch.maximum(high, star.amax(0)))
         return dataclasses.replace(seen, smallest=smallest, largest=largest)
 
-    def _groups(
-        self, bounds: Bounds, averages: bool
-    ) -> Iterator[tuple[tuple[int, int], list[Tensor]]]:
+    def _groups(self, bounds: Bounds, averages: bool) -> Iterator[tuple[tuple[int, int], list[Tensor]]]:
         return zip(bounds, self.velocity.slabs(bounds, averages=averages), strict=True)
 
     def _rows(self, begin: int, end: int) -> Tensor:

@@ -66,8 +66,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
             )
         if plane.frequency >= plane.sampling_rate / 2:
             failures.append(
-                f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate: educe "
-                "refuses it"
+                f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate: educe refuses it"
             )
         facts["samples per period"] = plane.sampling_rate / plane.frequency
         facts["coherence with the tone (median)"] = float(seen.coherence.median())
@@ -119,9 +118,7 @@ def _stated(plane: VelocityPlane) -> dict[str, Any]:
     for name in ("x", "z"):
         values = getattr(plane, name)
         if values is not None:
-            facts[f"{name} (mm)"] = (
-                f"{1e3 * float(values.min()):.4g} to {1e3 * float(values.max()):.4g}"
-            )
+            facts[f"{name} (mm)"] = f"{1e3 * float(values.min()):.4g} to {1e3 * float(values.max()):.4g}"
     units = {"frequency": "Hz", "incident_level": "dB", "mach": "", "source_side": "", "liner": ""}
     for name, unit in units.items():
         value = getattr(plane, name)
@@ -136,9 +133,7 @@ def _stated(plane: VelocityPlane) -> dict[str, Any]:
     return facts
 
 
-def _velocity_facts(
-    plane: VelocityPlane, seen: Survey, facts: dict[str, Any], failures: list[str]
-) -> None:
+def _velocity_facts(plane: VelocityPlane, seen: Survey, facts: dict[str, Any], failures: list[str]) -> None:
     bad = seen.bad > 0
     good = ~bad
     if bool(bad.any()):

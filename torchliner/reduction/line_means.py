@@ -151,11 +151,7 @@ class LineReader:
             return found
 
         forward = means(own, 0.0)
-        turned = [
-            means(own[f : f + 1], turn)
-            for f, each in enumerate(self.turns.tolist())
-            for turn in each
-        ]
+        turned = [means(own[f : f + 1], turn) for f, each in enumerate(self.turns.tolist()) for turn in each]
         return forward, self._on_turns(turned, forward[..., :0])
 
 

@@ -101,16 +101,11 @@ def _of(name: str, slab: Tensor) -> str:
 
 def _members(text: str) -> list[tuple[str, Any]]:
     """Of a structure of the C++ file: pointers with a star, else int64."""
-    return [
-        (name.lstrip("*"), ctypes.c_void_p if name[0] == "*" else ctypes.c_int64)
-        for name in text.split()
-    ]
+    return [(name.lstrip("*"), ctypes.c_void_p if name[0] == "*" else ctypes.c_int64) for name in text.split()]
 
 
 class _Slab(ctypes.Structure):
-    _fields_ = _members(
-        "*v row_stride column_stride columns *taken_rows *taken_coefficients *scale taken_count"
-    )
+    _fields_ = _members("*v row_stride column_stride columns *taken_rows *taken_coefficients *scale taken_count")
 
 
 class _Pieces(ctypes.Structure):

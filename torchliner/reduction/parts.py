@@ -176,9 +176,7 @@ def _require_alike(one: MomentsPart, other: MomentsPart) -> None:
         if isinstance(value, Tensor) and isinstance(found, Tensor):
             same = value.shape == found.shape and bool(torch.equal(value, found))
         else:
-            same = (
-                not isinstance(value, Tensor) and not isinstance(found, Tensor) and value == found
-            )
+            same = not isinstance(value, Tensor) and not isinstance(found, Tensor) and value == found
         if not same:
             raise ValueError(
                 f"parts of one record share their {name}: {_short(value)} from sample {one.first} "

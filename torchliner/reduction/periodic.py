@@ -213,9 +213,7 @@ def solved(gram: Tensor, sums: Tensor) -> Tensor:
 
 
 @one_thread()
-def periodic_part(
-    probes: PeriodicSums, of_cells: PeriodicSums, cells: Cells, used: Tensor
-) -> PeriodicPart:
+def periodic_part(probes: PeriodicSums, of_cells: PeriodicSums, cells: Cells, used: Tensor) -> PeriodicPart:
     """What has to be taken off each probe.
 
     Args:

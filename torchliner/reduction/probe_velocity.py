@@ -155,8 +155,7 @@ def with_smaller_slabs(velocity: ProbeVelocity, work: Callable[[], T]) -> tuple[
         if first_rows is None:
             return found, []
         return found, [
-            f"{velocity.device} ran out of memory with slabs of {first_rows} samples; slabs of "
-            f"{rows} were used"
+            f"{velocity.device} ran out of memory with slabs of {first_rows} samples; slabs of {rows} were used"
         ]
 
 

@@ -107,9 +107,7 @@ def running_sums(
     """Of a first reading, before its first sample; of a whole record, or of parts of it."""
     periodic: list[PeriodicSums | None] = [None] * len(velocity.widths)
     if wanted.harmonics is not None:
-        periodic = [
-            PeriodicSums(wanted.harmonics, width, velocity.device) for width in velocity.widths
-        ]
+        periodic = [PeriodicSums(wanted.harmonics, width, velocity.device) for width in velocity.widths]
     last = len(velocity.widths) - 1
     surveys = [
         SurveySums(
@@ -123,9 +121,7 @@ def running_sums(
     return surveys, _speed_sums(velocity, wanted.plan, wanted.basis, widths, wanted.keeps_blocks)
 
 
-def first_of(
-    surveys: list[SurveySums], sums: list[SpeedSums], wanted: Wanted, cells: Cells, used: Tensor
-) -> First:
+def first_of(surveys: list[SurveySums], sums: list[SpeedSums], wanted: Wanted, cells: Cells, used: Tensor) -> First:
     """What the running sums of a first reading say in the end."""
     found = [each.result() for each in surveys]
     joined = Survey.join(found)
@@ -160,11 +156,7 @@ def _speed_sums(
     whole = velocity.span == (0, velocity.samples)
     numbers = None if whole else plan.numbers(*velocity.span)
     dtype, device = source.dtype, source.device
-    return [
-        SpeedSums(plan, basis, width, dtype, device, keeps_blocks, numbers)
-        for width in widths
-        if basis
-    ]
+    return [SpeedSums(plan, basis, width, dtype, device, keeps_blocks, numbers) for width in widths if basis]
 
 
 def first_pass(
@@ -205,12 +197,8 @@ def read_again(
     if drive.periodic is not None and wanted.true_extremes:
         seen = drive.with_extremes(seen)
     known = [each.result() for each in first.sums]
-    groups, notes = moments_of(
-        drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress
-    )
-    found = PlaneSums(
-        wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups
-    )
+    groups, notes = moments_of(drive, wanted.plan, wanted.basis, known, wanted.keeps_blocks, progress)
+    found = PlaneSums(wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups)
     return drive, found, notes
 
 
@@ -271,9 +259,7 @@ def read_rest(
     return with_smaller_slabs(drive.velocity, work)
 
 
-def _second(
-    drive: DriveSpeed, groups: range, sums: list[SpeedSums], progress: Progress | None
-) -> None:
+def _second(drive: DriveSpeed, groups: range, sums: list[SpeedSums], progress: Progress | None) -> None:
     bounds = drive.bounds()
     with sums_alone(drive.device):
         for (begin, end), slabs in zip(bounds, drive.slabs(bounds, groups), strict=True):

@@ -75,9 +75,7 @@ class SpeedSums:
             if len(pieces):
                 add_levels(columns, pieces, self.basis, rows, self.totals, self.of_blocks)
             return None
-        return Speeds(
-            pieces, self.basis.count, self.basis.centre, self.totals, self.of_blocks, rows
-        )
+        return Speeds(pieces, self.basis.count, self.basis.centre, self.totals, self.of_blocks, rows)
 
     def follow(self, other: SpeedSums) -> None:
         """Add a part; totals are exact in any order, blocks that parts share to rounding."""

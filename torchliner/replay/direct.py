@@ -15,9 +15,7 @@ from torchliner.replay.sinks import ToneSink
 PROBES_AT_ONCE = 128
 
 
-def replay_direct(
-    speed: Tensor, kernels: KernelTable, emission: Emission, record: Record
-) -> Tensor:
+def replay_direct(speed: Tensor, kernels: KernelTable, emission: Emission, record: Record) -> Tensor:
     """Reflected signal of every column for an incident wave.
 
     Each emission time k adds x_k h[m; |v_k|] at k + m: the kernel belongs to the emission, not to
@@ -32,25 +30,18 @@ def replay_direct(
         y, complex128 or float64 as the wave, shape (S, P, n).
     Source: Roncen et al. (2026), eq. (3.2), extended to taps before zero.
     """
-    parts = [
-        _replay_batch(batch, kernels, emission, record)
-        for batch in speed.to(torch.float64).split(PROBES_AT_ONCE)
-    ]
+    parts = [_replay_batch(batch, kernels, emission, record) for batch in speed.to(torch.float64).split(PROBES_AT_ONCE)]
     return torch.cat(parts, dim=1)
 
 
-def _replay_batch(
-    speed: Tensor, kernels: KernelTable, emission: Emission, record: Record
-) -> Tensor:
+def _replay_batch(speed: Tensor, kernels: KernelTable, emission: Emission, record: Record) -> Tensor:
     probes, n = speed.shape
     taps = kernels.taps.to(speed.device)
     length, first = taps.shape[1], kernels.first
     outside = max(0, first + length - 1)
     waves = emission.values(-outside, n - first).to(speed.device)
     # Receptions -K .. n + K - 1, cut or wrapped to the record at the end.
-    received = torch.zeros(
-        len(waves), probes, n + 2 * length, dtype=waves.dtype, device=speed.device
-    )
+    received = torch.zeros(len(waves), probes, n + 2 * length, dtype=waves.dtype, device=speed.device)
 
     def emit(k: int, kernel: Tensor) -> None:
         at = k + first + length

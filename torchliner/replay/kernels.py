@@ -151,9 +151,7 @@ def _quality(
     edges = torch.tensor(band, dtype=torch.float64)
     lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
     shift = torch.exp(-2j * torch.pi * frequency[inside] / sampling_rate * first)
-    found = torch.cat(
-        [spectrum[:, inside] * shift, _response(taps.detach(), lags, edges, sampling_rate)], dim=1
-    )
+    found = torch.cat([spectrum[:, inside] * shift, _response(taps.detach(), lags, edges, sampling_rate)], dim=1)
     with torch.no_grad():
         wanted = reflection_at_levels(liner, torch.cat([frequency[inside], edges]), grid)
     return float((found - wanted).abs().max()), float(spectrum.abs().max())

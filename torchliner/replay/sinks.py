@@ -15,9 +15,7 @@ from torchliner.signals.tones import line_sums, waves
 class ToneSink:
     """Windowed lines of the replies to complex tones; see ``incident.LineSums``."""
 
-    def __init__(
-        self, frequency: Tensor, record: Record, columns: int, device: torch.device
-    ) -> None:
+    def __init__(self, frequency: Tensor, record: Record, columns: int, device: torch.device) -> None:
         """For ``columns`` columns; frequency in Hz, (F,)."""
         self.frequency, self.record, self.device = frequency, record, device
         shape = (len(frequency), columns, 2, 2)
@@ -49,9 +47,7 @@ class ToneSink:
         forward = torch.complex(real[..., 0] + imaginary[..., 1], imaginary[..., 0] - real[..., 1])
         if not backward:
             return LineSums(forward.T, None)
-        mirrored = torch.complex(
-            real[..., 0] - imaginary[..., 1], -imaginary[..., 0] - real[..., 1]
-        )
+        mirrored = torch.complex(real[..., 0] - imaginary[..., 1], -imaginary[..., 0] - real[..., 1])
         return LineSums(forward.T, mirrored.T)
 
 
@@ -76,10 +72,7 @@ class CrossSpectra:
         self.frequency, self.sampling_rate = frequency, sampling_rate
         length = len(weights)
         self.sent = torch.stack(
-            [
-                line_sums(incident[s : s + length] * weights, frequency, sampling_rate, s)
-                for s in starts
-            ]
+            [line_sums(incident[s : s + length] * weights, frequency, sampling_rate, s) for s in starts]
         )  # (S, F)
         self.shape = (len(frequency), columns)
         self.open: dict[int, Tensor] = {}

@@ -257,8 +257,7 @@ class _Pass:
         ]
         self.across = factors.across.to(self.device, self.dtype)
         self.outside = [
-            None if edge is None else (edge[0], edge[1].to(self.device, self.dtype))
-            for edge in (plan.early, plan.late)
+            None if edge is None else (edge[0], edge[1].to(self.device, self.dtype)) for edge in (plan.early, plan.late)
         ]
 
     def process(self, speed: Tensor, begin: int, sinks: Sequence[Sink], last: bool) -> None:

@@ -91,10 +91,7 @@ class Tones:
         """
         rule = found.choices.get("phase")
         if rule not in ("joint", "self-consistent"):
-            raise ValueError(
-                f"a map of phase {rule!r} knows no phase of the incident wave; educe with "
-                "phase='joint'"
-            )
+            raise ValueError(f"a map of phase {rule!r} knows no phase of the incident wave; educe with phase='joint'")
         at = (probe,) if isinstance(probe, int) else tuple(probe or ())
         held, peak, reflection = (
             each[at].reshape(-1, len(found.frequency))
@@ -156,9 +153,7 @@ class _Banded:
         make_plain(self)
         require_positive(f"{kind}: lowest frequency (Hz)", self.low)
         if not self.low < self.high < math.inf:
-            raise ValueError(
-                f"{kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards"
-            )
+            raise ValueError(f"{kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards")
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """(samples,)."""
@@ -241,9 +236,7 @@ class BandNoise(_Banded):
                 "band; widen it or use a longer record"
             )
         generator = torch.Generator().manual_seed(self.seed)
-        phase = (
-            2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
-        )
+        phase = 2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
         spectrum = torch.zeros(samples // 2 + 1, dtype=torch.complex128)
         spectrum[first : last + 1] = torch.polar(torch.ones_like(phase), phase)
         values = torch.fft.irfft(spectrum, n=samples)
@@ -271,9 +264,7 @@ class Recorded:
         require_positive(f"{self.label}: sampling_rate (Hz)", self.sampling_rate)
         values = real_tensor(self.signal).detach().cpu()
         if values.ndim != 1:
-            raise ValueError(
-                f"{self.label} has shape {tuple(values.shape)}; one channel is needed, choose it"
-            )
+            raise ValueError(f"{self.label} has shape {tuple(values.shape)}; one channel is needed, choose it")
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{self.label} holds nan or inf; repair it first")
         object.__setattr__(self, "signal", values)

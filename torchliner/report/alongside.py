@@ -25,9 +25,7 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
     return Curves(x, {part: part_of(impedance, part) for part in COMPLEX_PART}, found.name)
 
 
-def alongside_at(
-    results: Sequence[ImpedanceMap], frequency_index: int
-) -> list[tuple[PointImpedances, int]]:
+def alongside_at(results: Sequence[ImpedanceMap], frequency_index: int) -> list[tuple[PointImpedances, int]]:
     """Results of other methods at the maps' frequency: each method once, with its index there."""
     seen: dict[str, tuple[PointImpedances, int]] = {}
     for result in results:
@@ -72,9 +70,7 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
     return found
 
 
-def joint_bounds(
-    mine: tuple[complex, complex], theirs: tuple[complex, complex]
-) -> dict[str, complex | bool]:
+def joint_bounds(mine: tuple[complex, complex], theirs: tuple[complex, complex]) -> dict[str, complex | bool]:
     """Bounds of the difference, infinite where either has no bound, and whether 0 lies outside
     those of R or of X."""
     ends = []
@@ -103,9 +99,7 @@ def difference_lines(results: Sequence[ImpedanceMap]) -> list[str]:
     return lines
 
 
-def draw_alongside(
-    axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int
-) -> None:
+def draw_alongside(axis: Any, results: Sequence[ImpedanceMap], part: str, frequency_index: int) -> None:
     """Other methods at the cells' centres: black symbols, as in figure 17."""
     for other, index in alongside_at(results, frequency_index):
         draw_cells(axis, other, part, index, f"{other.name}, ")

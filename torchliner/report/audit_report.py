@@ -99,6 +99,4 @@ def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
         axis.set_yticks(range(len(factors)), factors if part == "resistance" else [])
         axis.tick_params(axis="y", length=0)
         axis.minorticks_off()
-    return finish(
-        figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW
-    )
+    return finish(figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW)

@@ -87,9 +87,7 @@ def format_calibration(found: Calibration) -> str:
     lines = [parameter_table(found).as_text()]
     names = found.parameters
     pairs = [
-        f"{names[i]} and {names[j]} {float(found.correlation[i, j]):+.2f}"
-        for i in range(len(names))
-        for j in range(i)
+        f"{names[i]} and {names[j]} {float(found.correlation[i, j]):+.2f}" for i in range(len(names)) for j in range(i)
     ]
     if pairs:
         lines.append("correlations: " + ", ".join(pairs))
@@ -142,9 +140,7 @@ def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:
             [row.true.real, row.after.real], [row.true.imag, row.after.imag], ":",
             color=colour, linewidth=0.8,
         )  # fmt: skip
-    axis.plot(
-        row.before.real, row.before.imag, "o", color=colour, markerfacecolor="white", markersize=7
-    )
+    axis.plot(row.before.real, row.before.imag, "o", color=colour, markerfacecolor="white", markersize=7)
     axis.plot(row.after.real, row.after.imag, "s", color=colour, markersize=3.5)
     axis.plot(*_ellipse(row), color=colour, linewidth=0.9)
 

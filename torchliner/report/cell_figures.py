@@ -19,9 +19,7 @@ CROWD = 2  # heights, above which the other orders' markers of a cell become a b
 ASIDE = 0.012  # of the axis, between the markers of neighbouring heights
 
 
-def draw_cells(
-    axis: Any, ordered: Sequence[ImpedanceMap], part: str, frequency_index: int
-) -> list[Any]:
+def draw_cells(axis: Any, ordered: Sequence[ImpedanceMap], part: str, frequency_index: int) -> list[Any]:
     """All orders of averaging about the cells' centres, that of the answer filled, heights side by
     side; the others of many heights as a band with their median. Returns the values, none where
     no cell has a place."""

@@ -15,9 +15,7 @@ from torchliner.report.table import Column, Table
 LABELS = {"level": "closure (dB)", "phase": "closure (degrees)"}
 
 
-def closure_lines(
-    results: Sequence[ImpedanceMap | ImpedanceLine], where: Sequence[Column]
-) -> list[str]:
+def closure_lines(results: Sequence[ImpedanceMap | ImpedanceLine], where: Sequence[Column]) -> list[str]:
     """What the whole planes of maps or one line are compared with, a row each and frequency, placed
     by the columns ``where``; why the answer fails."""
     heading = "\n".join(dict.fromkeys(f"closure: {result.closure_words}" for result in results))
@@ -77,9 +75,7 @@ def closure_table(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> 
 
 
 @styled
-def draw_closure(
-    results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
-) -> Figure:
+def draw_closure(results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0) -> Figure:
     """dB, and degrees where the phase is known, over height, with statistical bars.
 
     Planes without a height stand beside no axis of heights, or not at all where others have one.

@@ -78,9 +78,7 @@ def format_modes(setup: DuctSetup, table: Table) -> str:
 
 
 @styled
-def draw_modes(
-    modes: dict[str, DuctModes], path: str | Path | None = None, frequency_index: int = 0
-) -> Figure:
+def draw_modes(modes: dict[str, DuctModes], path: str | Path | None = None, frequency_index: int = 0) -> Figure:
     """|p| of each mode over the height."""
     figure, axes = subplots(1, 2, 3.4)
     for axis, (direction, solved) in zip(axes[0], modes.items(), strict=True):

@@ -124,18 +124,14 @@ def draw_walls(
 
 
 @styled
-def draw_field(
-    setup: DuctSetup, field: DuctField, path: str | Path | None = None, frequency_index: int = 0
-) -> Figure:
+def draw_field(setup: DuctSetup, field: DuctField, path: str | Path | None = None, frequency_index: int = 0) -> Figure:
     """SPL and wall-normal velocity in the duct."""
     figure, axes = subplots(2, 1, 3.8)
     case = setup.case
     x = np.linspace(case.start, case.end, FINE)
     y = np.linspace(0, case.height, ACROSS)
     grid = np.meshgrid(x, y)
-    p, _, v = (
-        part[frequency_index].detach() for part in field.at(grid[0].ravel(), grid[1].ravel())
-    )
+    p, _, v = (part[frequency_index].detach() for part in field.at(grid[0].ravel(), grid[1].ravel()))
     level = spl_from_pressure_amplitude(p).numpy().reshape(grid[0].shape)
     speed = torch.abs(v).numpy().reshape(grid[0].shape)
     inside = y > NEAR_WALL * case.height
@@ -148,9 +144,7 @@ def draw_field(
                                 rasterized=True, vmin=values.min(), vmax=top)  # fmt: skip
         figure.colorbar(drawn, ax=axis, label=label, extend="max")
         for start, end in case.liner:
-            axis.plot(
-                [1e3 * start, 1e3 * end], [0, 0], color=COLOURS[1], linewidth=3, clip_on=False
-            )
+            axis.plot([1e3 * start, 1e3 * end], [0, 0], color=COLOURS[1], linewidth=3, clip_on=False)
         label_axes(axis, "$x$ (mm)", "$y$ (mm)")
     entry(axes[0, 0], "liner", color=COLOURS[1], linewidth=3)
     frequency = float(setup.frequency[frequency_index])

@@ -158,9 +158,7 @@ def head_panel(axis: Any, words: str) -> None:
     axis.set_title(f"{axis.get_title(loc='left')} {words}".strip(), loc="left")
 
 
-def impedance_panels(
-    height: float, across: str, given: Any = None
-) -> tuple[Figure, list[tuple[Any, str]]]:
+def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Figure, list[tuple[Any, str]]]:
     """Resistance and reactance beside each other over ``across``: each axis with its part."""
     figure, axes = panels_of(2, height, given)
     for axis, (_, label) in zip(axes, PARTS, strict=False):
@@ -174,9 +172,7 @@ def label_axes(axis: Any, across: str, up: str) -> None:
     axis.set_ylabel(up)
 
 
-def draw_curve(
-    axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any
-) -> None:
+def draw_curve(axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any) -> None:
     """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
     x = scale * curves.at
     if f"{name} low" in curves.values:
@@ -244,9 +240,7 @@ def legend_below(figure: Figure, axis: Any, columns: int) -> None:
     place_legend(figure, list(unique.values()), list(unique), columns)
 
 
-def place_legend(
-    figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int
-) -> None:
+def place_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int) -> None:
     """Below all panels, in so many columns as the figure is wide for."""
     names = [typeset_label(label) for label in labels]
     for count in range(min(columns, len(names)), 0, -1):

@@ -81,9 +81,7 @@ def draw_along_x(
     The axes show curves, cells and references; of wider intervals what lies near them.
     """
     ordered = sorted(results, key=lambda r: r.height or 0.0)
-    figure, panels = impedance_panels(
-        3.0, "$x$ (mm)" if ordered[0].x is not None else "probe", axes
-    )
+    figure, panels = impedance_panels(3.0, "$x$ (mm)" if ordered[0].x is not None else "probe", axes)
     cut = False
     for axis, part in panels:
         shown: list[Any] = []
@@ -155,9 +153,7 @@ def draw_against_height(
     labels: list[tuple[str, complex, str]] = []
     for i, (name, label) in enumerate(zip(names, orders, strict=True)):
         values = np.array([getattr(row, name) for row in rows])
-        axis.plot(
-            values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3
-        )
+        axis.plot(values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3)
         for row, value in zip(rows, values, strict=True):
             _draw_cross(axis, value, getattr(row, f"interval{ENDS[label]}"), COLOURS[i])
         labels += [(*each, COLOURS[i]) for each in _height_labels(rows, values, 0.05 * span)]
@@ -286,9 +282,7 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
         for i, result in enumerate(ordered):
             numbers = impedance_over_frequency(result)
             colour, kilohertz = COLOURS[i], numbers.at / 1e3
-            axis.plot(
-                kilohertz, numbers.values[part], color=colour, label=numbers.label or "educed"
-            )
+            axis.plot(kilohertz, numbers.values[part], color=colour, label=numbers.label or "educed")
             drawn.append(numbers.values[part])
             for other, style in zip(_others(result), ("--", ":"), strict=False):
                 axis.plot(kilohertz, numbers.values[f"{part}, {other}"], style, color=colour)

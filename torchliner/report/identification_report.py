@@ -232,9 +232,7 @@ def draw_identification(
                 best, low, high = (part_of(z, part) for z in each.fitted.band(liner, at, speed))
                 draw_band(axis, speed, low, high, colour)
                 axis.plot(speed, best, color=colour, label=each.label.replace("_", " "))
-        axis.plot(
-            speed, part_of(law, part), "--", color="k", linewidth=0.9, label="the law as it was"
-        )
+        axis.plot(speed, part_of(law, part), "--", color="k", linewidth=0.9, label="the law as it was")
         axis.axvspan(*found.seen_speeds, color="0.93", zorder=0)
         label_axes(axis, across, label)
     groups = list(dict.fromkeys(run.group for run in found.runs))

@@ -43,9 +43,7 @@ COLUMNS = (
     Column("residual", heading="residual", text=".5f"),
     Column("incident_level"),
     *real_and_imaginary("resistance_low", "reactance_low", lambda r: r.interval and r.interval[0]),
-    *real_and_imaginary(
-        "resistance_high", "reactance_high", lambda r: r.interval and r.interval[1]
-    ),
+    *real_and_imaginary("resistance_high", "reactance_high", lambda r: r.interval and r.interval[1]),
 )
 
 

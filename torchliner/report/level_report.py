@@ -114,10 +114,7 @@ def draw_levels(curve: LevelCurve, path: str | Path | None = None) -> Figure:
             if curve.reflection.shape[1] > 1:
                 draw_band(axis, level, z - u, z + u, colour)
             axis.plot(level, z, color=colour, marker=MARKERS[j], label=f"{frequency:g} Hz")
-            dashed = [
-                math.nan if lowest[i] is None else float(getattr(lowest[i][j], name))
-                for i in order.tolist()
-            ]
+            dashed = [math.nan if lowest[i] is None else float(getattr(lowest[i][j], name)) for i in order.tolist()]
             axis.plot(level, dashed, color=colour, linestyle="--")
     entry(panels[0][0], "$Z$ of the rms $v$", linestyle="--")
     title = f"{curve.liner}, {curve.kernel}, {curve.drive}"

@@ -54,10 +54,7 @@ class Curves:
     def table(self) -> Table:
         """A row a value of the variable."""
         names = (self.variable, *self.values)
-        rows = [
-            dict(zip(names, row, strict=True))
-            for row in zip(self.at, *self.values.values(), strict=True)
-        ]
+        rows = [dict(zip(names, row, strict=True)) for row in zip(self.at, *self.values.values(), strict=True)]
         return Table(rows, [Column(name) for name in names], ".9g")
 
 
@@ -149,9 +146,7 @@ def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
             seen = record.sums.survey.part(plane.probes)
             mean, square = seen.mean, seen.mean_square
         else:
-            mean, square = time_moments(
-                VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name)
-            )
+            mean, square = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
         x, mean_x = over_z(plane.x, mean)
         _, variance = over_z(plane.x, square - mean**2)

@@ -18,9 +18,7 @@ from torchliner.report.map_figures import Limits, map_limits
 from torchliner.report.numbers import impedance_along_x, impedance_over_frequency, velocity_along_x
 
 
-def draw_pictures(
-    results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path
-) -> None:
+def draw_pictures(results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path) -> None:
     """Pictures of all planes: heights of a case in one; those of other cases or frequencies than
     the first, and of heights that are unknown or there already, go to folders of theirs."""
     groups: list[list[int]] = []
@@ -79,11 +77,7 @@ def _draw_group(
         for result, stem in zip(results, stems, strict=True):
             impedance_over_frequency(result).write_csv(folder / f"spectrum_{stem}.csv")
     # Of moments the velocity is gone.
-    there = [
-        pair
-        for pair in zip(planes, stems, strict=True)
-        if not isinstance(pair[0].velocity, ReducedVelocity)
-    ]
+    there = [pair for pair in zip(planes, stems, strict=True) if not isinstance(pair[0].velocity, ReducedVelocity)]
     for plane, stem in there:
         velocity_along_x(plane).write_csv(folder / f"velocity_{stem}.csv")
     if there:

@@ -90,9 +90,7 @@ def format_budget(budget: Budget, found: Sensitivities, order: str, table: Table
 
 
 @styled
-def draw_contributions(
-    rows: Sequence[dict[str, Any]], title: str, path: str | Path | None = None
-) -> Figure:
+def draw_contributions(rows: Sequence[dict[str, Any]], title: str, path: str | Path | None = None) -> Figure:
     """Bars of the changes of R and X, one pair of panels, largest on top; rows of one frequency, of
     ``budget_table`` or ``sensitivity_table``."""
     total = next((row for row in rows if row["parameter"] == COMBINED), None)

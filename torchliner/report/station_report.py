@@ -80,8 +80,7 @@ def plain_station(station: Station) -> dict[str, Any]:
         **{key: getattr(moments, key) for key in STATISTICS},
         "transit_time_weighted": moments.weighted,
         "components": {
-            name: {**vars(found), "velocity_bias": found.velocity_bias}
-            for name, found in moments.components.items()
+            name: {**vars(found), "velocity_bias": found.velocity_bias} for name, found in moments.components.items()
         },
         "flags": station.flags,
         "notes": list(kept.notes),

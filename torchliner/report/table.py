@@ -61,9 +61,7 @@ class Column:
         return format(value if self.scale == 1.0 else self.scale * value, self.text)
 
 
-def real_and_imaginary(
-    real: str, imaginary: str, of: Of, missing: Any = math.nan
-) -> tuple[Column, Column]:
+def real_and_imaginary(real: str, imaginary: str, of: Of, missing: Any = math.nan) -> tuple[Column, Column]:
     """Two columns of CSV and JSON for one complex value; ``missing`` stands for None."""
 
     def part(name: str) -> Callable[[Any], Any]:
@@ -106,10 +104,7 @@ class Table:
         widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
         sides = [">" if column.text else "<" for column in shown]
         return "\n".join(
-            GAP.join(
-                f"{cell:{side}{width}s}"
-                for cell, side, width in zip(cells, sides, widths, strict=True)
-            ).rstrip()
+            GAP.join(f"{cell:{side}{width}s}" for cell, side, width in zip(cells, sides, widths, strict=True)).rstrip()
             for cells in lines
         )
 
@@ -137,10 +132,7 @@ def format_pair(value: complex | None, digits: int = 3) -> str:
         return "-"
     parts = (value.real, value.imag)
     small = [0 < abs(part) < 0.5 * 10**-digits for part in parts]
-    return ", ".join(
-        f"{part:.1e}" if tiny else f"{part:.{digits}f}"
-        for part, tiny in zip(parts, small, strict=True)
-    )
+    return ", ".join(f"{part:.1e}" if tiny else f"{part:.{digits}f}" for part, tiny in zip(parts, small, strict=True))
 
 
 def format_range(low: float, high: float, digits: int = 3) -> str:

@@ -36,9 +36,7 @@ def plain_truth(rows: Sequence[TruthRow]) -> Table:
     return Table(rows, COLUMNS)
 
 
-def _by_phase(
-    cells: Iterable[tuple[TruthRow | RuleErrors, complex]], written: Callable[[Any], str]
-) -> str:
+def _by_phase(cells: Iterable[tuple[TruthRow | RuleErrors, complex]], written: Callable[[Any], str]) -> str:
     """One line per height (if the cells have one), drive and order; one column per phase rule."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for cell, value in cells:

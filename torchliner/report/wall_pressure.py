@@ -36,9 +36,7 @@ SEEN = 1.6  # of what must be seen of a plane: draws beyond are left out of its 
 
 
 @styled
-def draw_wall(
-    lines: Sequence[MicrophoneLine], found: Sequence[Educed], path: str | Path | None = None
-) -> Figure:
+def draw_wall(lines: Sequence[MicrophoneLine], found: Sequence[Educed], path: str | Path | None = None) -> Figure:
     """One frequency: Z with its draws, and the levels with the range of the draws (figure 14).
     Several: R and X over frequency with their 95 % intervals."""
     labels = [
@@ -110,9 +108,7 @@ def draw_phases(axis: Any, x: Any, pressure: Any, style: str, **looks: Any) -> N
 
 
 @styled
-def draw_along(
-    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str]
-) -> Figure:
+def draw_along(found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str]) -> Figure:
     """SPL and phase along the wall, measured and fitted.
 
     Args:
@@ -151,9 +147,7 @@ def spectrum_of(one: Educed, label: str) -> Curves:
 
 
 @styled
-def draw_spectra(
-    found: Sequence[Educed], labels: Sequence[str], path: str | Path | None = None
-) -> tuple[Figure, bool]:
+def draw_spectra(found: Sequence[Educed], labels: Sequence[str], path: str | Path | None = None) -> tuple[Figure, bool]:
     """R and X over frequency with their 95 % intervals; whether these go on beyond the axes."""
     figure, panels = impedance_panels(3.2, "$f$ (kHz)")
     curves = [spectrum_of(one, label) for one, label in zip(found, labels, strict=True)]

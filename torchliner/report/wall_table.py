@@ -40,9 +40,7 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
         ValueError: the line has leading axes, as files of draws do.
     """
     if found.impedance.ndim != 1:
-        raise ValueError(
-            f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one"
-        )
+        raise ValueError(f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one")
     head = {"line": line.title or line.name, "source": found.source_side, "method": found.method,
             "mach": found.choices.get("mach", line.mach)}  # fmt: skip
     names = ["frequency", "impedance", "residual"]
@@ -77,9 +75,7 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-_LOW, _HIGH = (
-    real_and_imaginary(f"resistance_{end}", f"reactance_{end}", end) for end in ("low", "high")
-)
+_LOW, _HIGH = (real_and_imaginary(f"resistance_{end}", f"reactance_{end}", end) for end in ("low", "high"))
 COLUMNS = (
     *plain_columns("line source method frequency"),
     *real_and_imaginary("wavenumber_real", "wavenumber_imag", "wavenumber"),

@@ -237,8 +237,7 @@ def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor
         bad = (~torch.isfinite(each)).nonzero()
         if len(bad):
             raise ValueError(
-                f"{name}: {len(bad)} {kind} are nan or inf, the first is sample {int(bad[0])}; "
-                "leave these samples out"
+                f"{name}: {len(bad)} {kind} are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
             )
     back = (times.diff() <= 0).nonzero()
     if len(back):
@@ -250,9 +249,7 @@ def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor
     return times.cpu(), numbers
 
 
-def _long_gaps(
-    rates: Tensor, lengths: Tensor, places: Tensor, limit: float | None, name: str
-) -> tuple[str, ...]:
+def _long_gaps(rates: Tensor, lengths: Tensor, places: Tensor, limit: float | None, name: str) -> tuple[str, ...]:
     if limit is not None:
         require_positive("longest_gap (s)", limit)
     limits = LONG_GAP / rates if limit is None else torch.full_like(rates, limit)
@@ -300,9 +297,7 @@ def spline_fit(arrival_times: Tensor, values: Tensor, points: Tensor, band: floa
         bands[DEGREE - d, d:] = normal.diagonal(d)
         for i in range(3 - d):
             last = count - 2 + i
-            bands[DEGREE - d, i + d : last + d] += (
-                SMOOTHING * len(times) / count * difference[i] * difference[i + d]
-            )
+            bands[DEGREE - d, i + d : last + d] += SMOOTHING * len(times) / count * difference[i] * difference[i + d]
     flat = values.reshape(-1, len(times)).detach().cpu().numpy()
     coefficients = solveh_banded(bands, design.T @ flat.T)
     within = np.clip(points.numpy(), times[0], times[-1])

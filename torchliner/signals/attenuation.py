@@ -154,9 +154,7 @@ def _pushed(
     return torch.cat(lines, -1)
 
 
-def _require_dense(
-    times: Tensor, frequency: Tensor, band: float | None, method: str, name: str
-) -> None:
+def _require_dense(times: Tensor, frequency: Tensor, band: float | None, method: str, name: str) -> None:
     rate, highest = mean_rate(times), float(frequency.max())
     if rate < 2 * highest:
         raise ValueError(

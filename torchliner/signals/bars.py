@@ -25,9 +25,7 @@ def neighbours(series: Tensor) -> Tensor:
         parts = torch.stack([series.real, series.imag])
         away = parts - parts.mean(1, keepdim=True)
         count = len(series)
-        return torch.stack(
-            [(away[:, begin:] * away[:, : count - begin]).sum((0, 1)) for begin in (0, 1)]
-        )
+        return torch.stack([(away[:, begin:] * away[:, : count - begin]).sum((0, 1)) for begin in (0, 1)])
     return _columns("neighbours", [series], (), 2)
 
 

@@ -47,9 +47,7 @@ class Station:
         return self.moments.components.get(name)
 
 
-def inspect_stations(
-    records: Sequence[BurstRecord], filters: BurstFilters | None = None
-) -> list[Station]:
+def inspect_stations(records: Sequence[BurstRecord], filters: BurstFilters | None = None) -> list[Station]:
     """Validate each station as read, take its moments and judge it."""
     kept = [validate_bursts(raw, filters) for raw in records]
     found = [burst_moments(each) for each in kept]
@@ -99,8 +97,7 @@ def station_flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments) -> l
         )
     if kept.frequency is not None and found.rate < FEWEST_PER_PERIOD * kept.frequency:
         flags.append(
-            f"{found.rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz (limit "
-            f"{FEWEST_PER_PERIOD:g})"
+            f"{found.rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz (limit {FEWEST_PER_PERIOD:g})"
         )
     return flags
 

@@ -69,9 +69,7 @@ def split_waves(
     return waves.movedim(-1, -2), residual, condition
 
 
-def _refuse_singular(
-    condition: Tensor, places: Tensor, frequency: Tensor, sound_speed: float, mach: float
-) -> None:
+def _refuse_singular(condition: Tensor, places: Tensor, frequency: Tensor, sound_speed: float, mach: float) -> None:
     worst = int(condition.argmax())
     if float(condition[worst]) < SINGULAR:
         return
@@ -85,9 +83,7 @@ def _refuse_singular(
     )
 
 
-def best_pair(
-    places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0
-) -> tuple[int, int]:
+def best_pair(places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[int, int]:
     """The two microphones best conditioned at their worst frequency."""
     mean = sum(wavenumbers(frequency, sound_speed, mach)) / 2
     return max(

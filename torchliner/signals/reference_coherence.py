@@ -103,9 +103,7 @@ def reject_flow_noise(
     return RejectedFlow(amplitude, coherence, error, found.segments, notes)
 
 
-def _warnings_of(
-    coherence: Tensor, frequency: Tensor, independent: float, name: str
-) -> tuple[str, ...]:
+def _warnings_of(coherence: Tensor, frequency: Tensor, independent: float, name: str) -> tuple[str, ...]:
     """Noise alone exceeds a coherence g with probability (1 - g)^(n - 1)."""
     limit = 1 - CHANCE ** (1 / (independent - 1))
     low = coherence < limit

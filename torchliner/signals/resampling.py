@@ -154,9 +154,7 @@ class Resampling:
         factor = (together / power.clamp(min=1e-300)).clamp(min=1)
         runs = count / long * torch.where(factor > 1, 1.0, rows / wide)
         factor = factor * mean_factor(count, long) * beyond_runs(rho, torch.full_like(rho, long))
-        return impedance_interval(
-            reflection, power * factor, square * factor, runs, self.level, self.conversion
-        )
+        return impedance_interval(reflection, power * factor, square * factor, runs, self.level, self.conversion)
 
 
 def _square(sums: Tensor) -> Tensor:

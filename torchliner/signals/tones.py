@@ -64,9 +64,7 @@ class WindowSums:
         return line * (self.zero / determinant) - line.conj() * (self.twice / determinant)
 
 
-def tone_amplitudes(
-    signal: Tensor, frequency: Tensor, sampling_rate: float, weights: Tensor, begin: int = 0
-) -> Tensor:
+def tone_amplitudes(signal: Tensor, frequency: Tensor, sampling_rate: float, weights: Tensor, begin: int = 0) -> Tensor:
     r"""Amplitude A of the tone in m + A e^{j omega t} + A* e^{-j omega t}, exact in any record.
 
     With the window's sums :math:`S_q = \sum w\,e^{-jq\omega t}` the windowed lines of such a signal
@@ -86,9 +84,7 @@ def tone_amplitudes(
     wanted = frequency.to("cpu", torch.float64)
     plain = WindowSums.of(weights, begin, wanted, sampling_rate)
     once = line_sums(weights, wanted, sampling_rate, begin)
-    window = WindowSums(
-        plain.zero - once.abs() ** 2 / plain.zero, plain.twice - once**2 / plain.zero
-    )
+    window = WindowSums(plain.zero - once.abs() ** 2 / plain.zero, plain.twice - once**2 / plain.zero)
     blurred = (window.zero**2 - window.twice.abs() ** 2) / plain.zero**2 < INDISTINCT
     if bool(blurred.any()):
         short = float(wanted[blurred].min())

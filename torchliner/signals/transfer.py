@@ -98,8 +98,7 @@ def transfer_function(
     """
     if driver.shape[-1] != response.shape[-1]:
         raise ValueError(
-            f"driver has {driver.shape[-1]} samples, response {response.shape[-1]}; they share "
-            "one time base"
+            f"driver has {driver.shape[-1]} samples, response {response.shape[-1]}; they share one time base"
         )
     both = (segment_amplitudes(x, frequency, sampling_rate, **cut) for x in (driver, response))
     return transfer_from_amplitudes(*both)

@@ -98,6 +98,4 @@ def _cosine_lines(weights: np.ndarray) -> tuple[tuple[int, complex], ...]:
     if len(kept) > min(MOST_LINES, max(1, count // 2)):
         return ()
     # Orders above N/2 stand for negative ones.
-    return tuple(
-        (int(q) if q <= count // 2 else int(q) - count, complex(spectrum[q])) for q in kept
-    )
+    return tuple((int(q) if q <= count // 2 else int(q) - count, complex(spectrum[q])) for q in kept)

@@ -39,9 +39,7 @@ def facts_of(prepared: Prepared, phase: str) -> dict[str, Any]:
         facts["coherent_lines"] = part.harmonics.lines.tolist()
         facts["coherent_share"] = part.share.mean(1).tolist()
         facts["tone_share"] = tone_share(prepared)
-        facts["incoherent_scale"] = float(
-            part.scale[prepared.in_cells.to(part.scale.device)].mean()
-        )
+        facts["incoherent_scale"] = float(part.scale[prepared.in_cells.to(part.scale.device)].mean())
     if kernels is not None:
         facts["kernel_error"], facts["kernel_gain"] = kernels.error, kernels.gain
         facts["kernel_band"] = list(kernels.band)
@@ -102,9 +100,7 @@ def assemble(
         if part.dtype != torch.bool:
             shape = (-1, *(1,) * (part.ndim - 1))
             nan = complex(float("nan"), float("nan")) if part.is_complex() else float("nan")
-            part = torch.where(
-                kept.reshape(shape), part, torch.tensor(nan, dtype=part.dtype, device=part.device)
-            )
+            part = torch.where(kept.reshape(shape), part, torch.tensor(nan, dtype=part.dtype, device=part.device))
         return part.reshape((*plane.probe_shape, *value.shape[1:]))
 
     probes = reflection[: plane.probes]
@@ -114,9 +110,7 @@ def assemble(
         known = {
             "reflection_coherent_first": on_probes(star),
             "cell_reflection_coherent_first": cells.average_reflection(star, kept, wall),
-            "liner_reflection_coherent_first": reflection_from_admittance(
-                _admittance(star, wall)[inside].mean(0)
-            ),
+            "liner_reflection_coherent_first": reflection_from_admittance(_admittance(star, wall)[inside].mean(0)),
         }
     if uncertainty is not None:
         uncertainty = dataclasses.replace(uncertainty, probes=uncertainty.probes.map(on_probes))

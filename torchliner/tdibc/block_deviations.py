@@ -16,9 +16,7 @@ from torchliner.tdibc.prepared import Prepared
 RMS_STEP = 1e-4  # of the mean square, relative: the slope errs by 1e-8
 
 
-def block_deviations(
-    prepared: Prepared, rule: PhaseRule, means: Means
-) -> Callable[[slice], Tensor]:
+def block_deviations(prepared: Prepared, rule: PhaseRule, means: Means) -> Callable[[slice], Tensor]:
     """dR of the columns in a slice of N, complex128, (S, columns, F), for several threads.
 
     Args:

@@ -32,9 +32,7 @@ FROZEN_ERROR = 1e-2  # in R
 LOWEST_ENERGY = 1e-6  # of the strongest line: 60 dB below it a line is leakage, not signal
 
 
-def educe_signal(
-    prepared: Prepared, reflected: str | Path | None, progress: Progress | None
-) -> ImpedanceMap:
+def educe_signal(prepared: Prepared, reflected: str | Path | None, progress: Progress | None) -> ImpedanceMap:
     """Map of a plane replayed with the incident signal of its choices.
 
     Args:
@@ -67,16 +65,12 @@ def educe_signal(
     return with_closure(prepared, found, {})
 
 
-def _run(
-    prepared: Prepared, sinks: list[Sink], reflected: str | Path | None, progress: Progress | None
-) -> None:
+def _run(prepared: Prepared, sinks: list[Sink], reflected: str | Path | None, progress: Progress | None) -> None:
     if reflected is None:
         _replay(prepared, sinks, progress)
         return
     assert prepared.sent is not None
-    with reflected_file(
-        reflected, prepared.plane, prepared.sent, prepared.used, facts_of(prepared, "signal")
-    ) as store:
+    with reflected_file(reflected, prepared.plane, prepared.sent, prepared.used, facts_of(prepared, "signal")) as store:
         _replay(prepared, [*sinks, WholeSignal(store)], progress)
 
 
@@ -127,9 +121,7 @@ def _frozen_error(prepared: Prepared, weights: Tensor, starts: list[int]) -> lis
     ]
 
 
-def _require_energy(
-    prepared: Prepared, spectra: CrossSpectra, weights: Tensor, starts: list[int]
-) -> None:
+def _require_energy(prepared: Prepared, spectra: CrossSpectra, weights: Tensor, starts: list[int]) -> None:
     """Refuse frequencies at which the incident signal has next to no energy."""
     assert prepared.sent is not None
     length = len(weights)

@@ -200,8 +200,7 @@ class Choices:
             low, high = (one_number("band (Hz)", edge) for edge in self.band)
         except (TypeError, ValueError):
             raise TypeError(
-                f"band is {self.band!r}; give its lowest and its highest frequency in Hz, as "
-                "(300, 3500)"
+                f"band is {self.band!r}; give its lowest and its highest frequency in Hz, as (300, 3500)"
             ) from None
         object.__setattr__(self, "band", (low, high))
 
@@ -219,14 +218,11 @@ class Choices:
             wave = parse_signal(wave)
             if wave is None:
                 raise ValueError(
-                    f"incident signal {self.incident!r} is no generated one; read a file with "
-                    "torchliner.read_signal"
+                    f"incident signal {self.incident!r} is no generated one; read a file with torchliner.read_signal"
                 )
             object.__setattr__(self, "incident", wave)
         if wave is not None and not hasattr(wave, "sampled"):
-            raise TypeError(
-                f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)"
-            )
+            raise TypeError(f"incident is {type(wave).__name__}; wrap your samples as Recorded(signal, rate)")
         for wrong, reason in (
             (wave is not None and self.engine == "spectral",
              "engine 'spectral' replays tones; an incident signal needs 'unfold' or 'direct'"),

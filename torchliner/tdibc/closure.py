@@ -39,9 +39,7 @@ NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound
 
 
-def with_closure(
-    prepared: Prepared, found: ImpedanceMap, series: Series, pressure: Any = None
-) -> ImpedanceMap:
+def with_closure(prepared: Prepared, found: ImpedanceMap, series: Series, pressure: Any = None) -> ImpedanceMap:
     """The map with its closure, and a warning where the answer's order of averaging fails.
 
     Args:
@@ -54,19 +52,13 @@ def with_closure(
     if isinstance(known, str):
         return dataclasses.replace(found, choices={**found.choices, "closure": known})
     closure = closure_of(prepared, found, series, known)
-    sentences = [
-        closure.sentence(found.order, f, i) for i, f in enumerate(prepared.frequency.tolist())
-    ]
+    sentences = [closure.sentence(found.order, f, i) for i, f in enumerate(prepared.frequency.tolist())]
     notes = [f"{prepared.plane.name}: {text}" for text in sentences if text]
     choices = {**found.choices, "closure": "checked"}
-    return dataclasses.replace(
-        found, closure=closure, notes=(*found.notes, *notes), choices=choices
-    )
+    return dataclasses.replace(found, closure=closure, notes=(*found.notes, *notes), choices=choices)
 
 
-def closure_of(
-    prepared: Prepared, found: ImpedanceMap, series: Series, known: KnownPressure
-) -> Closure:
+def closure_of(prepared: Prepared, found: ImpedanceMap, series: Series, known: KnownPressure) -> Closure:
     """Of all orders of averaging that a map has."""
     chosen, moving = prepared.chosen, Coherent.of(prepared, known)
     pressure = torch.cat([known.liner[None], known.cells])
@@ -76,9 +68,7 @@ def closure_of(
         ratios.append(_implied(prepared, known, z, moving.velocity) / pressure)
         if order in series and moving.away is not None:
             liner, cells = series[order]
-            bounds.append(
-                _ends(prepared, known, z, torch.cat([liner[:, None], cells], 1).cpu(), moving)
-            )
+            bounds.append(_ends(prepared, known, z, torch.cat([liner[:, None], cells], 1).cpu(), moving))
     ends = None
     if len(bounds) == len(ratios):
         low, high = zip(*bounds, strict=True)
@@ -136,9 +126,7 @@ class Coherent:
         if not known.moved:
             speed = float(prepared.plane.fluid.sound_speed)
             known_cells = torch.nan_to_num(cells)
-            weights = weights * turned_back(
-                prepared.cells.x, known_cells, prepared.frequency, speed
-            )
+            weights = weights * turned_back(prepared.cells.x, known_cells, prepared.frequency, speed)
         liner = (weights * cells).sum(0)
         velocity = torch.cat([liner[None], cells])
         if seen.cell_blocks is None or prepared.blocks is None:

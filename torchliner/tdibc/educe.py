@@ -82,9 +82,7 @@ def educe(
     planes = list(plane) if several else [plane]
     for each in planes:
         if not isinstance(each, (VelocityPlane, Moments)):
-            raise TypeError(
-                f"plane is {type(each).__name__}; make a VelocityPlane of your data first"
-            )
+            raise TypeError(f"plane is {type(each).__name__}; make a VelocityPlane of your data first")
     if not planes:
         raise ValueError("no plane is given")
     liner = as_liner(liner)
@@ -99,15 +97,11 @@ def educe(
         ]  # fmt: skip
     origins = [_origin(each, liner, pressure, chosen, reference_phase) for each in planes]
     found = []
-    for prepared, origin in zip(
-        prepare(planes, liner, frequency, chosen, progress), origins, strict=True
-    ):
+    for prepared, origin in zip(prepare(planes, liner, frequency, chosen, progress), origins, strict=True):
         if chosen.incident is not None:
             result = educe_signal(prepared, reflected, progress)
         else:
-            result = replay(prepared, progress=progress).map(
-                chosen.phase, reference_phase, pressure
-            )
+            result = replay(prepared, progress=progress).map(chosen.phase, reference_phase, pressure)
         tell(result.notes)
         found.append(with_choices(result, **origin))
     return found if several else found[0]
@@ -131,8 +125,7 @@ def _origin(
 def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, count: int) -> None:
     if chosen.incident is None and reflected is not None:
         raise ValueError(
-            "a reflected signal needs an incident one; name it, e.g. incident='noise:300:3500' or "
-            "Tones(1400.0)"
+            "a reflected signal needs an incident one; name it, e.g. incident='noise:300:3500' or Tones(1400.0)"
         )
     if reflected is not None and count > 1:
         raise ValueError("several planes would share one reflected file; educe them one by one")
@@ -140,9 +133,7 @@ def _check_signal_output(chosen: Choices, reference_phase: Any, reflected: Any, 
         raise ValueError("reference_phase is for tones; an incident signal has its own phase")
 
 
-def replay(
-    prepared: Prepared, *, every_rule: bool = False, progress: Progress | None = None
-) -> Replayed:
+def replay(prepared: Prepared, *, every_rule: bool = False, progress: Progress | None = None) -> Replayed:
     """R of all columns for tones, by the engine chosen; no reading of the data for ``spectral``.
 
     Args:
@@ -153,7 +144,5 @@ def replay(
     backward = every_rule or phase_rule(prepared.chosen.phase).needs_backward
     if prepared.chosen.engine == "spectral" or prepared.drive is None:
         return Replayed(prepared, prepared.line_sums)
-    sums, notes = with_smaller_slabs(
-        prepared.drive.velocity, lambda: tone_sums(prepared, backward, progress)
-    )
+    sums, notes = with_smaller_slabs(prepared.drive.velocity, lambda: tone_sums(prepared, backward, progress))
     return Replayed(dataclasses.replace(prepared, notes=(*prepared.notes, *notes)), sums)

@@ -27,9 +27,7 @@ def tone_sums(prepared: Prepared, backward: bool, progress: Progress | None) -> 
     return sink.sums(backward)
 
 
-def unfold_into(
-    prepared: Prepared, emission: Emission, sinks: Sequence[Sink], progress: Progress | None
-) -> None:
+def unfold_into(prepared: Prepared, emission: Emission, sinks: Sequence[Sink], progress: Progress | None) -> None:
     """``replay_unfold`` of a prepared plane, with its choices."""
     assert prepared.drive is not None and prepared.kernels is not None  # noqa: PT018
     replay_unfold(

@@ -78,8 +78,7 @@ class GrowingMoments:
         self._surveys, self._sums = running_sums(self._velocity, wanted, part=True)
         slots = range(MOST_BLOCKS + 1)  # the last one for the block that is not full yet
         self._sums = [
-            SpeedSums(each.plan, basis, each.width, dtype, device, wanted.keeps_blocks, slots)
-            for each in self._sums
+            SpeedSums(each.plan, basis, each.width, dtype, device, wanted.keeps_blocks, slots) for each in self._sums
         ]
         self._wanted, self._cells, self._pitch = wanted, cells, model.cell_pitch
         self._settings = {name: getattr(chosen, name) for name in SETTINGS}
@@ -92,9 +91,7 @@ class GrowingMoments:
         v = torch.as_tensor(samples, dtype=self._about.velocity.dtype)
         shape = self._about.probe_shape
         if tuple(v.shape[:-1]) != shape:
-            raise ValueError(
-                f"samples have shape {tuple(v.shape)}; they are of probes {shape}, time last"
-            )
+            raise ValueError(f"samples have shape {tuple(v.shape)}; they are of probes {shape}, time last")
         new = v.movedim(-1, 0).reshape(v.shape[-1], self._about.probes)
         wrong = ~torch.isfinite(new.sum(0))
         if bool(wrong.any()):
@@ -187,9 +184,7 @@ class GrowingMoments:
             groups.append(group)
         about = self._about
         left = ReducedVelocity((*about.probe_shape, plan.samples), about.velocity.dtype, about.name)
-        sums_so_far = PlaneSums(
-            plan, wanted.tones, seen, self._cells, used, None, wanted.basis, tuple(groups)
-        )
+        sums_so_far = PlaneSums(plan, wanted.tones, seen, self._cells, used, None, wanted.basis, tuple(groups))
         plane = dataclasses.replace(about, velocity=left)
         return Moments(plane, sums_so_far, self._settings, self._pitch)
 

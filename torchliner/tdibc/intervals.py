@@ -61,9 +61,7 @@ def uncertainty_of(
     excluded = excluded if wall is None else excluded | wall
     admittance = torch.where(excluded, 0, admittance_from_reflection(reflection[: plane.probes]))
     groups = {
-        name: Groups(
-            torch.where(prepared.used, labels, -1), count, admittance, prepared.blocks.count
-        )
+        name: Groups(torch.where(prepared.used, labels, -1), count, admittance, prepared.blocks.count)
         for name, (labels, count) in _labels(prepared).items()
     }
     intervals: list[Interval] = []
@@ -155,10 +153,7 @@ def _coherent_first(
         "cells": (torch.where(inside, cells.labels, -1), cells.count),
         "liner": (torch.where(inside, 0, -1), 1),
     }
-    found = {
-        name: Groups(labels, count, admittance, prepared.blocks.count)
-        for name, (labels, count) in groups.items()
-    }
+    found = {name: Groups(labels, count, admittance, prepared.blocks.count) for name, (labels, count) in groups.items()}
 
     share = prepared.periodic.scale.to(star.device)[:, None]
 

@@ -75,9 +75,7 @@ def known_pressure(prepared: Prepared, given: Any = None) -> KnownPressure | str
         require_same_run(prepared.plane, given)
         return _of_record(prepared, given)
     if given is not None:
-        raise TypeError(
-            f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed"
-        )
+        raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed")
     return _stated(prepared)
 
 
@@ -91,9 +89,7 @@ def _stated(prepared: Prepared) -> KnownPressure | str:
     return KnownPressure(kind, words, pressure, cells, False, kind == INCIDENT)
 
 
-def stated_pressure(
-    record: Any, frequency: Tensor, tone: float | None
-) -> tuple[str, str, Tensor] | str:
+def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
     """Kind, words and peak amplitude (Pa, nan off the tone) of a level, or why there is none.
 
     Args:
@@ -116,10 +112,7 @@ def stated_pressure(
     kind, words = WALL, f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)"
     if side == "normal":
         kind = INCIDENT
-        words = (
-            f"the stated {level:.4g} dB of the incident wave (normal incidence, "
-            "rho c |Z + 1| |V|/2)"
-        )
+        words = f"the stated {level:.4g} dB of the incident wave (normal incidence, rho c |Z + 1| |V|/2)"
     return kind, words, pressure.to(torch.complex128)
 
 
@@ -138,8 +131,7 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
         return _of_waves(prepared, record, turn, same_times)
     else:
         raise ValueError(
-            f"{record.name} holds one microphone alone; closure needs the facesheet's pressure or "
-            "two microphones"
+            f"{record.name} holds one microphone alone; closure needs the facesheet's pressure or two microphones"
         )
     own = 2 * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
     peak = turn * own
@@ -148,9 +140,7 @@ def _of_record(prepared: Prepared, record: PressureRecord) -> KnownPressure:
     if away is not None:
         away = torch.cat([away[:, :1], away[:, 1:].expand(-1, prepared.cells.count, -1)], dim=1)
     words = f"{words} (rho c Z V, {'with' if same_times else 'without'} phase)"
-    return KnownPressure(
-        WALL, words, peak[0], cells, same_times, plane.source_side == "normal", away
-    )
+    return KnownPressure(WALL, words, peak[0], cells, same_times, plane.source_side == "normal", away)
 
 
 def _turn(prepared: Prepared, record: PressureRecord) -> tuple[Tensor, bool]:
@@ -172,17 +162,14 @@ def _cell_pressures(prepared: Prepared, record: PressureRecord) -> Tensor:
     cells, own = prepared.cells, sort_into_cells(record, prepared.liner.cell_pitch)
     pitch = prepared.liner.cell_pitch or 0.0
     alike = own.count == cells.count and all(
-        bool(torch.nan_to_num(a - b).abs().max() <= 0.1 * pitch)
-        for a, b in ((own.x, cells.x), (own.z, cells.z))
+        bool(torch.nan_to_num(a - b).abs().max() <= 0.1 * pitch) for a, b in ((own.x, cells.x), (own.z, cells.z))
     )
     if not alike:
         return torch.cat([mean, mean])
     return torch.cat([mean, own.average(face, own.labels >= 0)])
 
 
-def _of_waves(
-    prepared: Prepared, record: PressureRecord, turn: Tensor, same_times: bool
-) -> KnownPressure:
+def _of_waves(prepared: Prepared, record: PressureRecord, turn: Tensor, same_times: bool) -> KnownPressure:
     """Incident plus reflected wave at y = 0, from microphones in front of the surface."""
     frequency, rate = prepared.frequency, record.sampling_rate
     amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]

@@ -85,9 +85,7 @@ def first_part(
     """
     asked, model, chosen, basis = requested(whole, request)
     if chosen.drive == "running-rms":
-        raise ValueError(
-            "drive 'running-rms' looks across the ends of a part; reduce the whole record at once"
-        )
+        raise ValueError("drive 'running-rms' looks across the ends of a part; reduce the whole record at once")
     # Bounds of v* serve where its extremes would take a reading of their own.
     wanted = dataclasses.replace(wanted_of(asked, model, chosen, basis), true_extremes=False)
     cells = sort_into_cells(whole, model.cell_pitch)
@@ -153,10 +151,7 @@ def second_part(
 
 
 def _complete(given: Moments) -> str:
-    return (
-        f"the moments of {given.plane.name} are complete; leave given out, or name the sum of the "
-        "first reading"
-    )
+    return f"the moments of {given.plane.name} are complete; leave given out, or name the sum of the first reading"
 
 
 def _require_of(plane: VelocityPlane, given: Moments) -> None:
@@ -212,11 +207,7 @@ def sum_parts(parts: Sequence[MomentsPart], given: Moments | None = None) -> Mom
     velocity = ProbeVelocity(plane, cells, plane.velocity.dtype, device, used)
     drive, seen = driven(velocity, wanted, first, cells, used)
     if wanted.drive == "rms" and wanted.basis is not None:
-        groups = tuple(
-            constant_moments(wanted.plan, wanted.basis, rms.double()) for rms in drive.rms
-        )
-    sums = PlaneSums(
-        wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups
-    )
+        groups = tuple(constant_moments(wanted.plan, wanted.basis, rms.double()) for rms in drive.rms)
+    sums = PlaneSums(wanted.plan, wanted.tones, seen, cells, used, drive.periodic, wanted.basis, groups)
     tell(notes)
     return Moments(plane, sums, whole.settings, whole.cell_pitch, tuple(notes), readings=1)

@@ -163,9 +163,7 @@ def _places(tones: Tensor, frequency: Tensor) -> Tensor:
     return torch.tensor(found, dtype=torch.int64)
 
 
-def ask(
-    given: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices
-) -> Asked:
+def ask(given: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices) -> Asked:
     """What is asked of a plane: frequencies, record, blocks, and the first doubts.
 
     Raises:
@@ -182,9 +180,7 @@ def ask(
     plane, sent = given, None
     start = round(chosen.pre_roll * plane.sampling_rate)
     if start >= plane.samples:
-        raise ValueError(
-            f"pre_roll is {chosen.pre_roll:g} s, but {plane.name} lasts {plane.duration:g} s"
-        )
+        raise ValueError(f"pre_roll is {chosen.pre_roll:g} s, but {plane.name} lasts {plane.duration:g} s")
     if chosen.incident is not None:
         sent = chosen.incident.sampled(plane.samples, plane.sampling_rate)
         frequency = _signal_lines(plane, start, chosen) if frequency is None else frequency

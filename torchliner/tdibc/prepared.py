@@ -82,9 +82,7 @@ class Prepared:
         if self.kernels is None:
             return response_of(liner)
         old = self.kernels
-        return kernel_response(
-            build_kernels(liner, old.grid, old.sampling_rate, kind=old.kind, band=old.band)
-        )
+        return kernel_response(build_kernels(liner, old.grid, old.sampling_rate, kind=old.kind, band=old.band))
 
     def read_with(self, response: Response) -> LineSums:
         """``line_sums`` of another response on the same moments."""
@@ -94,9 +92,7 @@ class Prepared:
     @functools.cached_property
     def window_sums(self) -> WindowSums:
         """The window's own sums at each frequency, on the device of the drive."""
-        window = WindowSums.of(
-            self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate
-        )
+        window = WindowSums.of(self.record.window.weights, self.record.start, self.frequency, self.plane.sampling_rate)
         device = self.device
         turned = None
         if self.reader is not None and self.reader.turns.shape[1] > 1:

@@ -149,9 +149,7 @@ def _first_reading(
     device = chosen.working_device(like.device if isinstance(like, Tensor) else torch.device("cpu"))
     dtype = chosen.working_dtype(like.dtype)
 
-    def over(
-        used: Tensor, report: Progress | None, samples_read: int = 0
-    ) -> tuple[ProbeVelocity, First]:
+    def over(used: Tensor, report: Progress | None, samples_read: int = 0) -> tuple[ProbeVelocity, First]:
         held = cells.kept(used)
         velocity = ProbeVelocity(plane, held, dtype, device, used, chosen.slab_memory)
         velocity.samples_read = samples_read
@@ -168,9 +166,7 @@ def _first_reading(
     return velocity, first, used
 
 
-def refuse_bad_probes(
-    plane: VelocityPlane, seen: Survey | SurveySums, used: Tensor, chosen: Choices
-) -> None:
+def refuse_bad_probes(plane: VelocityPlane, seen: Survey | SurveySums, used: Tensor, chosen: Choices) -> None:
     """Refuse faults unless they are to be left out, and something is left."""
     first = int((~used).nonzero()[0])
     place = tuple(int(i) for i in torch.unravel_index(torch.tensor(first), plane.probe_shape))

@@ -36,9 +36,7 @@ class Replayed:
         of = Means.of_emissions if of_moments else Means.of
         return of(self.sums, self.prepared.window_sums)
 
-    def rule(
-        self, phase: str, reference_phase: Any = None, coherent: tuple[Tensor, Tensor] | None = None
-    ) -> PhaseRule:
+    def rule(self, phase: str, reference_phase: Any = None, coherent: tuple[Tensor, Tensor] | None = None) -> PhaseRule:
         """A phase rule with what it may know of this plane.
 
         Args:
@@ -57,9 +55,7 @@ class Replayed:
             None if psi is None else psi.to(device),
         )  # fmt: skip
 
-    def map(
-        self, phase: str = "averaged", reference_phase: Any = None, pressure: Any = None
-    ) -> ImpedanceMap:
+    def map(self, phase: str = "averaged", reference_phase: Any = None, pressure: Any = None) -> ImpedanceMap:
         """The map under one phase rule.
 
         Args:
@@ -82,9 +78,7 @@ class Replayed:
         if self._keeps_blocks(rule):
             with torch.no_grad():
                 deviations = block_deviations(prepared, rule, self.means)
-                uncertainty, series = uncertainty_of(
-                    prepared, reflection.detach(), deviations, wall
-                )
+                uncertainty, series = uncertainty_of(prepared, reflection.detach(), deviations, wall)
             notes += review_uncertainty(prepared, uncertainty)
         notes += wall_notes
         peak = 2 * prepared.velocity_amplitude

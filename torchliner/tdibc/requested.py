@@ -52,8 +52,7 @@ def requested(plane: VelocityPlane, request: Request) -> tuple[Asked, LinerModel
     chosen = Choices(**request.choices)
     if chosen.engine != "spectral":
         raise ValueError(
-            f"moments are what engine 'spectral' reads, not {chosen.engine!r}; leave engine and "
-            "incident out"
+            f"moments are what engine 'spectral' reads, not {chosen.engine!r}; leave engine and incident out"
         )
     if liner is not None and cell_pitch is not None:
         raise ValueError("cell_pitch is the liner's; name it only where no liner is given")

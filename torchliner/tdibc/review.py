@@ -30,9 +30,7 @@ def needs_kernels(chosen: Choices) -> bool:
     return chosen.engine != "spectral" or chosen.uses_kernel_response
 
 
-def review_record(
-    plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices
-) -> list[str]:
+def review_record(plane: VelocityPlane, frequency: Tensor, record: Record, chosen: Choices) -> list[str]:
     """Length and rate against the frequencies."""
     notes = []
     if plane.liner == "hard wall":
@@ -61,13 +59,10 @@ def review_record(
         ):
             remedy = _whole_cut(record, f) if chosen.incident is None else _nearest_line(record, f)
             raise ValueError(
-                f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods "
-                f"of {f:g} Hz; {remedy}"
+                f"edge rule 'wrap' needs whole periods: {plane.name} holds {periods:.6g} periods of {f:g} Hz; {remedy}"
             )
         # One period of a broadband signal is long enough; its lines are the record's.
-        if chosen.incident is None and (
-            periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short
-        ):
+        if chosen.incident is None and (periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short):
             raise ValueError(
                 f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than "
                 f"{FEWEST_PERIODS:g}; pass allow_short=True if that is meant"
@@ -141,8 +136,7 @@ def review_cells(plane: VelocityPlane, cells: Cells, used: Tensor) -> list[str]:
     notes = []
     if gone := cells.count - kept.count:
         notes.append(
-            f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count "
-            "in no average"
+            f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count in no average"
         )
     if kept.weight is not None:
         short = kept.weight[kept.weight < 1]

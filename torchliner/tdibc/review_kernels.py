@@ -60,9 +60,7 @@ def _review_kernels(prepared: Prepared, kernels: KernelTable) -> list[str]:
     where = "in every value" if whole else "in what enters at the record's two ends"
     notes = []
     if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
-        remedy = (
-            "take kernel='two-sided'" if kernels.kind == "causal" else "narrow band=(low, high)"
-        )
+        remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow band=(low, high)"
         notes.append(
             f"the {kernels.kind} kernel is off by up to {kernels.error:.2g} in R within "
             f"{low:g}-{high:g} Hz (limit {LARGEST_ERROR:g}) and amplifies up to {kernels.gain:.3g} "

@@ -52,9 +52,7 @@ class Kept(Protocol):
         ...
 
 
-def reduce_whole(
-    plane: VelocityPlane, request: Request, progress: Progress | None = None
-) -> Moments:
+def reduce_whole(plane: VelocityPlane, request: Request, progress: Progress | None = None) -> Moments:
     """As ``moments``, undivided."""
     asked, model, chosen, basis = requested(plane, request)
     if chosen.drive == "running-rms":
@@ -148,9 +146,7 @@ def _told(parts: Iterator[MomentsPart], progress: Progress | None) -> Iterator[M
         yield part
 
 
-def _slice(
-    work: Callable[..., MomentsPart], plane: VelocityPlane, known: Any, span: Span
-) -> MomentsPart:
+def _slice(work: Callable[..., MomentsPart], plane: VelocityPlane, known: Any, span: Span) -> MomentsPart:
     return work(plane, span, known)
 
 
@@ -180,9 +176,7 @@ def in_order(
     try:
         while True:
             for task in islice(left, ahead - len(waiting)):
-                waiting.append(
-                    client.submit(on_worker, __version__, work, *held, *task, pure=False)
-                )
+                waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
             if not waiting:
                 return
             yield unpacked(_result(waiting.popleft()))
@@ -242,9 +236,7 @@ def on_worker(version: str, work: Callable[..., Any], *arguments: Any) -> Any:
     """
     place = f"worker on {socket.gethostname()} (folder {os.getcwd()})"
     if version != __version__:
-        raise RuntimeError(
-            f"{place} has torchliner {__version__}, and {version} asks; install the same"
-        )
+        raise RuntimeError(f"{place} has torchliner {__version__}, and {version} asks; install the same")
     torch.set_num_threads(1)
     try:
         with warnings.catch_warnings():

@@ -89,10 +89,7 @@ def fit_field(
     errors = {"level_error": level_error, "phase_error": phase_error}
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not SMALLEST <= value < math.inf:
-            raise ValueError(
-                f"{name} is {value:g}; it weights the fit and must be finite and at least "
-                f"{SMALLEST:g}"
-            )
+            raise ValueError(f"{name} is {value:g}; it weights the fit and must be finite and at least {SMALLEST:g}")
     pressure = line.pressure.detach().to(torch.complex128)
     weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
     model = FieldModel(solver, sources, line.x, wall)
@@ -219,16 +216,12 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
             f"{solver.frequency.tolist()} Hz; build the solver for those of the line"
         )
     if line.pressure.numel() == 0:
-        raise ValueError(
-            f"{line.name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}"
-        )
+        raise ValueError(f"{line.name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}")
     for name in ("end_reflection", "source_reflection"):
         if torch.as_tensor(getattr(case, name)).ndim > 1:
             raise ValueError(f"the {name} of the duct has leading axes; a fit takes one duct")
     if len(case.liner) != 1:
-        raise ValueError(
-            f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"
-        )
+        raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
     stated = {
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),
@@ -237,8 +230,7 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
     for name, (mine, theirs) in stated.items():
         if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME):
             raise ValueError(
-                f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one "
-                "and the same in both"
+                f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one and the same in both"
             )
     if line.liner_start is not None and line.liner_end is not None:
         start, end = case.liner[0]
@@ -255,9 +247,7 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
         )
 
 
-def _result(
-    found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int
-) -> FieldFit:
+def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int) -> FieldFit:
     """The record of a solution for pressures (..., N, F)."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
     along = fine_places(line.x)

@@ -73,9 +73,7 @@ def warnings_of(
             notes.append(f"{line.name}: the resistance at {f:g} Hz is {least:.3g}, below 0")
         most = float(result.end_reflection[..., i].abs().max())
         if most > GAINS:
-            notes.append(
-                f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets"
-            )
+            notes.append(f"{line.name}: at {f:g} Hz the far end would reflect {most:.3g} times what it gets")
         gain = float(gains[:, i].max())
         if gain > 0:
             notes.append(

@@ -55,9 +55,7 @@ class Solution:
     converged: Tensor
 
 
-def constant_wall(
-    model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float
-) -> Solution:
+def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Solution:
     """The best constant wall for pressures (B, F, N), P = 1, with no guess.
 
     From the best of a coarse grid of impedances, and of a fine one where chi squared is above
@@ -91,9 +89,7 @@ def _best(found: Sequence[Solution]) -> Solution:
     return _part_by_part(chosen, *found)
 
 
-def from_grid(
-    model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid
-) -> Solution:
+def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid) -> Solution:
     """The best constant wall from the best impedances of a grid each.
 
     Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more
@@ -167,9 +163,7 @@ def search(
     found = least_squares(problem, start.to(torch.complex128), STEPS)
     jacobian = found.system.jacobian
     covariance = _inverse(jacobian.mT @ jacobian)[..., :unknowns, :unknowns]
-    return Solution(
-        found.place, found.system.amplitude, covariance, found.system.cost, found.converged
-    )
+    return Solution(found.place, found.system.amplitude, covariance, found.system.cost, found.converged)
 
 
 def _inverse(normal: Tensor) -> Tensor:

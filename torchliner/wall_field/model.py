@@ -67,9 +67,7 @@ def impedance_covariance(place: Tensor, covariance: Tensor) -> Tensor:
                         torch.stack([slope.imag, slope.real], -1)], -2)  # fmt: skip
     turn = rows.transpose(-3, -2).flatten(-4, -3).flatten(-2, -1)
     infinite = torch.diag_embed(torch.full_like(covariance[..., 0], torch.inf))
-    return torch.where(
-        like_rigid(place, covariance)[..., None, None], infinite, turn @ covariance @ turn.mT
-    )
+    return torch.where(like_rigid(place, covariance)[..., None, None], infinite, turn @ covariance @ turn.mT)
 
 
 def like_rigid(place: Tensor, covariance: Tensor, errors: float = 2.0) -> Tensor:
@@ -139,9 +137,7 @@ class FieldModel:
             slopes.append(torch.stack(by_coordinate))
         return torch.cat(values), torch.cat(slopes, 1)
 
-    def heard(
-        self, place: Tensor, amplitude: Tensor, along: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    def heard(self, place: Tensor, amplitude: Tensor, along: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What walls (B, F, P) and amplitudes (B, F, K) make.
 
         Returns:

@@ -212,9 +212,7 @@ def _residual_covariance(
     count = len(pressure)
     steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
     steps = torch.cat([steps, 1j * steps])[..., None] * unit  # (2 N, N, F)
-    both = educe(torch.cat([pressure + steps, pressure - steps])).impedance.reshape(
-        2, 2 * count, -1
-    )
+    both = educe(torch.cat([pressure + steps, pressure - steps])).impedance.reshape(2, 2 * count, -1)
     slope = torch.view_as_real((both[0] - both[1]) / (2 * STEP))  # (2 N, F, 2)
     # Half of the complex variance belongs to each part.
     variance = result.residual.square() * count / (2 * freedom)

@@ -137,15 +137,12 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     samples = signal.shape[-1]
     if order < 1 or samples < 2 * order:
         raise ValueError(
-            f"{samples} microphones are fewer than twice the order, {order}; lower the order to "
-            f"{samples // 2} or below"
+            f"{samples} microphones are fewer than twice the order, {order}; lower the order to {samples // 2} or below"
         )
     if not 1 <= rank <= order:
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
     values = signal.to(torch.complex128)
-    parts = [
-        _exponentials(each, rank, order) for each in values.reshape(-1, samples).split(SIGNALS)
-    ]
+    parts = [_exponentials(each, rank, order) for each in values.reshape(-1, samples).split(SIGNALS)]
     return Exponentials(*(
         torch.cat(each).reshape((*values.shape[:-1], *each[0].shape[1:]))
         for each in zip(*(tuple(vars(part).values()) for part in parts), strict=True)

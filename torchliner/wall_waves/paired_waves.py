@@ -116,9 +116,7 @@ def from_ends(distance: Tensor) -> Tensor:
     return distance[:, None] - torch.stack([torch.zeros_like(distance[-1]), distance[-1]])
 
 
-def project(
-    pressure: Tensor, distance: Tensor, weight: Tensor, wave: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def project(pressure: Tensor, distance: Tensor, weight: Tensor, wave: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Weighted columns (..., N, 2), their orthonormal basis, the best amplitudes (..., 2) and what
     they leave of the weighted pressures, (..., N)."""
     columns = weight[..., None] * torch.exp(-1j * wave[..., None, :] * from_ends(distance))

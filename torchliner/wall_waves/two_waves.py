@@ -73,8 +73,7 @@ def two_wave_fit(
     notes, lost = duct_notes(line), first.choices["unsettled"]
     if lost:
         notes += (
-            f"{line.name}: {lost} of {first.impedance.numel()} fits did not settle; their waves "
-            "may not be the best",
+            f"{line.name}: {lost} of {first.impedance.numel()} fits did not settle; their waves may not be the best",
         )
     return with_notes_and_draws(
         first, notes, educe, seen.pressure, draws, generator, unknowns=4 - tied, unit=unit,
@@ -124,9 +123,7 @@ def _educe(
 
 
 @functools.lru_cache(maxsize=8)  # the draws of a line, and other lines of a duct, share it
-def _grid(
-    frequency: tuple[float, ...], height: float, mach: float, sound_speed: float, condition: str
-) -> Tensor:
+def _grid(frequency: tuple[float, ...], height: float, mach: float, sound_speed: float, condition: str) -> Tensor:
     """Both wavenumbers of a grid of impedances along s, (F, G, 2)."""
     wanted = torch.tensor(frequency, dtype=torch.float64)[:, None]
     walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES])

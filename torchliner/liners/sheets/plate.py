@@ -61,9 +61,7 @@ class GrazedPlate(Plate):
     """
 
     mach: float | Tensor = parameter(default=0.0, high=1.0, low_included=True)
-    displacement_thickness: float | Tensor = parameter(
-        "m", default=0.0, high=LARGEST, low_included=True
-    )
+    displacement_thickness: float | Tensor = parameter("m", default=0.0, high=LARGEST, low_included=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,9 +74,7 @@ class GrazedPlate(Plate):
 
     def grazing(self, n: dict[str, Any]) -> Any:
         """R_f, normalised, of parameters by name: tensors or floats."""
-        return goodrich_resistance(
-            n["mach"], n["porosity"], n["displacement_thickness"], n["orifice_diameter"]
-        )
+        return goodrich_resistance(n["mach"], n["porosity"], n["displacement_thickness"], n["orifice_diameter"])
 
     @property
     def flow_resistance(self) -> float:

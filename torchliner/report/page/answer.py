@@ -55,9 +55,7 @@ def closure_clause(result: Any, index: int, order: str | None = None) -> str:
 
 def state(result: Any, index: int) -> str:
     """Of the closure check of the answer; "" without one."""
-    return (
-        "" if result.closure is None else str(result.closure.verdict(result.closure.order, index))
-    )
+    return "" if result.closure is None else str(result.closure.verdict(result.closure.order, index))
 
 
 def is_null(result: ImpedanceMap) -> bool:

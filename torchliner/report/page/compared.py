@@ -51,10 +51,7 @@ def compared(subject: MapSubject) -> list[Block]:
             "interval is the joint statistical one where both have one, else the map's alone."
         )
         if result.tone is not None and result.reference:
-            caption += (
-                " What the data file states is of its tone, "
-                f"{float(result.frequency[result.tone]):g} Hz."
-            )
+            caption += f" What the data file states is of its tone, {float(result.frequency[result.tone]):g} Hz."
         blocks.append(Grid("compared-table", caption, Table(rows, COLUMNS, ".9g")))
     else:
         text = "The map holds no reference: no true, in situ or other impedance."

@@ -68,8 +68,7 @@ def moved(subject: MapSubject) -> list[Block]:
         Grid(
             "audit-table",
             typeset(
-                f"Variants, by how far they move Z, at {frequency:g} Hz. Closure here: "
-                f"{shown(found.closure_words)}."
+                f"Variants, by how far they move Z, at {frequency:g} Hz. Closure here: {shown(found.closure_words)}."
             ),
             table,
         ),

@@ -115,9 +115,7 @@ def _stations(line: ImpedanceLine) -> Grid:
         "reactance": ".3f", "mean velocity (m/s)": ".3f", "velocity rms (m/s)": ".3f",
         "coherence": ".3f", "segments": ".0f", "bursts": ".0f", "counts": ".0f", "flags": ".0f",
     }  # fmt: skip
-    columns = [
-        Column(name, heading=head_of(name, head), text=head.get(name, "")) for name in rows[0]
-    ]
+    columns = [Column(name, heading=head_of(name, head), text=head.get(name, "")) for name in rows[0]]
     return Grid("stations", "Stations, a row each and frequency.", Table(rows, columns))
 
 
@@ -135,6 +133,4 @@ def _compared(line: ImpedanceLine) -> list[Block]:
     rows = [{"name": name, "impedance": value} for name, value in known.items()]
     columns = [Column("name", heading="known from elsewhere"), *plain_columns("impedance*"),
                Column("", "impedance", "Z", format_complex)]  # fmt: skip
-    return [
-        Grid("compared-table", "What is known of the case from elsewhere.", Table(rows, columns))
-    ]
+    return [Grid("compared-table", "What is known of the case from elsewhere.", Table(rows, columns))]

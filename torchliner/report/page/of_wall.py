@@ -159,10 +159,7 @@ def _error_bars(subject: WallSubject) -> list[Block]:
     for one, label in zip(subject.found, subject.labels, strict=True):
         if one.draws is not None:
             level, phase = (one.choices.get(f"{key}_error", "?") for key in ("level", "phase"))
-            text = (
-                f"{len(one.draws.impedance)} draws of the microphones' errors, {level} dB and "
-                f"{phase} degrees"
-            )
+            text = f"{len(one.draws.impedance)} draws of the microphones' errors, {level} dB and {phase} degrees"
         elif one.covariance is None:
             text = "no interval, since the waves leave no degree of freedom"
         elif one.freedom is None:
@@ -205,9 +202,7 @@ def _compared(subject: WallSubject) -> list[Block]:
     return [Grid("compared-table", caption, Table(rows, columns, ".9g"))]
 
 
-def _difference(
-    frequency: float, row: dict[str, Any], value: complex, name: str, beside: Any = None
-) -> dict[str, Any]:
+def _difference(frequency: float, row: dict[str, Any], value: complex, name: str, beside: Any = None) -> dict[str, Any]:
     """One row of the comparison; ``beside`` is that of the second, where it has an interval."""
     mine, bounds = row["impedance"], None
     if row["low"] is not None:

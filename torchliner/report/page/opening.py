@@ -50,9 +50,7 @@ def write_report(
     page_of(result, data=data, liner=liner, source=source).write(path)
 
 
-def page_of(
-    result: Any, *, data: Any = None, liner: Any = None, source: Path | None = None
-) -> Page:
+def page_of(result: Any, *, data: Any = None, liner: Any = None, source: Path | None = None) -> Page:
     """By kind of result.
 
     Raises:
@@ -68,9 +66,7 @@ def page_of(
             "impedances from microphones and solved ducts are"
         )
     if data is not None or liner is not None:
-        raise ValueError(
-            "data and liner are for the report of a map, and this result is none: leave them out"
-        )
+        raise ValueError("data and liner are for the report of a map, and this result is none: leave them out")
     return make(result, source)
 
 
@@ -107,9 +103,7 @@ def data_of(path: Path, **request: Any) -> Any:
     return read_moments(path) if holds_moments(path) else read_plane(path, lazy=True, **request)
 
 
-def report_file(
-    path: Path, output: Path, data: Path | None = None, liner: str | None = None
-) -> Page:
+def report_file(path: Path, output: Path, data: Path | None = None, liner: str | None = None) -> Page:
     """The page of a file of results, written."""
     result = read_result(path)
     page = page_of(

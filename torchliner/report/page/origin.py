@@ -36,9 +36,7 @@ BIBTEX = f"""@article{{roncen2026,
 BESIDE = "Files beside it as they are now; the result does not hold the hashes of its inputs."
 
 
-def files_of(
-    held: Sequence[Mapping[str, Any]], files: Sequence[tuple[str, Path | None, str]]
-) -> list[Block]:
+def files_of(held: Sequence[Mapping[str, Any]], files: Sequence[tuple[str, Path | None, str]]) -> list[Block]:
     """The inputs that a result holds, then other files as they are now, with sizes and hashes.
 
     Args:
@@ -50,18 +48,14 @@ def files_of(
     for each in held:
         uses.setdefault(f"{_described(each)}; {standing(each).words}", []).append(each["what"])
     facts = [(shown(", ".join(what)), words) for words, what in uses.items()]
-    facts += [
-        (what, _now(what, path, name)) for what, path, name in files if str(path) not in names
-    ]
+    facts += [(what, _now(what, path, name)) for what, path, name in files if str(path) not in names]
     lead = "Inputs as they were when the result was made, and whether they are the same now."
     return [Text(lead if held else BESIDE), Facts(facts)]
 
 
 def typed(commands: Sequence[Any]) -> list[Block]:
     """Commands as they were typed, each a list of words; what has none was done in Python."""
-    lines = [
-        shlex.join(["torchliner", *map(str, each)]) for each in commands if isinstance(each, list)
-    ]
+    lines = [shlex.join(["torchliner", *map(str, each)]) for each in commands if isinstance(each, list)]
     if not lines:
         return [Text("Done in Python: no command is kept, the choices are above.")]
     return [Code("command", shown(line)) for line in dict.fromkeys(lines)]

@@ -40,9 +40,7 @@ class Page:
             ImportError: jinja2 or matplotlib is not installed.
         """
         home = resources.files(__package__)
-        css, script = (
-            (home / name).read_text(encoding="utf-8") for name in ("page.css", "page.js")
-        )
+        css, script = ((home / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
         digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
         environment = require_report().Environment(
             autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=_printable

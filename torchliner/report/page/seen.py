@@ -96,8 +96,7 @@ def along_x(subject: MapSubject) -> list[Block]:
         bands = interval_words(result)
         caption = (
             f"Impedance along x at {frequency:g} Hz, the admittance averaged over z. Cells: filled "
-            f"markers, {result.order}{'; ' * bool(open_)}{open_}."
-            + (f" Bands and bars: {bands}." if bands else "")
+            f"markers, {result.order}{'; ' * bool(open_)}{open_}." + (f" Bands and bars: {bands}." if bands else "")
         )
         drawn = figures.draw_along_x([result], None, i)
         blocks.append(Figure(f"along-x-{i}", drawn, typeset(alt), caption, curves.table))

@@ -245,9 +245,7 @@ def filtered(known: Whole, said: re.Match[str]) -> Size | None:
     return _of_probes(known, index, every, result.admittance, "probes first, without the filter")
 
 
-def _of_probes(
-    known: Whole, index: int, kept: Tensor, admittance: Tensor, words: str
-) -> Size | None:
+def _of_probes(known: Whole, index: int, kept: Tensor, admittance: Tensor, words: str) -> Size | None:
     """Mean over some probes of an admittance, as Z, less that of the map."""
     assert known.of_map is not None
     flat = admittance.reshape(len(kept), -1)[:, index]

@@ -41,9 +41,7 @@ class Speeds:
         count = len(self.moments)
         order = torch.arange(count, dtype=torch.float64)
         step = math.pi / (count + 1)
-        jackson = (
-            (count - order + 1) * (step * order).cos() + (step * order).sin() / math.tan(step)
-        ) / (count + 1)
+        jackson = ((count - order + 1) * (step * order).cos() + (step * order).sin() / math.tan(step)) / (count + 1)
         theta = ((speed - self.centre) / (speed + self.centre)).clamp(-1, 1).acos()
         waves = (theta[:, None] * order[1:]).sin() / order[1:]
         share = (math.pi - theta) * self.moments[0] - 2 * waves @ (jackson * self.moments)[1:]

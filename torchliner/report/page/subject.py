@@ -74,9 +74,7 @@ class MapSubject:
         return thin(drawable(self.result))
 
 
-def subject_of(
-    result: ImpedanceMap, path: Path | None = None, data: Any = None, liner: Any = None
-) -> MapSubject:
+def subject_of(result: ImpedanceMap, path: Path | None = None, data: Any = None, liner: Any = None) -> MapSubject:
     """A map with the data behind it.
 
     Args:
@@ -173,8 +171,7 @@ def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> M
     worst = max(float(each.nan_to_num(0).max()) for each in away)
     if worst > SAME_STATISTICS:
         raise ValueError(
-            f"{plane.name}: mean or rms of v is off that of the map by {worst:.2g} of its rms at "
-            f"some probe; {remedy}"
+            f"{plane.name}: mean or rms of v is off that of the map by {worst:.2g} of its rms at some probe; {remedy}"
         )
     return data
 
@@ -186,9 +183,7 @@ def _tuples(kept: dict[str, Any]) -> dict[str, Any]:
 def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str, Any]:
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
-    derived: tuple[str, ...] = (
-        ("velocity_max",) if result.choices.get("response") == "model" else ()
-    )
+    derived: tuple[str, ...] = ("velocity_max",) if result.choices.get("response") == "model" else ()
     if result.choices.get("incident") is not None:
         derived += ("phase",)  # that of the signal
     left_out = (*without, *derived)

@@ -45,9 +45,7 @@ def velocity(subject: MapSubject) -> list[Block]:
     if len(tone):
         facts.append(("peak amplitude at the tone", _spread(tone)))
     if len(coherence):
-        facts.append(
-            ("squared coherence with the tone, median", f"{float(coherence.median()):.3f}")
-        )
+        facts.append(("squared coherence with the tone, median", f"{float(coherence.median()):.3f}"))
     thinned, _ = subject.thinned
     blocks: list[Block] = [Facts([(name, typeset(text)) for name, text in facts])]
     if len(rms) > 1:
@@ -61,9 +59,7 @@ def velocity(subject: MapSubject) -> list[Block]:
             "Time mean v0 of the wall-normal velocity, positive away from the liner, and rms v′ of "
             "the rest along x; over z the squares of v′ are averaged."
         )
-        blocks.append(
-            Figure("velocity", _draw_along_x(curves), typeset(alt), caption, curves.table)
-        )
+        blocks.append(Figure("velocity", _draw_along_x(curves), typeset(alt), caption, curves.table))
     return [*blocks, *_distribution(subject)]
 
 
