@@ -38,6 +38,12 @@ INTERPOLATIONS = ("cubic", "linear")
 MISSING = ("refuse", "exclude")
 RESAMPLED = ("time", "time-span", "time-cells")
 DTYPES = ("float32", "float64")
+AVERAGINGS = {  # over the probes of a cell: what is averaged
+    "admittance": "the admittance: each probe is driven by its own velocity (the paper)",
+    "velocity": "the velocity, whose |v| then acts on the liner",
+    "phase-locked": "what of the velocity is periodic with the tone; the rest acts where it is",
+}
+PHASES = ("averaged", "self-consistent", "given")  # rules: engine.phase.PHASE_RULES
 # Of averaging: Y over probes; v over a cell and then Y; or what of v is coherent with the tone over
 # the cell, then Y over probes.
 ORDERS = ("probes first", "velocity first", "coherent first")

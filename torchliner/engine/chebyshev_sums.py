@@ -1,0 +1,72 @@
+"""Sums of Chebyshev functions of |v|: the definition in torch, and where faster code for a device is found.
+
+A faster function takes and gives what ``torch_sums`` does, and its module says by ``available()`` whether it can be
+used here. ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+
+import torch
+from torch import Tensor
+
+TILE = 1 << 17  # velocities whose temporaries stay in the cache of a CPU
+FASTER = {"cpu": "torchliner.engine.native", "cuda": "torchliner.engine.triton_sums"}  # by kind of device
+
+
+def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
+    r"""m_k = sum_t w_t T_k(x_t), x = (|v| - c)/(|v| + c), with the fastest code of the device.
+
+    Args:
+        weights: w of G slabs of at most 256 rows, in the precision of the data, (G, R, L).
+        columns: v, m/s, (G, L, N), float32 or float64.
+        count: K, 2 or more.
+        centre: c, m/s.
+    Returns:
+        float64, (G, R, K, N). A nan or inf in v makes the sums of its own column nan.
+    """
+    home = FASTER.get(columns.device.type)
+    if home is not None and os.environ.get("TORCHLINER_SUMS", "") != "torch":
+        faster = importlib.import_module(home)
+        if faster.available():
+            found: Tensor = faster.sums(weights, columns, count, centre)
+            return found
+    return torch_sums(weights, columns, count, centre)
+
+
+def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
+    """``sums`` in torch alone: the definition, on any device."""
+    slabs, rows, length = weights.shape
+    width = columns.shape[2]
+    tile = width if columns.device.type != "cpu" else max(1, TILE // (slabs * length))
+    signs, turns = _signs(count)
+    found = torch.empty(slabs, rows, count, width, dtype=torch.float64, device=columns.device)
+    for left in range(0, width, tile):
+        v = columns[:, :, left : left + tile]
+        each = v.new_empty(count, slabs, rows, v.shape[2])
+        speed = v.abs()
+        twice = (speed - centre).mul_(2).div_(speed.add_(centre))
+        before, now = torch.ones_like(speed), twice / 2
+        torch.bmm(weights, before, out=each[0])
+        for k in range(1, count):
+            if k > 1:
+                torch.addcmul(before, twice, now, value=turns[k], out=before)
+                before, now = now, before
+            torch.bmm(weights, now, out=each[k])
+        found[..., left : left + tile] = each.permute(1, 2, 0, 3)
+    return found * torch.tensor(signs, dtype=torch.float64).to(found.device)[:, None]
+
+
+def _signs(count: int) -> tuple[list[float], list[int]]:
+    """Signs s_k for which the recurrence of s_k T_k is one ``addcmul``, and its factors.
+
+    T_k = 2 x T_{k-1} - T_{k-2} takes its last term away; with s_k = -s_{k-2} it is added:
+    s_k T_k = s_{k-2} T_{k-2} + (s_k s_{k-1}) 2 x s_{k-1} T_{k-1}.
+    """
+    signs = [1, 1]
+    for k in range(2, count):
+        signs.append(-signs[k - 2])
+    turns = [0, 0] + [signs[k] * signs[k - 1] for k in range(2, count)]
+    return [float(sign) for sign in signs[:count]], turns

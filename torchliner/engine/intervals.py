@@ -1,0 +1,205 @@
+r"""How far a result may be off because its record is finite: a delete-run jackknife, for everything.
+
+Every result is a function of sums over S blocks. It is computed once from all blocks and once without each of them
+(``replicates``): whatever function it is, its change without block s, times :math:`-(1 - w_s)`, is what block s
+contributes to it to first order, :math:`u_s`. Leaving out a run of L neighbouring blocks changes the result by the sum
+of their contributions, and the jackknife over all runs gives the variance
+
+.. math:: \frac{S}{L}\,\frac{S}{S - L}\;\operatorname{mean}_i\Big|\sum_{k < L} u_{i + k}\Big|^2 .
+
+The run length follows from the correlation rho of neighbouring blocks (Andrews 1991); what correlation reaches beyond
+a run is added as in a first-order process; the interval takes Student's quantile with S/L - 1 degrees of freedom.
+
+Complex results scatter by :math:`E|d|^2` and :math:`E[d^2]`: an ellipse in the plane of R. The bounds of resistance and
+reactance are the extreme values of Z on that ellipse, Student's quantile times as large. Z has a pole (R = 1, a rigid
+wall); where the ellipse encloses it the record does not bound Z and the bounds are infinite, as Fieller's theorem says
+of any ratio.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from scipy.special import stdtrit
+from torch import Tensor
+
+from torchliner.conversions import impedance_from_reflection
+from torchliner.records.uncertainty import Interval
+
+SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
+MOST_CORRELATED = 0.9
+FEWEST_BLOCKS = 4  # two runs
+ANGLES = 32  # on the ellipse; with a parabola through the best three the bounds are good to 1e-4 of half a width
+
+
+def replicates(sums: Tensor, lengths: Tensor) -> Tensor:
+    """Means over all blocks, then without each block: (S, ...) to (1 + S, ...).
+
+    Args:
+        sums: over each block.
+        lengths: samples of each block, (S,).
+    """
+    total, weight = sums.sum(0, keepdim=True), lengths.sum()
+    left = (weight - lengths).reshape(-1, *[1] * (sums.ndim - 1))
+    return torch.cat([total / weight, (total - sums) / left])
+
+
+def correlation(power: Tensor, neighbours: Tensor, count: int) -> Tensor:
+    """rho of neighbouring blocks, 0 to 0.9, from sums over S blocks of |d|^2 and of products of neighbours.
+
+    What taking the mean off hides of it, (1 + 4 rho)/S, is added (Marriott and Pope, Biometrika 41, 1954, 390).
+    """
+    rho = torch.where(power > 0, neighbours / power.clamp(min=1e-300), 0.0)
+    return (rho + (1 + 4 * rho) / count).clamp(0, MOST_CORRELATED)
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """How Z follows from what is resampled: a function of first degree over first degree.
+
+    Args:
+        impedance: Z of it.
+        slope: dZ by it.
+        pole: where Z is infinite; inf for nowhere.
+    """
+
+    impedance: Callable[[Tensor], Tensor]
+    slope: Callable[[Tensor], Tensor]
+    pole: complex
+
+
+FROM_REFLECTION = Conversion(impedance_from_reflection, lambda r: 2 / (1 - r) ** 2, 1)
+ITSELF = Conversion(lambda z: z, torch.ones_like, math.inf)
+
+
+def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversion = FROM_REFLECTION) -> Interval:
+    """Interval of Z at every place.
+
+    Args:
+        values: complex128, of all blocks and without each of them, (1 + S, ...), S at least 4.
+        shares: of each block in the whole record, w, of sum 1, float64, (S,).
+        level: of the interval, 0 to 1.
+        conversion: from ``values`` to Z, the reflection coefficient unless stated.
+    Returns:
+        Bounds and standard errors of resistance and reactance, (...).
+    """
+    shape, count = values.shape[1:], len(shares)
+    value, left = values[0].flatten(), torch.view_as_real(values[1:].flatten(1))  # (S, N, 2)
+    own = (left.mean(0) - left) * (1 - shares)[:, None, None]
+    power = own.square().sum((0, 2))
+    rho = correlation(power, (own[1:] * own[:-1]).sum((0, 2)), count)
+    lengths = run_lengths(rho, count)
+    moments = _of_runs(own, lengths)
+    short, moments = power / (1 - 1 / count), moments * _beyond_runs(rho, lengths)
+    quantile = _student(count, level).to(value.device)[lengths - SHORTEST_RUN]
+    bias = torch.view_as_complex(((count - 1) * (left.mean(0) - torch.view_as_real(value))).contiguous())
+    spread = (moments[0] + moments[1]) / short.clamp(min=1e-300)
+    found = impedance_interval(
+        value, bias * spread.clamp(min=1), moments, quantile, count / lengths.double(), conversion
+    )
+    return found.map(lambda each: each.reshape(shape))
+
+
+def run_lengths(rho: Tensor, count: int) -> Tensor:
+    r"""Blocks of a run, int64, (N,): :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}`, at least 2, at most S/4.
+
+    Source: Andrews, Econometrica 59 (1991), eqs (6.2), (6.4), for runs of blocks.
+    """
+    best = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
+    return best.ceil().to(torch.int64).clamp(SHORTEST_RUN, _longest(count))
+
+
+def _longest(count: int) -> int:
+    return max(SHORTEST_RUN, count // 4)
+
+
+def _of_runs(own: Tensor, lengths: Tensor) -> Tensor:
+    """Variances of real and imaginary part and their covariance, (3, N), from runs of each column's length."""
+    count = len(own)
+    total = torch.nn.functional.pad(own.cumsum(0), (0, 0, 0, 0, 1, 0))
+    found = own.new_zeros(3, own.shape[1])
+    for length in range(SHORTEST_RUN, _longest(count) + 1):
+        runs = total[length:] - total[:-length]
+        squares, cross = runs.square().mean(0), (runs[..., 0] * runs[..., 1]).mean(0)
+        factor = count / length * count / (count - length)
+        found = torch.where(lengths == length, factor * torch.cat([squares.T, cross[None]]), found)
+    return found
+
+
+def _beyond_runs(rho: Tensor, lengths: Tensor) -> Tensor:
+    r"""True variance over that which runs of L blocks show, for a correlation :math:`\rho^k` of blocks k apart.
+
+    The mean varies as :math:`(1 + \rho)/(1 - \rho)`; a run has no correlation from :math:`k = L` on, and
+    :math:`1 - k/L` of what there is before.
+    """
+    whole = (1 + rho) / (1 - rho)
+    return whole / (whole - 2 * rho * (1 - rho**lengths) / (lengths * (1 - rho) ** 2))
+
+
+def _student(count: int, level: float) -> Tensor:
+    """Student's quantile for runs of 2 .. S/4 blocks."""
+    lengths = torch.arange(SHORTEST_RUN, _longest(count) + 1, dtype=torch.float64)
+    return torch.from_numpy(stdtrit((count / lengths - 1).clamp(min=1).numpy(), 0.5 + level / 2))
+
+
+def impedance_interval(
+    value: Tensor, bias: Tensor, moments: Tensor, quantile: Tensor, runs: Tensor, conversion: Conversion
+) -> Interval:
+    """Bounds of Z and its standard error, (N,); infinite where the record does not bound Z.
+
+    Args:
+        value: complex128, (N,); bias: what it is off in the mean; the bounds are without it.
+        moments: variances of its real and imaginary part and their covariance, (3, N).
+        quantile: of Student's distribution.  runs: independent runs of the record.  conversion: to Z.
+    """
+    middle = value - bias
+    power, square = moments[0] + moments[1], torch.complex(moments[0] - moments[1], 2 * moments[2])
+    # d = e^{jt} (long cos a + j short sin a), t half the angle of E[d^2].
+    long, short = ((power + sign * square.abs()).clamp(min=0).div(2).sqrt() for sign in (1, -1))
+    turn = torch.exp(0.5j * square.angle())
+    slope, pole = conversion.slope(middle), (conversion.pole - middle) * turn.conj()
+    axes = torch.stack([quantile * long * turn, 1j * quantile * short * turn])
+    share = axes / (conversion.pole - middle) if math.isfinite(abs(conversion.pole)) else 0 * axes
+    changes = _extremes(axes * slope, share)
+    inside = (pole.real * short) ** 2 + (pole.imag * long) ** 2 < (long * short * quantile) ** 2
+    inside = inside | (middle == conversion.pole)
+    z = conversion.impedance(middle)
+    low, high = (
+        torch.complex(
+            *(
+                torch.where(inside, sign * math.inf, part + changes[2 * i + end])
+                for i, part in enumerate((z.real, z.imag))
+            )
+        )
+        for end, sign in enumerate((-1, 1))
+    )
+    turned = (slope**2 * square).real
+    error = (slope.abs() ** 2 * power + torch.stack([turned, -turned])).clamp(min=0).div(2).sqrt()
+    return Interval(low, high, torch.complex(*error), runs.expand_as(error[0]), conversion.impedance(value) - z)
+
+
+def _extremes(axes: Tensor, share: Tensor) -> Tensor:
+    """Least and largest real part, least and largest imaginary part of n/(1 - u), (4, N), around ellipses n and u whose
+    half axes, complex128, (2, N), are given."""
+    angle = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float64, device=share.device)
+    circle = torch.stack([angle.cos(), angle.sin()])
+    n_real, n_imag, u_real, u_imag = (
+        part.T.contiguous() @ circle for part in (axes.real, axes.imag, share.real, share.imag)
+    )
+    left = 1 - u_real
+    scale = (left * left).addcmul_(u_imag, u_imag).reciprocal_()
+    real = (n_real * left).addcmul_(n_imag, u_imag, value=-1).mul_(scale)
+    imag = n_real.mul_(u_imag).addcmul_(n_imag, left).mul_(scale)
+    return torch.stack([_peak(part, sign) for part in (real, imag) for sign in (-1, 1)])
+
+
+def _peak(values: Tensor, sign: int) -> Tensor:
+    """Largest (sign 1) or least (-1) value of a smooth periodic function at equal steps, (N, A): (N,)."""
+    top, place = values.max(1) if sign > 0 else values.min(1)
+    steps = torch.stack([place - 1, place + 1], 1) % values.shape[1]
+    before, after = values.gather(1, steps).unbind(1)
+    curve = 2 * top - before - after
+    return top + torch.where(sign * curve > 0, (after - before) ** 2 / (8 * curve), 0.0)

@@ -1,0 +1,162 @@
+"""The one loop over the data: whatever is known of a record is a sum, or a maximum, over its blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from torchliner.engine.blocks import SLAB, Blocks, Slab, waves
+
+Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
+Drive = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
+Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, t), float64
+Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to float64 (G, R, K, N)
+
+ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
+MANY_COLUMNS = 1 << 17
+
+
+class Record(Protocol):
+    """What is read: one reading of consecutive slabs at a time, the next one ahead of need where that helps."""
+
+    @property
+    def samples(self) -> int:
+        """T."""
+        ...
+
+    @property
+    def columns(self) -> int:
+        """P."""
+        ...
+
+    @property
+    def device(self) -> torch.device:
+        """Of the slabs."""
+        ...
+
+    def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
+        """Samples begin .. end - 1 of each of ``bounds``, (t, P); a slab lives until the next is asked for."""
+        ...
+
+
+@dataclass(frozen=True)
+class Held:
+    """A record in memory, or any function that gives samples, as a ``Record``."""
+
+    read: Read
+    samples: int
+    columns: int
+    device: torch.device
+
+    def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
+        """One after another."""
+        return (self.read(begin, end) for begin, end in bounds)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one reading is to find out.
+
+    Args:
+        drive: columns whose |v| acts on the liner, or that are measured.
+        rows: weights of the samples.
+        measure: of weights and columns, K numbers for each row and column.
+        reach: samples before and after a slab that ``drive`` needs to see; their columns are not summed.
+        largest: blocks keep the largest instead of the sum.
+        projection: applied to the sums of each block as soon as it is complete, (J, K); None keeps all K.
+    """
+
+    drive: Drive
+    rows: Rows
+    measure: Measure
+    reach: int = 0
+    largest: bool = False
+    projection: Tensor | None = None
+
+
+def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
+    """Read a record once and give what each job asks for.
+
+    Args:
+        record: what is read.
+        blocks: of the record.
+        jobs: they share the reading.
+        only: blocks that this worker has, rising; default all.
+    Returns:
+        For each job float64, (S, R, K, N): the rows of ``only``. Rows of several workers, in order of time, are the
+        same bits as one reading of all.
+    """
+    taken = range(blocks.count) if only is None else list(only)
+    reach = max(job.reach for job in jobs)
+    batches = list(blocks.batches(*rows_at_once(record), taken))
+    bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
+    found: list[Tensor | None] = [None] * len(jobs)
+    opened: list[Tensor | None] = [None] * len(jobs)
+    done = 0
+    for batch, (low, _), samples in zip(batches, bounds, record.slabs(bounds), strict=True):
+        for i, job in enumerate(jobs):
+            row = done
+            for slab, part in zip(batch, _measured(job, batch, samples, low), strict=True):
+                before = None if slab.first else opened[i]
+                whole = part if before is None else torch.maximum(before, part) if job.largest else before + part
+                opened[i] = whole
+                if slab.last:
+                    whole = whole if job.projection is None else job.projection @ whole
+                    rows = found[i]
+                    if rows is None:
+                        found[i] = rows = whole.new_empty(len(taken), *whole.shape)
+                    rows[row] = whole
+                    row += 1
+        done = row
+    return [rows for rows in found if rows is not None]
+
+
+def _measured(job: Job, batch: Sequence[Slab], samples: Tensor, low: int) -> Tensor:
+    """Of each slab of a batch, (G, R, K, N), from the samples that begin with ``low``."""
+    columns = job.drive(samples, low)
+    begin, end = batch[0].begin, batch[-1].end
+    columns, rows = columns[begin - low : end - low], job.rows(begin, end).to(columns)
+    longest = max(slab.end - slab.begin for slab in batch)
+    if longest * len(batch) == end - begin:  # all alike: views
+        return job.measure(rows.unflatten(1, (-1, longest)).transpose(0, 1), columns.unflatten(0, (-1, longest)))
+    # Shorter slabs repeat their last sample with weight 0, which changes neither a sum nor a maximum.
+    place = torch.tensor([[min(slab.begin + i, slab.end - 1) - begin for i in range(longest)] for slab in batch])
+    inside = torch.tensor([[slab.begin + i < slab.end for i in range(longest)] for slab in batch])
+    place, inside = place.to(columns.device), inside.to(columns)
+    weights = rows[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * inside[:, None]
+    return job.measure(weights, columns[place.flatten()].unflatten(0, place.shape))
+
+
+def rows_at_once(record: Record) -> tuple[int, int]:
+    """Samples that are worked on together, and of a slab: fewer where there are very many columns."""
+    at_once = ON_DEVICE if record.device.type != "cpu" else ON_CPU
+    return max(SLAB, at_once // record.columns), SLAB if record.columns <= MANY_COLUMNS else SLAB // 4
+
+
+def linear(weights: Tensor, columns: Tensor) -> Tensor:
+    """Measure: sums of w v, K = 1."""
+    return (weights @ columns).double()[:, :, None]
+
+
+def square(weights: Tensor, columns: Tensor) -> Tensor:
+    """Measure: sums of w v^2, K = 1."""
+    return (weights @ (columns * columns)).double()[:, :, None]
+
+
+def largest(weights: Tensor, columns: Tensor) -> Tensor:
+    """Measure: largest |v|, whatever the weights, R = K = 1."""
+    return columns.abs().amax(1).double()[:, None, None]
+
+
+def ones(device: torch.device) -> Rows:
+    """The one row that weighs every sample alike."""
+    return lambda begin, end: torch.ones(1, end - begin, dtype=torch.float64, device=device)
+
+
+def wave_rows(lines: Tensor, sampling_rate: float) -> Rows:
+    """Rows 1, cos and sin of lines (Hz, (L,)), on their device: R = 1 + 2 L."""
+    return lambda begin, end: waves(lines, sampling_rate, begin, end)

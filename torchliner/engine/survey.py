@@ -1,0 +1,137 @@
+"""What is known of v itself: mean, rms, largest |v| and lines, block by block."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.sums import Drive, Job, largest, linear, ones, square, wave_rows
+
+SAME = 1e-9  # relative: closer lines are one
+HARMONICS = 8
+
+
+def harmonics_of(tone: float | None, sampling_rate: float, count: int = HARMONICS) -> list[float]:
+    """The first harmonics of a tone (Hz) below half the sampling rate; none without a tone."""
+    found = [] if tone is None else [tone * h for h in range(1, count + 1)]
+    return [line for line in found if line < 0.5 * sampling_rate * (1 - 1e-6)]
+
+
+def merged_lines(harmonics: list[float], asked: list[float]) -> list[float]:
+    """The harmonics, then the frequencies asked for that are none of them."""
+    lines = list(harmonics)
+    for f in asked:
+        if all(abs(f / line - 1) > SAME for line in lines):
+            lines.append(f)
+    return lines
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Sums of v over S blocks of P columns, float64.
+
+    Args:
+        blocks: of the record.
+        lines: Hz, (L,), on the host; the first ``harmonics`` of them are those of the tone.
+        harmonics: H.
+        sums: of v times 1, cos and sin of the lines, m/s, (S, 1 + 2 L, P).
+        squares: of v^2, m2/s2, (S, P).
+        peaks: largest |v|, m/s, (S, P).
+        gram: of products of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L).
+    """
+
+    blocks: Blocks
+    lines: Tensor
+    harmonics: int
+    sums: Tensor
+    squares: Tensor
+    peaks: Tensor
+    gram: Tensor
+
+    @property
+    def lengths(self) -> Tensor:
+        """Samples of each block, on the device of the sums, (S,)."""
+        return self.gram[:, 0, 0]
+
+    @property
+    def mean(self) -> Tensor:
+        """m/s, (P,)."""
+        return self.sums[:, 0].sum(0) / self.lengths.sum()
+
+    @property
+    def mean_square(self) -> Tensor:
+        """Of v, m2/s2, (P,)."""
+        return self.squares.sum(0) / self.lengths.sum()
+
+    @property
+    def rms(self) -> Tensor:
+        """Of v with its mean removed, eq. (3.6), m/s, (P,)."""
+        return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+
+    @property
+    def peak(self) -> Tensor:
+        """Largest |v|, m/s, (P,)."""
+        return self.peaks.amax(0)
+
+    def rows_of_harmonics(self) -> list[int]:
+        """Which of the 1 + 2 L rows are 1, cos and sin of the harmonics."""
+        return [0, *range(1, 1 + self.harmonics), *range(1 + len(self.lines), 1 + len(self.lines) + self.harmonics)]
+
+    def index_of(self, frequency: Tensor) -> list[int]:
+        """Place of each frequency (Hz, (F,)) among the lines; -1 where it was not measured."""
+        near = (self.lines[:, None] / frequency - 1).abs() < SAME * 10
+        return [int(column.nonzero()[0]) if bool(column.any()) else -1 for column in near.T]
+
+    def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
+        """Sums of v e^{-j omega t}, complex128, (S, n, F), and of e^{-j omega t}, (S, F); nan where not measured."""
+        place, count = self.index_of(frequency), len(self.lines)
+        cosine = [1 + max(i, 0) for i in place]
+        sine = [1 + count + max(i, 0) for i in place]
+        known = torch.tensor([[1.0 if i >= 0 else torch.nan] for i in place], dtype=torch.float64).to(self.sums.device)
+        part = self.sums[:, :, columns]
+        of_v = torch.complex(part[:, cosine] * known, -part[:, sine] * known)
+        return of_v.transpose(1, 2), torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
+
+    def coherence(self, frequency: Tensor) -> Tensor:
+        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F)."""
+        of_v, of_one = self.line_sums(frequency)
+        lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
+        power = lines.abs().square().mean(0)
+        return torch.where(power > 0, lines.mean(0).abs().square() / power.clamp(min=1e-300), 0.0)
+
+    def select(self, sums: Tensor, squares: Tensor, peaks: Tensor) -> Survey:
+        """The same lines of other columns."""
+        return dataclasses.replace(self, sums=sums, squares=squares, peaks=peaks)
+
+
+def survey_jobs(drive: Drive, lines: Tensor, sampling_rate: float) -> list[Job]:
+    """The jobs whose results ``survey_of`` takes; ``lines`` (Hz, (L,)) on the device of the data."""
+    one = ones(lines.device)
+    return [
+        Job(drive, wave_rows(lines, sampling_rate), linear),
+        Job(drive, one, square),
+        Job(drive, one, largest, largest=True),
+    ]
+
+
+def survey_of(found: list[Tensor], blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
+    """From what the jobs found, all S blocks; ``lines`` on the host."""
+    sums, squares, peaks = found
+    gram = gram_of(blocks, lines).to(sums.device)
+    return Survey(blocks, lines, harmonics, sums[:, :, 0], squares[:, 0, 0], peaks[:, 0, 0], gram)
+
+
+def gram_of(blocks: Blocks, lines: Tensor) -> Tensor:
+    """Sums of products of 1, cos and sin of lines (Hz, (L,)) over each block, in closed form: (S, 1 + 2 L, 1 + 2 L)."""
+    with_zero = torch.cat([lines.new_zeros(1), lines])
+    pairs = torch.stack([with_zero[:, None] - with_zero, with_zero[:, None] + with_zero])
+    minus, plus = blocks.wave_sums(pairs.flatten()).unflatten(1, pairs.shape).unbind(1)
+    cosines, sines = (minus.real + plus.real) / 2, (minus.real - plus.real) / 2
+    mixed = (minus.imag - plus.imag) / 2  # of cos (row) times sin (column)
+    upper = torch.cat([cosines, mixed[:, :, 1:]], 2)
+    lower = torch.cat([mixed.transpose(1, 2)[:, 1:], sines[:, 1:, 1:]], 2)
+    return torch.cat([upper, lower], 1)

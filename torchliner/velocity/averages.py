@@ -1,0 +1,268 @@
+"""From sums over blocks to R of every probe, cell and the whole liner, each with its interval.
+
+All of it is computed from all blocks and without each block in turn, along one axis of length B = 1 + S, so that the
+intervals of probes, cells and liner come from the same lines of code as their values. Everything stays on the device.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
+from torchliner.engine.membership import Membership
+from torchliner.engine.phase import PHASE_RULES, Sound
+from torchliner.engine.survey import Survey
+from torchliner.liners.model import LinerModel
+from torchliner.liners.response import impedance_of
+from torchliner.records.averaged import Educed
+from torchliner.records.uncertainty import Interval
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import Measured
+
+ELEMENTS = 1 << 21  # complex values that are worked on at once on a CPU
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What Z is asked for.
+
+    Args:
+        liner: whose R.
+        frequency: Hz, (F,), on the host.
+        coefficients: of R in the sums that were kept, complex128, (F, J), on the device.
+        chosen: all choices.
+        phase: psi of the incident tone, rad, (P, F or 1), for phase ``given``, on the device.
+        wall: probes that count as wall, bool, (P, F), on the device; None without a wall filter.
+    """
+
+    liner: LinerModel
+    frequency: Tensor
+    coefficients: Tensor
+    chosen: Choices
+    phase: Tensor | None = None
+    wall: Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Averages:
+    """R under one averaging.
+
+    Args:
+        probes: (P, F); None for ``velocity``, which knows cells only.
+        cells: (C, F).
+        liner: (F,).
+        along_x: of the admittance averaged over z, (X, F); None for planes without rows and for ``velocity``.
+        of_liner, of_cells: R from all blocks and without each of them, (B, F) and (B, C, F), for the level check.
+        held: where the phase rule could be used, bool, (N, F); N probes or cells.
+    """
+
+    probes: Educed | None
+    cells: Educed
+    liner: Educed
+    along_x: Educed | None
+    of_liner: Tensor
+    of_cells: Tensor
+    held: Tensor
+
+
+def average(measured: Measured, asked: Asked, averaging: str) -> Averages:
+    """R of probes, cells and liner under one averaging."""
+    columns = _Columns.of(measured, asked, averaging)
+    return _of_cell_velocity(columns, measured) if averaging == "velocity" else _of_probes(columns, measured)
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """R of the columns of one averaging, part by part."""
+
+    measured: Measured
+    asked: Asked
+    averaging: str
+    survey: Survey
+    lengths: Tensor
+    held: Tensor
+
+    @classmethod
+    def of(cls, measured: Measured, asked: Asked, averaging: str) -> _Columns:
+        seen = survey_of_columns(measured, averaging)
+        held = seen.coherence(asked.frequency) >= asked.chosen.minimum_coherence
+        return cls(measured, asked, averaging, seen, seen.lengths, held)
+
+    @property
+    def count(self) -> int:
+        return self.survey.sums.shape[2]
+
+    def parts(self) -> Iterator[slice]:
+        """Slices of columns: the bits of a column do not depend on them."""
+        size = self.count
+        if self.lengths.device.type == "cpu":
+            size = max(1, ELEMENTS // ((1 + len(self.lengths)) * len(self.asked.frequency)))
+        return (slice(left, min(left + size, self.count)) for left in range(0, self.count, size))
+
+    def reflection(self, part: slice) -> Tensor:
+        """R from all blocks and without each of them, (B, n, F)."""
+        if self.asked.chosen.drive == "rms":
+            return self._of_rms(part)
+        sums = self.measured.sums[self.averaging][..., part]
+        mean = replicates(self._respond(sums[:, 0]), self.lengths)
+        turned = self._turned(sums, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
+        found = PHASE_RULES[self.asked.chosen.phase](mean, turned, self._sound(part))
+        locked = self.measured.locked
+        if self.averaging == "phase-locked" and locked is not None and locked.scale is not None:
+            # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
+            found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
+        return found
+
+    def _respond(self, sums: Tensor) -> Tensor:
+        """Sums over blocks of R(f, |v|), complex128, (S, n, F), from those of the functions of |v|, (S, J, n)."""
+        c = self.asked.coefficients
+        return torch.complex(c.real @ sums, c.imag @ sums).transpose(1, 2)
+
+    def _turned(self, sums: Tensor, mean: Tensor) -> Tensor:
+        """<R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F)."""
+        reading = self.measured.reading
+        place = [int((reading.turns - 2 * f).abs().argmin()) for f in self.asked.frequency.tolist()]
+        count, rows = len(reading.turns), range(len(place))
+        cosine = torch.stack([self._respond(sums[:, 1 + place[i]])[..., i] for i in rows], -1)
+        sine = torch.stack([self._respond(sums[:, 1 + count + place[i]])[..., i] for i in rows], -1)
+        waves = reading.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
+        return replicates(cosine - 1j * sine, self.lengths) - replicates(waves, self.lengths)[:, None] * mean
+
+    def _sound(self, part: slice) -> Sound:
+        chosen = self.asked.chosen
+        velocity = None
+        if chosen.phase == "self-consistent":
+            velocity = -tone_velocity(self.survey, self.asked.frequency, part) / 2
+        phase = self.asked.phase
+        if phase is not None and self.averaging == "velocity":
+            phase = mean_direction(self.measured.membership, phase).angle()
+        return Sound(velocity, self.held[part], None if phase is None else phase[part])
+
+    def _of_rms(self, part: slice) -> Tensor:
+        """R at the rms of v over the record, and over the record without each block."""
+        square = replicates(self.survey.squares[:, part], self.lengths)
+        if self.asked.chosen.mean == "removed":
+            square = square - replicates(self.survey.sums[:, 0, part], self.lengths) ** 2
+        speed = square.clamp(min=0).sqrt()
+        z = impedance_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None])
+        return ((z - 1) / (z + 1)).to(speed.device)
+
+
+def survey_of_columns(measured: Measured, averaging: str) -> Survey:
+    """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell."""
+    seen, cells = measured.survey, measured.membership
+    if averaging == "velocity":
+        squares = measured.sums.get("square of cells")
+        of_cells = torch.full_like(cells.sum(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
+        return seen.select(cells.mean(seen.sums), of_cells, cells.mean(seen.peaks))
+    if averaging == "phase-locked" and measured.locked is not None:
+        return measured.locked.survey(seen)
+    return seen
+
+
+def tone_velocity(seen: Survey, frequency: Tensor, columns: slice = slice(None)) -> Tensor:
+    """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off."""
+    of_v, of_one = seen.line_sums(frequency, columns)
+    mean = replicates(seen.sums[:, 0, columns], seen.lengths)
+    return 2 * (replicates(of_v, seen.lengths) - mean[..., None] * replicates(of_one, seen.lengths)[:, None])
+
+
+def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
+    """Mean of e^{j psi} over each cell's probes, (C, F or 1)."""
+    return cells.mean(torch.exp(1j * phase).T).T
+
+
+def _of_probes(columns: _Columns, measured: Measured) -> Averages:
+    asked, cells = columns.asked, measured.membership
+    device, frequencies = columns.lengths.device, len(asked.frequency)
+    used = measured.reading.used.to(device)[:, None]
+    labels = cells.labels
+    counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
+    rows = _rows_along_x(measured)
+    interval = _interval_of(columns)
+    size = 1 + len(columns.lengths) if interval is not None else 1
+
+    def totals(count: int) -> Tensor:
+        return torch.zeros(size, count, frequencies, dtype=torch.complex128, device=device)
+
+    of_cells, of_rows, of_liner = totals(cells.count + 1), totals(rows[1]), totals(1)[:, 0]
+    found: list[Educed] = []
+    for part in columns.parts():
+        reflection = columns.reflection(part)[:size]
+        found.append(Educed(reflection[0], None if interval is None else interval(reflection)))
+        admittance = admittance_from_reflection(reflection)
+        if asked.wall is not None:
+            admittance = torch.where(asked.wall[part], 0, admittance)
+        admittance = torch.where(counted[part], admittance, 0)
+        of_cells.index_add_(1, labels[part], admittance)
+        of_liner += admittance.sum(1)
+        if rows[1]:
+            of_rows.index_add_(1, rows[0][part], admittance)
+    numbers = counted.sum(0).double()
+    of_cells = reflection_from_admittance(of_cells[:, : cells.count] / cells.sizes[:, None])
+    of_liner = reflection_from_admittance(of_liner / numbers)
+    along_x = None
+    if rows[1]:
+        filled = torch.zeros(rows[1], dtype=torch.float64, device=device).index_add_(0, rows[0], counted[:, 0].double())
+        along_x = _educed(reflection_from_admittance(of_rows / filled[:, None]), interval)
+    return Averages(
+        _joined(found, used),
+        _educed(of_cells, interval),
+        _educed(of_liner, interval),
+        along_x,
+        of_liner,
+        of_cells,
+        columns.held,
+    )
+
+
+def _of_cell_velocity(columns: _Columns, measured: Measured) -> Averages:
+    interval = _interval_of(columns)
+    found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
+    found = found if interval is not None else found[:1]
+    weight = measured.reading.cells.weight
+    share = torch.ones(found.shape[1], dtype=torch.float64) if weight is None else weight
+    share = (share / share.sum()).to(found)
+    liner = reflection_from_admittance(torch.einsum("bcf,c->bf", admittance_from_reflection(found), share))
+    return Averages(None, _educed(found, interval), _educed(liner, interval), None, liner, found, columns.held)
+
+
+def _interval_of(columns: _Columns) -> Callable[[Tensor], Interval] | None:
+    """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
+    level, lengths = columns.asked.chosen.interval, columns.lengths
+    if level is None or len(lengths) < FEWEST_BLOCKS:
+        return None
+    shares = lengths / lengths.sum()
+    return lambda reflection: jackknife(reflection, shares, level)
+
+
+def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
+    return Educed(reflection[0], None if interval is None else interval(reflection))
+
+
+def _joined(parts: list[Educed], used: Tensor) -> Educed:
+    """All probes; nan where a probe was left out."""
+    one = parts[0]
+    if len(parts) > 1:
+        intervals = [part.interval for part in parts if part.interval is not None]
+        joined = Interval.joined(intervals) if intervals else None
+        one = Educed(torch.cat([part.reflection for part in parts]), joined)
+
+    def mask(value: Tensor) -> Tensor:
+        nothing = complex(math.nan, math.nan) if value.is_complex() else math.nan
+        return torch.where(used, value, nothing)
+
+    return one.map(mask)
+
+
+def _rows_along_x(measured: Measured) -> tuple[Tensor, int]:
+    """Which x each probe of a (z, x) plane has, and how many there are; 0 of other planes."""
+    shape, device = measured.reading.plane.probe_shape, measured.membership.labels.device
+    columns = shape[1] if len(shape) == 2 else 0
+    return torch.arange(measured.reading.plane.probes, device=device) % max(columns, 1), columns

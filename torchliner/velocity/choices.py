@@ -1,0 +1,143 @@
+"""Every choice of an eduction in one validated place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import torch
+
+from torchliner.checks import make_plain, require_choice, require_positive
+from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES, did_you_mean
+
+NAMED = {"averaging": AVERAGINGS, "phase": PHASES, "drive": DRIVES, "mean": MEANS, "missing": MISSING}
+TOLERANCES = {torch.float32: 1e-6, torch.float64: 1e-9}  # error in R of the model table
+PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the paper leaves open.
+
+    Args:
+        averaging: gives the map's ``answer``. ``phase-locked``: what of v is periodic with the tone is averaged over
+            the cell, the rest acts on each probe where it is; ``velocity``: v is averaged over the cell;
+            ``admittance`` (the paper): each probe by itself, their admittances are averaged. The first takes a second
+            reading of the data and is left out where one of the others is asked for.
+        phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known), ``self-consistent``
+            (from the tone in v itself), ``given`` (by ``reference_phase``).
+        drive: |v| that acts on the liner: ``instantaneous``, ``rms`` over the record, or ``running-rms``.
+        running_window: of the running rms, s; default one period of the lowest frequency.
+        mean: time-mean velocity ``kept`` in the drive or ``removed``.
+        interval: level of the statistical intervals, 0 to 1; None for none.
+        wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
+            averages over probes (section 7.2). Default off.
+        missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.
+        background_rms: of ``phase-locked``: rms of the turbulence as a run without sound has it at the same height,
+            m/s; the incoherent velocity of each cell is scaled down to it. Strong sound in weak flow makes jets whose
+            vortices are no such turbulence. Default: as measured.
+        minimum_coherence: squared coherence of v with the tone below which ``self-consistent`` falls back to
+            ``averaged``; without a tone 0.5 is passed by chance in 0.5^(S - 1) of all probes with S blocks.
+        level_limit: dB that Z and the phase-locked velocity may differ from a known pressure.
+        level_uncertainty: dB by which that pressure itself is uncertain; adds to the limit.
+        allow_short: accept fewer than four periods.
+        device, dtype: of the work; default those of the data.
+    """
+
+    averaging: str = "phase-locked"
+    phase: str = "averaged"
+    drive: str = "instantaneous"
+    running_window: float | None = None
+    mean: str = "kept"
+    interval: float | None = 0.95
+    wall_filter: float | None = None
+    missing: str = "refuse"
+    background_rms: float | None = None
+    minimum_coherence: float = 0.5
+    level_limit: float = 0.3
+    level_uncertainty: float = 0.0
+    allow_short: bool = False
+    device: str | torch.device | None = None
+    dtype: str | torch.dtype | None = None
+
+    def __new__(cls, *_: Any, **choices: Any) -> Self:
+        """Names are checked first, so that a misspelt one is reported with the one that was meant.
+
+        Raises:
+            TypeError: a name that is no choice.
+        """
+        known = [*cls.__dataclass_fields__, "frequency", "reference_phase", "pressure", "progress"]
+        for name in choices:
+            if name not in cls.__dataclass_fields__:
+                raise TypeError(f"no option is called {name!r}{did_you_mean(name, known)}")
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        make_plain(self)
+        for name, known in NAMED.items():
+            require_choice(name, getattr(self, name), known)
+        for name in ("running_window", "background_rms", "interval"):
+            if getattr(self, name) is not None:
+                require_positive(name, getattr(self, name))
+        if self.interval is not None and self.interval >= 1:
+            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
+        for name in ("minimum_coherence", "wall_filter"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= 1:
+                raise ValueError(f"{name} is {value:g}; it is a squared coherence, 0 to 1")
+        for name in ("level_limit", "level_uncertainty"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
+        if self.background_rms is not None and self.averaging != "phase-locked":
+            raise ValueError("background_rms is only used with averaging='phase-locked'")
+        if self.running_window is not None and self.drive != "running-rms":
+            raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
+        self.working_dtype(torch.float64)
+        self.working_device(torch.device("cpu"))
+
+    @property
+    def averagings(self) -> tuple[str, ...]:
+        """Those that are computed."""
+        return tuple(AVERAGINGS) if self.averaging == "phase-locked" else tuple(AVERAGINGS)[:2]
+
+    def working_device(self, default: torch.device) -> torch.device:
+        """The device asked for.
+
+        Raises:
+            ValueError: it does not exist here.
+        """
+        text = f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
+        try:
+            device = torch.device(default if self.device is None else self.device)
+        except (RuntimeError, TypeError) as error:
+            raise ValueError(text) from error
+        if device.type not in ("cpu", "cuda", "meta"):
+            raise ValueError(text)
+        if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+            raise ValueError(
+                f"device {str(device)!r} is asked for, and torch {torch.__version__} sees {torch.cuda.device_count()} "
+                "CUDA devices; use device='cpu', or install a CUDA build of torch"
+            )
+        return device
+
+    def working_dtype(self, default: torch.dtype) -> torch.dtype:
+        """The precision asked for.
+
+        Raises:
+            ValueError: neither float32 nor float64.
+        """
+        wanted = self.dtype
+        if isinstance(wanted, str):
+            wanted = PRECISIONS[require_choice("dtype", wanted, DTYPES)]
+        if wanted is not None and wanted not in PRECISIONS.values():
+            raise ValueError(f"dtype is {wanted}; float32 or float64")
+        return default if wanted is None else wanted
+
+    def tolerance(self, default: torch.dtype) -> float:
+        """Error in R that is allowed to the model table."""
+        return TOLERANCES[self.working_dtype(default)]
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for a file."""
+        plain = {each.name: getattr(self, each.name) for each in fields(self)}
+        return plain | {key: None if plain[key] is None else str(plain[key]) for key in ("device", "dtype")}
