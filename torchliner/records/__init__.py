@@ -1,7 +1,8 @@
 """The records everything passes through."""
 
 from torchliner.records.burst_record import BurstRecord
-from torchliner.records.closure import Closure, Gap
+from torchliner.records.averaged import Educed
+from torchliner.records.level_check import LevelCheck, Gap
 from torchliner.records.field_fit import FieldFit
 from torchliner.records.holes import Holes
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
@@ -16,7 +17,7 @@ from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "BurstRecord",
-    "Closure",
+    "LevelCheck",
     "FieldFit",
     "Gap",
     "Holes",

@@ -16,7 +16,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.fluid import Fluid
-from torchliner.records.closure import Closure, words_of
+from torchliner.records.level_check import LevelCheck, words_of
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.summaries import (
     Facts,
@@ -88,7 +88,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
             bursts left out, by reason; warnings about the eduction.
         average: over the stations; None before they are joined.
         goodrich, reference, fluid, ...: as in a map.
-        closure: of the average and of each station, as in a map; None where it is not checked.
+        level_check: of the average and of each station, as in a map; None where it is not checked.
     """
 
     frequency: Tensor
@@ -126,12 +126,12 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
     title: str = ""
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    closure: Closure | None = None
+    level_check: LevelCheck | None = None
 
     @property
-    def closure_words(self) -> str:
+    def level_check_words(self) -> str:
         """What the average is compared with, or why it is not."""
-        return words_of(self.closure, self.choices)
+        return words_of(self.level_check, self.choices)
 
     @property
     def answer(self) -> Tensor:

@@ -16,6 +16,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
 from torchliner.engine.membership import Membership
+from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.survey import Survey
 from torchliner.liners.model import LinerModel
@@ -23,7 +24,6 @@ from torchliner.liners.response import impedance_of
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Measured
 
 ELEMENTS = 1 << 21  # complex values that are worked on at once on a CPU
 
@@ -71,17 +71,17 @@ class Averages:
     held: Tensor
 
 
-def average(measured: Measured, asked: Asked, averaging: str) -> Averages:
+def average(known: Moments, asked: Asked, averaging: str) -> Averages:
     """R of probes, cells and liner under one averaging."""
-    columns = _Columns.of(measured, asked, averaging)
-    return _of_cell_velocity(columns, measured) if averaging == "velocity" else _of_probes(columns, measured)
+    columns = _Columns.of(known, asked, averaging)
+    return _of_cell_velocity(columns, known) if averaging == "velocity" else _of_probes(columns, known)
 
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
     """R of the columns of one averaging, part by part."""
 
-    measured: Measured
+    known: Moments
     asked: Asked
     averaging: str
     survey: Survey
@@ -89,10 +89,10 @@ class _Columns:
     held: Tensor
 
     @classmethod
-    def of(cls, measured: Measured, asked: Asked, averaging: str) -> _Columns:
-        seen = survey_of_columns(measured, averaging)
+    def of(cls, known: Moments, asked: Asked, averaging: str) -> _Columns:
+        seen = survey_of_columns(known, averaging)
         held = seen.coherence(asked.frequency) >= asked.chosen.minimum_coherence
-        return cls(measured, asked, averaging, seen, seen.lengths, held)
+        return cls(known, asked, averaging, seen, seen.lengths, held)
 
     @property
     def count(self) -> int:
@@ -109,11 +109,11 @@ class _Columns:
         """R from all blocks and without each of them, (B, n, F)."""
         if self.asked.chosen.drive == "rms":
             return self._of_rms(part)
-        sums = self.measured.sums[self.averaging][..., part]
+        sums = self.known.sums[self.averaging][..., part]
         mean = replicates(self._respond(sums[:, 0]), self.lengths)
         turned = self._turned(sums, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
         found = PHASE_RULES[self.asked.chosen.phase](mean, turned, self._sound(part))
-        locked = self.measured.locked
+        locked = self.known.locked
         if self.averaging == "phase-locked" and locked is not None and locked.scale is not None:
             # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
             found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
@@ -126,12 +126,11 @@ class _Columns:
 
     def _turned(self, sums: Tensor, mean: Tensor) -> Tensor:
         """<R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F)."""
-        reading = self.measured.reading
-        place = [int((reading.turns - 2 * f).abs().argmin()) for f in self.asked.frequency.tolist()]
-        count, rows = len(reading.turns), range(len(place))
+        place = [int((self.known.turns - 2 * f).abs().argmin()) for f in self.asked.frequency.tolist()]
+        count, rows = len(self.known.turns), range(len(place))
         cosine = torch.stack([self._respond(sums[:, 1 + place[i]])[..., i] for i in rows], -1)
         sine = torch.stack([self._respond(sums[:, 1 + count + place[i]])[..., i] for i in rows], -1)
-        waves = reading.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
+        waves = self.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
         return replicates(cosine - 1j * sine, self.lengths) - replicates(waves, self.lengths)[:, None] * mean
 
     def _sound(self, part: slice) -> Sound:
@@ -141,7 +140,7 @@ class _Columns:
             velocity = -tone_velocity(self.survey, self.asked.frequency, part) / 2
         phase = self.asked.phase
         if phase is not None and self.averaging == "velocity":
-            phase = mean_direction(self.measured.membership, phase).angle()
+            phase = mean_direction(self.known.membership, phase).angle()
         return Sound(velocity, self.held[part], None if phase is None else phase[part])
 
     def _of_rms(self, part: slice) -> Tensor:
@@ -154,15 +153,15 @@ class _Columns:
         return ((z - 1) / (z + 1)).to(speed.device)
 
 
-def survey_of_columns(measured: Measured, averaging: str) -> Survey:
+def survey_of_columns(known: Moments, averaging: str) -> Survey:
     """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell."""
-    seen, cells = measured.survey, measured.membership
+    seen, cells = known.survey, known.membership
     if averaging == "velocity":
-        squares = measured.sums.get("square of cells")
+        squares = known.sums.get("square of cells")
         of_cells = torch.full_like(cells.sum(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
         return seen.select(cells.mean(seen.sums), of_cells, cells.mean(seen.peaks))
-    if averaging == "phase-locked" and measured.locked is not None:
-        return measured.locked.survey(seen)
+    if averaging == "phase-locked" and known.locked is not None:
+        return known.locked.survey(seen)
     return seen
 
 
@@ -178,13 +177,13 @@ def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
     return cells.mean(torch.exp(1j * phase).T).T
 
 
-def _of_probes(columns: _Columns, measured: Measured) -> Averages:
-    asked, cells = columns.asked, measured.membership
+def _of_probes(columns: _Columns, known: Moments) -> Averages:
+    asked, cells = columns.asked, known.membership
     device, frequencies = columns.lengths.device, len(asked.frequency)
-    used = measured.reading.used.to(device)[:, None]
+    used = known.used.to(device)[:, None]
     labels = cells.labels
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
-    rows = _rows_along_x(measured)
+    rows = _rows_along_x(known)
     interval = _interval_of(columns)
     size = 1 + len(columns.lengths) if interval is not None else 1
 
@@ -222,11 +221,11 @@ def _of_probes(columns: _Columns, measured: Measured) -> Averages:
     )
 
 
-def _of_cell_velocity(columns: _Columns, measured: Measured) -> Averages:
+def _of_cell_velocity(columns: _Columns, known: Moments) -> Averages:
     interval = _interval_of(columns)
     found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
     found = found if interval is not None else found[:1]
-    weight = measured.reading.cells.weight
+    weight = known.cells.weight
     share = torch.ones(found.shape[1], dtype=torch.float64) if weight is None else weight
     share = (share / share.sum()).to(found)
     liner = reflection_from_admittance(torch.einsum("bcf,c->bf", admittance_from_reflection(found), share))
@@ -261,8 +260,8 @@ def _joined(parts: list[Educed], used: Tensor) -> Educed:
     return one.map(mask)
 
 
-def _rows_along_x(measured: Measured) -> tuple[Tensor, int]:
+def _rows_along_x(known: Moments) -> tuple[Tensor, int]:
     """Which x each probe of a (z, x) plane has, and how many there are; 0 of other planes."""
-    shape, device = measured.reading.plane.probe_shape, measured.membership.labels.device
+    shape, device = known.plane.probe_shape, known.membership.labels.device
     columns = shape[1] if len(shape) == 2 else 0
-    return torch.arange(measured.reading.plane.probes, device=device) % max(columns, 1), columns
+    return torch.arange(known.plane.probes, device=device) % max(columns, 1), columns

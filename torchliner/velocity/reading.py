@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import CellMean, LessMean, PhaseLocked, RunningRms, as_measured, phase_locked
 from torchliner.engine.membership import Membership
+from torchliner.engine.moments import SETTINGS, Moments, without_velocity
 from torchliner.engine.nodes import Nodes
 from torchliner.engine.plane_record import PlaneRecord
 from torchliner.engine.sums import Drive, Job, Record, ones, reduce, square, wave_rows
@@ -31,6 +32,7 @@ class Reading:
     Args:
         plane: the record.
         chosen: all choices.
+        frequency: asked for, Hz, (F,), on the host.
         nodes: whose functions of |v| are summed; None with drive ``rms``, which needs none.
         cells: that hold probes.
         used: probes that count, (P,), on the host.
@@ -43,6 +45,7 @@ class Reading:
 
     plane: VelocityPlane
     chosen: Choices
+    frequency: Tensor
     nodes: Nodes | None
     cells: Cells
     used: Tensor
@@ -70,7 +73,7 @@ class Reading:
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()))
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
         used = torch.ones(plane.probes, dtype=torch.bool)
-        return cls(plane, chosen, nodes, cells, used, blocks, len(harmonics), lines, turns, projection)
+        return cls(plane, chosen, frequency, nodes, cells, used, blocks, len(harmonics), lines, turns, projection)
 
     @property
     def device(self) -> torch.device:
@@ -128,6 +131,24 @@ class Reading:
             return None
         return phase_locked(seen, cells, self.chosen.background_rms)
 
+    def moments(
+        self, cell_pitch: float | None, seen: Survey, locked: PhaseLocked | None, found: dict[str, Tensor]
+    ) -> Moments:
+        """The record of what the readings found."""
+        return Moments(
+            plane=without_velocity(self.plane),
+            settings={name: getattr(self.chosen, name) for name in SETTINGS},
+            cell_pitch=cell_pitch,
+            cells=self.cells,
+            used=self.used,
+            survey=seen,
+            locked=locked,
+            nodes=self.nodes,
+            turns=self.turns,
+            sums={name: value for name, value in found.items() if name not in SURVEY},
+            projected=None if self.projection is None else self.frequency,
+        )
+
     def _moments(self, drive: Drive) -> Job:
         assert self.nodes is not None
         reach, device = 0, self.device
@@ -149,35 +170,18 @@ def _plain(cells: Membership) -> dict[str, Drive]:
     return {"admittance": as_measured, "velocity": CellMean(cells)}
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What is left of a record after its readings.
-
-    Args:
-        reading: how it was read.
-        membership: probes by cell, on the device.
-        survey: of the probes.
-        locked: the phase-locked drive; None where it was not asked for.
-        sums: by averaging, float64, (S, 1 + 2 Q, J, N); with drive ``rms`` the mean squares of the cells' velocity
-            over the blocks stand alone, under "square of cells".
-    """
-
-    reading: Reading
-    membership: Membership
-    survey: Survey
-    locked: PhaseLocked | None
-    sums: dict[str, Tensor]
-
-
-def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Measured:
+def measure(
+    reading: Reading, cell_pitch: float | None = None, run: Reduce = reduce, progress: Progress | None = None
+) -> Moments:
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
     Args:
         reading: what is asked.
+        cell_pitch: of the liner, m.
         run: the loop; of ``engine.workers`` where others do it.
         progress: called with numbers of samples read.
     Raises:
-        ValueError: probes hold nan or inf and ``missing`` is ``refuse``, or no probe is without.
+        ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.
     """
     first, cells = _read(reading, reading.first_jobs, run, progress)
     if reading.chosen.missing == "exclude":
@@ -191,8 +195,7 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
     locked = reading.locked(seen, cells)
     jobs = reading.second_jobs(seen, cells, locked)
     second = _run(jobs, reading, run, progress) if jobs else {}
-    kept = {name: value for name, value in first.items() if name not in SURVEY}
-    return Measured(reading, cells, seen, locked, kept | second)
+    return reading.moments(cell_pitch, seen, locked, first | second)
 
 
 def _read(

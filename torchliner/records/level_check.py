@@ -1,4 +1,4 @@
-"""Closure: the pressure that velocity and impedance imply, against one that is known."""
+"""Level check: the pressure that velocity and impedance imply, against one that is known."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from torch import Tensor
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
 DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
-CLOSURE_FACTS = ("order", "known", "kind", "limit", "doubt", "confidence")  # plain fields
-CLOSES, OPEN, FAILS = "closes", "open", "fails"
+FACTS = ("averaging", "known", "kind", "limit", "uncertainty", "confidence")  # plain fields
+PASSES, INCONCLUSIVE, FAILS = "passes", "inconclusive", "fails"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Gap:
         return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
     def verdict(self, limit: float, *place: int) -> str:
-        """``closes``, ``fails``, or ``open`` where the interval reaches back into the limit.
+        """``passes``, ``fails``, or ``inconclusive`` where the interval reaches back into the limit.
 
         Args:
             limit: dB; that of the phase is as large an error of Z.
@@ -50,7 +50,7 @@ class Gap:
         words = [_verdict(*self._ends("level", place), limit)]
         if math.isfinite(float(self.phase[place])):
             words.append(_verdict(*self._ends("phase", place), limit * DEGREES_PER_DB))
-        return next(word for word in (FAILS, OPEN, CLOSES) if word in words)
+        return next(word for word in (FAILS, INCONCLUSIVE, PASSES) if word in words)
 
     def _ends(self, name: str, place: tuple[int, ...]) -> tuple[float, float, float]:
         value, low, high = (float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high"))
@@ -59,54 +59,54 @@ class Gap:
 
 def _verdict(value: float, low: float, high: float, limit: float) -> str:
     if abs(value) <= limit:
-        return CLOSES
-    return FAILS if low > limit or high < -limit else OPEN
+        return PASSES
+    return FAILS if low > limit or high < -limit else INCONCLUSIVE
 
 
 @dataclass(frozen=True, eq=False)
-class Closure:
+class LevelCheck:
     """How far an impedance and the velocity it belongs to are off a pressure that is known.
 
     Args:
-        orders: of averaging, O of them.
-        order: that of the answer, by which the whole is judged.
+        averagings: O of them.
+        averaging: that of the answer, by which the whole is judged.
         known: what the pressure is, and which formula it is compared by, in words.
         kind: ``incident`` or ``wall``.
         pressure_level: of what is known, at the wall, dB re 20 uPa rms, (F,); nan where unknown.
-        limit: dB beyond which closure fails, the stated doubt of the level included.
-        doubt: that doubt, dB.
+        limit: dB beyond which the check fails, the stated uncertainty of the level included.
+        uncertainty: of the level, as stated, dB.
         confidence: of the statistical bounds, 0 to 1; None without any.
         liner: of the whole plane, (O, F).
         cells: (O, C, F).
     """
 
-    orders: tuple[str, ...]
-    order: str
+    averagings: tuple[str, ...]
+    averaging: str
     known: str
     kind: str
     pressure_level: Tensor
     limit: float
-    doubt: float
+    uncertainty: float
     confidence: float | None
     liner: Gap
     cells: Gap
 
-    def verdict(self, order: str, index: int = 0) -> str:
+    def verdict(self, averaging: str, index: int = 0) -> str:
         """Of the whole plane at one frequency: see ``Gap.verdict``."""
-        return self.liner.verdict(self.limit, self.orders.index(order), index)
+        return self.liner.verdict(self.limit, self.averagings.index(averaging), index)
 
     @property
     def failed(self) -> bool:
-        """Whether the answer's order of averaging fails at any frequency."""
+        """Whether the answer's averaging fails at any frequency."""
         count = len(self.pressure_level)
-        return any(self.verdict(self.order, index) == FAILS for index in range(count))
+        return any(self.verdict(self.averaging, index) == FAILS for index in range(count))
 
-    def words(self, order: str, index: int = 0) -> str:
+    def words(self, averaging: str, index: int = 0) -> str:
         """'-2.61 dB (-2.62 to -2.60), +3.1 degrees fails'; '-' where nothing is compared."""
-        verdict = self.verdict(order, index)
+        verdict = self.verdict(averaging, index)
         if not verdict:
             return "-"
-        here = self.liner.at(self.orders.index(order), index)
+        here = self.liner.at(self.averagings.index(averaging), index)
         text = f"{here['level']:+.2f} dB"
         if here["level_low"] is not None:
             text += f" ({here['level_low']:+.2f} to {here['level_high']:+.2f})"
@@ -116,25 +116,25 @@ class Closure:
                 text += f" ({here['phase_low']:+.1f} to {here['phase_high']:+.1f})"
         return f"{text} {verdict}"
 
-    def sentence(self, order: str, frequency: float, index: int = 0) -> str:
-        """Why one order fails or stays open at a frequency, what that excludes, what to try."""
-        verdict = self.verdict(order, index)
-        if verdict in ("", CLOSES):
+    def sentence(self, averaging: str, frequency: float, index: int = 0) -> str:
+        """Why one averaging fails or is inconclusive at a frequency, what that excludes, what to try."""
+        verdict = self.verdict(averaging, index)
+        if verdict in ("", PASSES):
             return ""
-        here = self.liner.at(self.orders.index(order), index)
+        here = self.liner.at(self.averagings.index(averaging), index)
         stated, off = float(self.pressure_level[index]), here["level"] or 0.0
         start = (
-            f"closure at {frequency:g} Hz {'fails' if verdict == FAILS else 'is open'}, {order}: "
-            f"{self.words(order, index).removesuffix(verdict).strip()} off {self.known}, limit "
+            f"level check at {frequency:g} Hz {'fails' if verdict == FAILS else 'is inconclusive'}, {averaging}: "
+            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}, limit "
             f"{self.limit:.2g} dB"
         )
-        if verdict == OPEN:
+        if verdict == INCONCLUSIVE:
             return f"{start}; the record is too short to tell: take a longer one"
-        others = [each for each in self.orders if self.verdict(each, index) == CLOSES]
+        others = [each for each in self.averagings if self.verdict(each, index) == PASSES]
         tried = (
-            f"{' and '.join(others)} closes: take it" if others else
-            "no order of averaging closes: take another height, calibrate the model (calibrate "
-            "--closure), check the level"
+            f"{' and '.join(others)} passes: take it" if others else
+            "no averaging passes: take another height, calibrate the model (calibrate "
+            "--level-check), check the level"
         )  # fmt: skip
         if abs(off) <= self.limit:
             excluded = "The size is right, so it is the reactance of the model that is wrong"
@@ -149,14 +149,14 @@ class Closure:
         """For JSON."""
         rows = [
             {
-                "order": order, "frequency": f, "verdict": self.verdict(order, i),
-                **self.liner.at(o, i), "sentence": self.sentence(order, f, i),
+                "averaging": averaging, "frequency": f, "verdict": self.verdict(averaging, i),
+                **self.liner.at(o, i), "sentence": self.sentence(averaging, f, i),
                 "cells": [self.cells.at(o, c, i) for c in range(self.cells.level.shape[1])],
             }
-            for o, order in enumerate(self.orders) for i, f in enumerate(frequency)
+            for o, averaging in enumerate(self.averagings) for i, f in enumerate(frequency)
         ]  # fmt: skip
         return {
-            **{name: getattr(self, name) for name in CLOSURE_FACTS},
+            **{name: getattr(self, name) for name in FACTS},
             "pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows,
         }  # fmt: skip
 
@@ -183,8 +183,8 @@ def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -
     return Gap(*parts)
 
 
-def words_of(closure: Closure | None, choices: Mapping[str, Any]) -> str:
+def words_of(level_check: LevelCheck | None, choices: Mapping[str, Any]) -> str:
     """What a result is compared with, or why it is not, which its choices say."""
-    if closure is None:
-        return str(choices.get("closure", UNKNOWN))
-    return f"off {closure.known}, limit {closure.limit:.2g} dB"
+    if level_check is None:
+        return str(choices.get("level_check", UNKNOWN))
+    return f"off {level_check.known}, limit {level_check.limit:.2g} dB"

@@ -1,0 +1,267 @@
+"""Incident waves: the pressure at the liner, or rho c times the velocity (only ratios matter).
+
+A new kind is a class like these: a ``kind`` for messages and ``sampled``; ``edge``, what it is outside the record
+(``silent``: nothing; ``periodic``: velocity and wave repeat); and the ``window`` that suits its analysis.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, make_plain, real_tensor, require_choice, require_positive
+
+EDGES = ("silent", "periodic")
+SWEEPS = ("linear", "logarithmic")
+
+
+class Incident:
+    """Base of all incident waves."""
+
+    kind: ClassVar[str]
+    edge: ClassVar[str] = "periodic"
+    window: ClassVar[str] = "boxcar"
+
+    @property
+    def label(self) -> str:
+        """Kind and numbers, for messages and results."""
+        known = ((each.name, getattr(self, each.name)) for each in dataclasses.fields(self))  # type: ignore[arg-type]
+        shown = (f"{name} {v.tolist() if isinstance(v, Tensor) else v}" for name, v in known)
+        return f"{self.kind}, {', '.join(shown)}"
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself.
+
+        Raises:
+            ValueError: frequencies beyond Nyquist (``sampling_rate`` in Hz), or a wave that does not suit the record.
+        """
+        raise NotImplementedError
+
+    def require_periodic(self, samples: int, sampling_rate: float) -> None:
+        """Raise a ValueError if the wave cannot repeat with the record."""
+
+    def _require_below_nyquist(self, highest: float, sampling_rate: float) -> None:
+        if highest >= sampling_rate / 2:
+            raise ValueError(
+                f"the {self.kind} reach {highest:g} Hz, but half the sampling rate is {sampling_rate / 2:g} Hz; "
+                "lower the frequency or use finer data"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ComplexTones(Incident):
+    """e^{j omega t} for each frequency (Hz) by itself: the incident phase ``averaged``.
+
+    The replay is linear and the kernels are real, so the reflection of such a tone is y(cos) + j y(sin). Of
+    R = <R> + <R e^{-2 j omega t}> e^{-2 j psi}, which a wave of phase psi sees, only the first term is left: the mean
+    over all phases of the tone relative to v.
+    """
+
+    kind: ClassVar[str] = "complex tones"
+    edge: ClassVar[str] = "silent"
+    window: ClassVar[str] = "hann"
+    frequency: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", frequency_tensor(self.frequency).cpu())
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """complex128, (F, T)."""
+        self._require_below_nyquist(float(self.frequency.max()), sampling_rate)
+        time = torch.arange(samples, dtype=torch.float64)
+        return torch.exp(1j * torch.outer(2 * torch.pi / sampling_rate * self.frequency, time))
+
+    def require_periodic(self, samples: int, sampling_rate: float) -> None:
+        """The record must hold whole periods of each tone."""
+        for f in self.frequency.tolist():
+            periods = f * samples / sampling_rate
+            if abs(periods - round(periods)) > 1e-6 * max(1, periods):
+                raise ValueError(
+                    f"the record holds {periods:.6g} periods of {f:g} Hz and cannot repeat; cut it to whole periods "
+                    "or take edge='silent'"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Tones(ComplexTones):
+    """Several tones at once: sum of A cos(2 pi f t + phase).
+
+    Args:
+        frequency: Hz, one or several.
+        amplitude: one for all or one for each.
+        phase: rad; default those of Schroeder, which keep the peak of the sum low.
+    Raises:
+        ValueError: amplitudes or phases of another number than the tones.
+    """
+
+    kind: ClassVar[str] = "tones"
+    amplitude: Any = 1.0
+    phase: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        count = len(self.frequency)
+        order = torch.arange(count, dtype=torch.float64)
+        phase = -torch.pi * order * (order + 1) / count if self.phase is None else real_tensor(self.phase)
+        for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", phase)):
+            if value.numel() not in (1, count):
+                raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
+            object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """float64, (T,)."""
+        self._require_below_nyquist(float(self.frequency.max()), sampling_rate)
+        turn = 2 * torch.pi / sampling_rate * self.frequency
+        time = torch.arange(samples, dtype=torch.float64)
+        return self.amplitude @ torch.cos(torch.outer(turn, time) + self.phase[:, None])
+
+
+@dataclass(frozen=True)
+class Banded(Incident):
+    """A wave that fills a band, of which the record is one period.
+
+    Args:
+        low, high: Hz.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        make_plain(self)
+        require_positive(f"{self.kind}: lowest frequency (Hz)", self.low)
+        if not self.low < self.high < math.inf:
+            raise ValueError(f"{self.kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards")
+
+
+@dataclass(frozen=True)
+class Sweep(Banded):
+    """One sine sweep over the record, of amplitude 1, from ``low`` to ``high``; ``linear`` or ``logarithmic``.
+
+    Each frequency passes once, so R(f) depends on the |v| around that moment alone. ``BandNoise`` gives an R of the
+    turbulence of the whole record.
+    """
+
+    kind: ClassVar[str] = "sweep"
+    spacing: str = "linear"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_choice("sweep", self.spacing, SWEEPS)
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """float64, (T,)."""
+        self._require_below_nyquist(self.high, sampling_rate)
+        from scipy.signal import chirp  # its import takes half a second
+
+        method: Any = self.spacing
+        times = (torch.arange(samples, dtype=torch.float64) / sampling_rate).numpy()
+        return torch.from_numpy(chirp(times, self.low, samples / sampling_rate, self.high, method=method, phi=-90.0))
+
+
+@dataclass(frozen=True)
+class BandNoise(Banded):
+    """Noise of rms 1 with a flat spectrum: every line k fs/T of the record in the band, with random phases.
+
+    ``seed``, 0 to 2^63 - 1, is that of the phases.
+    """
+
+    kind: ClassVar[str] = "band noise"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.seed < 1 << 63:
+            raise ValueError(f"band noise: seed is {self.seed}; it must be 0 to 2^63 - 1")
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """float64, (T,)."""
+        self._require_below_nyquist(self.high, sampling_rate)
+        spacing = sampling_rate / samples
+        first, last = math.ceil(self.low / spacing - 1e-9), math.floor(self.high / spacing + 1e-9)
+        if last < first:
+            raise ValueError(
+                f"band noise {self.low:g}-{self.high:g} Hz: the lines of the record are {spacing:g} Hz apart and none "
+                "lies in the band; widen it or use a longer record"
+            )
+        generator = torch.Generator().manual_seed(self.seed)
+        phase = 2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
+        spectrum = torch.zeros(samples // 2 + 1, dtype=torch.complex128)
+        spectrum[first : last + 1] = torch.polar(torch.ones_like(phase), phase)
+        values = torch.fft.irfft(spectrum, n=samples)
+        return values / values.square().mean().sqrt()
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded(Incident):
+    """A recorded wave, in any unit.
+
+    Args:
+        signal: (T,), as long as the record of the velocity.
+        sampling_rate: Hz, that of the velocity.
+        name: for messages, such as that of its file.
+    Raises:
+        ValueError: several channels, nan or inf.
+    """
+
+    kind: ClassVar[str] = "recorded signal"
+    edge: ClassVar[str] = "silent"
+    signal: Any
+    sampling_rate: float
+    name: str = "recorded signal"
+
+    def __post_init__(self) -> None:
+        make_plain(self)
+        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        values = real_tensor(self.signal).detach().cpu()
+        if values.ndim != 1:
+            raise ValueError(f"{self.name} has shape {tuple(values.shape)}; one channel is needed, choose it")
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{self.name} holds nan or inf; repair it first")
+        object.__setattr__(self, "signal", values)
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def sampled(self, samples: int, sampling_rate: float) -> Tensor:
+        """float64, (T,); refused if length or rate are not those of the velocity."""
+        if abs(self.sampling_rate / sampling_rate - 1) > 1e-6:
+            raise ValueError(
+                f"{self.name} is sampled at {self.sampling_rate:g} Hz, the velocity at {sampling_rate:g} Hz; "
+                "resample one of them (scipy.signal.resample_poly)"
+            )
+        if len(self.signal) != samples:
+            raise ValueError(f"{self.name} has {len(self.signal)} samples, the velocity {samples}; cut or pad it")
+        return self.signal
+
+
+def parse_signal(text: str) -> Incident | None:
+    """``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or ``noise:300:6000[:seed]``; None for other text.
+
+    Raises:
+        ValueError: numbers that do not suit the kind.
+    """
+    kind, _, rest = text.partition(":")
+    if kind not in ("tones", "sweep", "noise"):
+        return None
+    try:
+        if kind == "tones":
+            return Tones([float(f) for f in rest.split(",")])
+        low, high, last = (*rest.split(":", 2), None, None)[:3]
+        if low is None or high is None:
+            raise ValueError("a lowest and a highest frequency are needed")
+        if kind == "noise":
+            return BandNoise(float(low), float(high), int(last or 0))
+        return Sweep(float(low), float(high), last or "linear")
+    except ValueError as error:
+        raise ValueError(
+            f"incident signal {text!r} cannot be read ({error}); write tones:500,900, sweep:300:6000:logarithmic, "
+            "noise:300:6000:0 or the name of a .wav or .npy file"
+        ) from error

@@ -1,0 +1,209 @@
+"""The record of moments: all that a plane has to say, in the size of some hundred time samples.
+
+Its first axis is the block. Moments of several workers or files, or of a record that grows, join by laying their
+blocks one after another.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor
+from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.membership import Membership
+from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error, response
+from torchliner.engine.survey import Survey
+from torchliner.liners.model import LinerModel, as_liner
+from torchliner.names import resolve
+from torchliner.records import VelocityPlane
+from torchliner.records.cells import Cells
+from torchliner.records.notes import Note
+from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
+
+ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
+# Choices that the moments contain: they cannot be made again.
+SETTINGS = ("averaging", "phase", "drive", "running_window", "mean", "background_rms", "missing", "allow_short")
+
+
+class ReducedVelocity:
+    """Stands where the velocity of a plane was of which moments alone are left."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: torch.dtype, name: str) -> None:
+        self.shape, self.dtype, self.name = shape, dtype, name
+
+    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
+        """Refused.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{self.name} holds moments of |v|; its {self.shape[-1]} time samples are gone, and this needs them; take "
+            "the plane that was reduced"
+        )
+
+    def load(self) -> Tensor:
+        """Refused, as ``read``."""
+        return self.read(0, self.shape[-1])
+
+
+def without_velocity(plane: VelocityPlane) -> VelocityPlane:
+    """All else that is stated of a plane."""
+    left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
+    return dataclasses.replace(plane, velocity=left, streamwise=None)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Moments(Summarised):
+    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
+
+    Args:
+        plane: with everything but its velocity.
+        settings: choices that went into them, by name.
+        cell_pitch: L_c of the cells, m, or None.
+        cells: that hold probes.
+        used: probes without faults, bool, (P,).
+        survey: of the probes, over S blocks.
+        locked: the phase-locked drive; None in other averagings, and before the second reading.
+        nodes: speeds at which R is weighed; None with drive ``rms``, which needs the survey alone.
+        turns: Hz, of the waves that the sums are weighed with beside 1, (Q,).
+        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N); with drive ``rms`` the mean
+            squares of the cells' velocity, "square of cells", (S, 1, 1, C).
+        notes: warnings of the reading.
+        projected: Hz; of moments that only ever answer these frequencies for one liner ``sums`` hold Re R and Im R of
+            each in place of K functions. Such moments have no file.
+        only: blocks that a part holds; None for all.
+    """
+
+    plane: VelocityPlane
+    settings: Mapping[str, Any]
+    cell_pitch: float | None
+    cells: Cells
+    used: Tensor
+    survey: Survey
+    locked: PhaseLocked | None
+    nodes: Nodes | None
+    turns: Tensor
+    sums: Mapping[str, Tensor]
+    notes: tuple[Note, ...] = ()
+    projected: Tensor | None = None
+    only: tuple[int, ...] | None = field(default=None)
+
+    @functools.cached_property
+    def membership(self) -> Membership:
+        """Probes by cell, on the device of the sums."""
+        return Membership.of(self.cells.labels, self.cells.count, self.survey.sums.device)
+
+    def coefficients(self, liner: LinerModel, frequency: Tensor) -> Tensor:
+        """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters.
+
+        Args:
+            liner: whose R.  frequency: Hz, (F,).
+        """
+        if self.nodes is None:
+            return torch.zeros(len(frequency), 1, dtype=torch.complex128)
+        if self.projected is None:
+            return self.nodes.coefficients(response(liner, frequency, self.nodes.speeds))
+        return parts_of_reflection(len(self.projected))
+
+    def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
+        """``torchliner.educe`` of these moments: the same map, without reading data."""
+        return resolve("torchliner.velocity.educe:educe")(self, liner, frequency, **choices)
+
+    @staticmethod
+    def join(parts: Sequence[Moments]) -> Moments:
+        """Moments of a record from parts that hold its blocks, of ``torchliner.moments(plane, blocks=...)``.
+
+        Args:
+            parts: in any order; the result is the same to the bit.
+        Raises:
+            ValueError: of another record or by other choices; blocks that overlap or are missing.
+        """
+        joined: Moments = resolve("torchliner.velocity.parts:join")(parts)
+        return joined
+
+    def require_speeds(self, liner: LinerModel) -> None:
+        """Refuse a liner that has no R at some of the speeds at which these moments ask for it.
+
+        Raises:
+            ValueError: it has none beyond its largest |v|.
+        """
+        top, nodes = liner.speed_max, self.nodes
+        if top is None or nodes is None or float(nodes.speeds.max()) <= top * (1 + 1e-9):
+            return
+        known = torch.tensor(liner.frequency_range or (1000.0,), dtype=torch.float64).mean()
+        try:
+            with torch.no_grad():
+                response(liner, known[None], nodes.speeds)
+        except ValueError as reason:
+            kind = "any liner smooth in |v|" if isinstance(nodes, Chebyshev) else "another table"
+            raise ValueError(
+                f"{self.plane.name} holds moments for {kind}, and {type(liner).__name__} is known only up to {top:g} "
+                "m/s: reduce the data again with this liner (--liner, tl.moments(plane, liner))"
+            ) from reason
+
+    def error(self, liner: Any, frequency: Any = None) -> float:
+        """Model-table error: largest error in R of the interpolation over |v|, up to the largest |v| of the data.
+
+        Args:
+            liner: whose R.
+            frequency: Hz; default 300 to 6000 Hz.
+        Raises:
+            ValueError: a liner that ends at a |v|, of moments that were not made for it.
+        """
+        model = as_liner(liner)
+        self.require_speeds(model)
+        asked = ASKED if frequency is None else frequency_tensor(frequency)
+        return 0.0 if self.nodes is None else interpolation_error(self.nodes, model, asked, self.top_speed(model))[0]
+
+    def top_speed(self, liner: LinerModel) -> float:
+        """Largest |v| of the data, no more than the liner knows, m/s."""
+        peak = float(self.survey.peak.detach().nan_to_num(0).max())
+        return max(min(peak, liner.speed_max or peak), 1e-3)
+
+    def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
+        """Mean and rms of v along x, as ``VelocityPlane.plot``."""
+        return resolve("torchliner.report.figures:draw_velocity")(self, path, axes=ax)
+
+    def write(self, path: str | Path) -> None:
+        """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""
+        resolve("torchliner.io.moments_file:write_moments")(self, path)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the sums."""
+        return sum(value.nbytes for value in (*self.sums.values(), self.survey.sums))
+
+    def _heading(self) -> str:
+        return heading_of(self, *record_words(self.plane), f"{self.size / 1e6:.3g} MB")
+
+    def _facts(self) -> Facts:
+        known = {} if self.nodes is None else self.nodes.describe()
+        return [
+            ("averaging", str(self.settings["averaging"])),
+            *case_facts(self.plane),
+            *((name, str(value)) for name, value in known.items()),
+        ]
+
+
+def parts_of_reflection(count: int) -> Tensor:
+    """Coefficients of R in sums that hold Re R and Im R of each frequency: complex128, (F, 2 F)."""
+    one = torch.eye(count, dtype=torch.complex128)
+    return torch.stack([one, 1j * one], 2).flatten(1)
+
+
+def projection_of(nodes: Nodes, liner: LinerModel, frequency: Tensor) -> Tensor | None:
+    """From K sums to Re R and Im R at F frequencies, float64, (2 F, K); None where that would be no less."""
+    if 2 * len(frequency) >= nodes.count:
+        return None
+    with torch.no_grad():
+        c = nodes.coefficients(response(liner, frequency, nodes.speeds))
+    return torch.stack([c.real, c.imag], 1).flatten(0, 1)

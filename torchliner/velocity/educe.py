@@ -1,0 +1,448 @@
+"""DIR-TDIBC: impedance from wall-normal velocity, probe by probe, without a propagation model."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import SAME_FREQUENCY, real_tensor, stated_frequency, tell
+from torchliner.engine.moments import Moments, projection_of
+from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
+from torchliner.io.moments_file import holds_moments
+from torchliner.io.plane_join import named_planes
+from torchliner.liners.grazing import goodrich_resistance
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.response import impedance_of
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.averaged import Educed
+from torchliner.records.cells import sort_into_cells
+from torchliner.records.notes import Note
+from torchliner.records.origin import origin_of
+from torchliner.velocity import review
+from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.level_check import check_level
+from torchliner.velocity.reading import Progress, Reading, measure
+from torchliner.version import __version__
+
+
+def educe(
+    plane: Any,
+    liner: Liner,
+    frequency: Any = None,
+    *,
+    reference_phase: Any = None,
+    pressure: Any = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> ImpedanceMap:
+    """Impedance map of a plane: a known tone replayed through a liner driven by |v(t)|.
+
+    The educed reflection is the mean over the record of the liner model's own R(f, |v(t)|) (plus its 2 f line once a
+    phase is stated): it is the response of YOUR model to YOUR velocity data.
+
+    Args:
+        plane: ``VelocityPlane``, (..., T) m/s, or the ``Moments`` of one.
+        liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
+        frequency: Hz, one or several; default the plane's own tone.
+        reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at the first sample;
+            broadcast over the probe axes (add a last axis for several frequencies).
+        pressure: ``PressureRecord`` of the same run, or ``MicrophoneLine`` along the wall, for the level check;
+            default the ``incident_level`` that the plane states.
+        progress: called with numbers of samples read.
+        choices: see ``torchliner.velocity.choices.Choices``.
+    Returns:
+        The map, on the probe axes of the plane, with cells and liner in every averaging.
+    Raises:
+        ValueError: data or options that cannot give an answer; the message says what would.
+        TypeError: a value of the wrong kind.
+    Warns:
+        DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
+    Source: Roncen et al. (2026), section 3. Departures: phase rules, averagings and drives are named
+        (docs/method.md); R comes from the model itself, without impulse responses, which ``replay`` uses.
+
+    >>> steady = torch.full((2, 900), 5.0, dtype=torch.float64)  # m/s, two probes
+    >>> plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
+    >>> found = tl.educe(plane, tl.load_liner("polito"), interval=None)
+    >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
+    '4.61-0.27j'
+    """
+    model, chosen = as_liner(liner), Choices(**choices)
+    if isinstance(plane, Moments):
+        asked = stated_frequency(frequency, plane.plane.frequency, plane.plane.name, plane.plane.sampling_rate)
+        chosen = with_window(chosen, asked)
+        require_fitting(plane, chosen, model, asked)
+        known, notes = plane, [*plane.notes, *review.review_record(plane.plane, asked, chosen)]
+        notes += review.review_liner(plane.plane, model)
+    else:
+        asked, notes, known = _measured(plane, model, frequency, chosen, progress)
+        chosen = with_window(chosen, asked)
+    with torch.no_grad():
+        found = answer(known, model, asked, chosen, reference_phase, pressure, notes)
+    found = dataclasses.replace(found, choices={**found.choices, **_origin(plane, model, pressure, reference_phase)})
+    tell([note.text for note in found.notes])
+    return found
+
+
+def moments(
+    plane: VelocityPlane,
+    liner: Liner | None = None,
+    frequency: Any = None,
+    *,
+    cell_pitch: float | None = None,
+    progress: Progress | None = None,
+    client: Any = None,
+    **choices: Any,
+) -> Moments:
+    """Sums over a plane that hold R(f, |v|) of any liner at any frequency.
+
+    Args:
+        plane: wall-normal velocity, (..., T) m/s.
+        liner: for which the nodes are chosen, and whose cells are averaged over; several of one pitch as a list;
+            default any: 64 nodes, which know R of holes of 0.5 to 2.5 mm in 3 to 15 % open area to 1e-5 up to 6 kHz;
+            each result states the error.
+        frequency: Hz, at which a phase rule other than ``averaged`` is to be used, and for the nodes; default the
+            plane's own tone.
+        cell_pitch: L_c, m, without a liner.
+        progress: called with numbers of samples read.
+        client: of dask.distributed, whose workers read the plane; it must still be in its file
+            (``read_plane(file, lazy=True)``). The same bits whatever the workers.
+        choices: as for ``educe``; what concerns |v| is fixed here, the rest is chosen when Z is asked for.
+    Raises:
+        TypeError: plane is no VelocityPlane.
+        ValueError: data or options that cannot give an answer.
+    """
+    reading, notes, pitch = reading_of(plane, liner, frequency, cell_pitch, choices)
+    run = measure if client is None else _on_workers(client)
+    known = run(reading, pitch, progress=progress)
+    notes += review.review_moments(reading.plane, known)
+    notes += review.review_lost_cells(reading.plane, reading.cells, known.cells)
+    if inputs := origin_of(named_planes(plane))["inputs"]:
+        about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
+        known = dataclasses.replace(known, plane=about)
+    return dataclasses.replace(known, notes=tuple(notes))
+
+
+def _on_workers(client: Any) -> Callable[..., Moments]:
+    from torchliner.engine.workers import reduce_on  # needs dask
+
+    return lambda reading, pitch, progress: measure(reading, pitch, reduce_on(client), progress)
+
+
+def reading_of(
+    plane: VelocityPlane, liner: Any, frequency: Any, cell_pitch: float | None, choices: Any
+) -> tuple[Reading, list[Note], float | None]:
+    """What ``moments`` reads, with the first notes and the pitch of the cells; arguments as there."""
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
+    if liner is not None and cell_pitch is not None:
+        raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
+    several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
+    models = [as_liner(each) for each in several]
+    pitch = models[0].cell_pitch if models else cell_pitch
+    asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+    chosen = with_window(Choices(**choices), asked)
+    nodes: Nodes = choose_nodes(models, asked, chosen.tolerance(plane.velocity.dtype)) if models else ANY_LINER
+    notes = [note for model in models for note in review.review_liner(plane, model)]
+    notes = [*review.review_record(plane, asked, chosen), *dict.fromkeys(notes)]
+    shared = models[0] if models else _AnyLiner(cell_pitch)
+    reading = _reading(plane, shared, asked, nodes, chosen, notes, projected=False)
+    return reading, notes, pitch
+
+
+class _AnyLiner(LinerModel):
+    """Liners that are not known yet, by the cells that they share."""
+
+    def __init__(self, cell_pitch: float | None) -> None:
+        self.cell_pitch = cell_pitch
+
+
+def with_window(chosen: Choices, frequency: Tensor) -> Choices:
+    """With the length of the running rms, by default a period of the lowest frequency asked for, (F,)."""
+    if chosen.drive != "running-rms" or chosen.running_window is not None:
+        return chosen
+    return dataclasses.replace(chosen, running_window=1 / float(frequency.min()))
+
+
+def _measured(
+    plane: Any, liner: LinerModel, frequency: Any, chosen: Choices, progress: Progress | None
+) -> tuple[Tensor, list[Note], Moments]:
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
+    if isinstance(plane.velocity, Tensor) and plane.velocity.requires_grad:
+        raise ValueError(
+            f"{plane.name}: velocity carries a gradient, which educe would lose; replay gives the reflected signal "
+            "with its derivatives, or detach the velocity"
+        )
+    asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+    chosen = with_window(chosen, asked)
+    notes = review.review_record(plane, asked, chosen) + review.review_liner(plane, liner)
+    nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
+    reading = _reading(plane, liner, asked, nodes, chosen, notes, projected=True)
+    known = measure(reading, liner.cell_pitch, progress=progress)
+    return asked, notes, _reviewed(plane, known, reading, notes)
+
+
+def _reviewed(plane: VelocityPlane, known: Moments, reading: Reading, notes: list[Note]) -> Moments:
+    if known.survey.sums.device.type == "meta":  # which has no numbers
+        return known
+    notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
+    return known
+
+
+def _reading(
+    plane: VelocityPlane,
+    liner: LinerModel,
+    frequency: Tensor,
+    nodes: Nodes,
+    chosen: Choices,
+    notes: list[Note],
+    *,
+    projected: bool,
+) -> Reading:
+    every = torch.ones(plane.probes, dtype=torch.bool)
+    cells = sort_into_cells(plane, liner.cell_pitch).kept(every)
+    summed = None if chosen.drive == "rms" else nodes
+    projection = projection_of(nodes, liner, frequency) if projected and summed is not None else None
+    reading = Reading.of(plane, chosen, frequency, summed, cells, projection)
+    notes += review.review_cells(plane, liner, frequency, cells, chosen)
+    notes += review.review_blocks(plane, reading.blocks, plane.frequency or float(frequency.min()), chosen)
+    return reading
+
+
+def require_fitting(known: Moments, chosen: Choices, liner: LinerModel, frequency: Tensor) -> None:
+    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
+
+    Raises:
+        ValueError: what differs, and what to do.
+    """
+    name = known.plane.name
+    known.require_speeds(liner)
+    if known.only is not None:
+        raise ValueError(
+            f"{name} holds {len(known.only)} of {known.survey.blocks.count} blocks; join all its parts first"
+        )
+    for key, made in known.settings.items():
+        wanted = getattr(chosen, key)
+        within = (
+            (key == "averaging" and wanted in known.sums)
+            or (key == "averaging" and chosen.drive == "rms")
+            or (key == "phase" and wanted == "averaged")
+            or key in ("missing", "allow_short")
+            or (key == "background_rms" and "phase-locked" not in chosen.averagings)
+        )
+        if wanted != made and not within:
+            remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
+            raise ValueError(
+                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, or reduce the data "
+                "again"
+            )
+    if liner.cell_pitch != known.cell_pitch:
+        raise ValueError(
+            f"{name} was reduced for cells of {_length(known.cell_pitch)}, and the liner's are of "
+            f"{_length(liner.cell_pitch)}; reduce the data again with that liner"
+        )
+    if chosen.phase != "averaged":
+        for f in frequency.tolist():
+            if not bool(((known.turns / (2 * f) - 1).abs() < SAME_FREQUENCY).any()):
+                raise ValueError(
+                    f"{name} holds the line of phase {chosen.phase!r} at {_listed(known.turns / 2)}, and not at "
+                    f"{f:g} Hz; reduce the data again with that frequency"
+                )
+    lines = known.survey.index_of(frequency)
+    if (chosen.wall_filter is not None or chosen.phase == "self-consistent") and -1 in lines:
+        f = float(frequency[lines.index(-1)])
+        raise ValueError(
+            f"{name} holds the coherence of v with {_listed(known.survey.lines)}, and not with {f:g} Hz, which "
+            "wall_filter and phase 'self-consistent' need: reduce the data again with that frequency"
+        )
+
+
+def _listed(frequency: Tensor) -> str:
+    return ", ".join(f"{f:g}" for f in frequency.tolist()) + " Hz" if len(frequency) else "no line"
+
+
+def _length(pitch: float | None) -> str:
+    return "all probes (no cell_pitch)" if pitch is None else f"{1e3 * float(pitch):.6g} mm"
+
+
+def averages_of(
+    known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, reference_phase: Any = None
+) -> tuple[Asked, dict[str, Averages]]:
+    """R under every averaging, on the device of the moments, with nothing read back to the host."""
+    device = known.survey.sums.device
+    phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
+    wall = None
+    if chosen.wall_filter is not None:
+        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.used.to(device)[:, None]
+    coefficients = known.coefficients(liner, frequency).to(device)
+    asked = Asked(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
+    return asked, {name: average(known, asked, name) for name in chosen.averagings}
+
+
+def answer(
+    known: Moments,
+    liner: LinerModel,
+    frequency: Tensor,
+    chosen: Choices,
+    reference_phase: Any,
+    pressure: Any,
+    notes: list[Note],
+) -> ImpedanceMap:
+    """The map from moments that fit; arguments as of ``educe``, checked, with the notes so far."""
+    plane, seen = known.plane, known.survey
+    asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
+    error, doubts = review.review_table(plane, known, liner, frequency)
+    chief = found[chosen.averaging]
+    count = seen.blocks.count
+    notes = [
+        *notes,
+        *doubts,
+        *review.review_other_tones(plane, known, liner, frequency),
+        *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
+        *review.review_phase(known, asked.phase),
+        *review.review_rule(found["admittance"].held, count, chosen),
+        *review.review_intervals(plane, chief, seen.blocks, frequency, chosen),
+    ]
+    case = Case(plane, frequency, known.cells, known.cell_pitch, seen.blocks)
+    pressures = known_pressure(case, pressure)
+    check, checked = None, pressures
+    if not isinstance(pressures, str):
+        check, checked = check_level(known, case, found, pressures, chosen), "checked"
+        sentences = [check.sentence(chosen.averaging, f, i) for i, f in enumerate(frequency.tolist())]
+        notes += [Note("level-check", f"{plane.name}: {text}") for text in sentences if text]
+    used = known.used
+
+    def on_probes(value: Tensor) -> Tensor:
+        """On the plane's axes; nan where a probe was left out."""
+        value = value.detach().cpu()
+        if value.dtype != torch.bool:
+            value = torch.where(used.reshape(-1, *[1] * (value.ndim - 1)), value, torch.nan)
+        return value.reshape(*plane.probe_shape, *value.shape[1:])
+
+    def host(each: Educed) -> Educed:
+        return each.map(lambda value: value.detach().cpu())
+
+    return ImpedanceMap(
+        frequency=frequency,
+        probes={name: each.probes.map(on_probes) for name, each in found.items() if each.probes is not None},
+        cells={name: host(each.cells) for name, each in found.items()},
+        liner={name: host(each.liner) for name, each in found.items()},
+        along_x={name: host(each.along_x) for name, each in found.items() if each.along_x is not None},
+        averaging=chosen.averaging,
+        mean_velocity=on_probes(seen.mean),
+        velocity_rms=on_probes(seen.rms),
+        velocity_amplitude=on_probes(-tone_velocity(seen, frequency)[0]),
+        coherence=on_probes(seen.coherence(frequency)),
+        phase_rule=on_probes(found["admittance"].held | torch.tensor(chosen.phase != "self-consistent")),
+        cell_x=known.cells.x,
+        cell_z=known.cells.z,
+        cell_weight=known.cells.weight,
+        wall=None if asked.wall is None else on_probes(asked.wall),
+        x=plane.x,
+        z=plane.z,
+        height=plane.height,
+        fluid=plane.fluid,
+        reference=dict(plane.reference),
+        mach=plane.mach,
+        incident_level=plane.incident_level,
+        source_side=plane.source_side,
+        goodrich=goodrich_of(plane, liner, frequency),
+        title=plane.title,
+        choices=_facts(known, liner, chosen, error) | {"level_check": checked},
+        notes=tuple(notes),
+        level_check=check,
+        holes=plane.holes,
+    )
+
+
+def _phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor | None:
+    """psi of all probes, (P, F or 1)."""
+    if chosen.phase != "given":
+        if phase is not None:
+            raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
+        return None
+    if phase is None:
+        raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
+    values = real_tensor(phase).cpu()
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
+    shape = plane.probe_shape
+    if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
+        raise ValueError(
+            f"reference_phase has shape ({count},), and there are {count} probes and {count} frequencies; give "
+            "(probes, 1) or (1, frequencies)"
+        )
+    for candidate in (shape, (*shape, count)):
+        try:
+            return values.broadcast_to(candidate).reshape(plane.probes, -1)
+        except RuntimeError:
+            continue
+    raise ValueError(
+        f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape} (and {count} "
+        "frequencies)"
+    )
+
+
+def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Tensor | None:
+    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and displacement thickness; what the
+    liner's own law adds for the flow is taken off before."""
+    porosity, diameter = liner.surface_porosity, liner.hole_diameter
+    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
+        return None
+    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter) - liner.flow_resistance
+    return impedance_of(liner, frequency, torch.zeros(1)) + added
+
+
+def _facts(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
+    """Every choice, and what followed from it."""
+    plane, blocks = known.plane, known.survey.blocks
+    facts: dict[str, Any] = {
+        "version": __version__,
+        **chosen.describe(),
+        "liner": liner.describe(),
+        "sampling_rate": plane.sampling_rate,
+        "samples": plane.samples,
+        "blocks": blocks.count,
+        "periods": blocks.periods,
+        "source": plane.name,
+        "tone": plane.frequency,
+        "surface": plane.liner,
+        "data": dict(plane.provenance),
+        "nodes": None if known.nodes is None else known.nodes.describe(),
+        "model_error": error,
+    }
+    if known.locked is not None:
+        found = review.tone_share(known)
+        facts["phase_locked_lines"] = known.locked.lines.tolist()
+        facts["phase_locked_share"] = known.locked.share.mean(1).tolist()
+        facts["tone_share"] = None if found is None else found[0]
+        facts["incoherent_scale"] = _mean_scale(known)
+    return facts
+
+
+def _mean_scale(known: Moments) -> float:
+    """By which the incoherent velocity was scaled, over the probes of all cells."""
+    assert known.locked is not None
+    if known.locked.scale is None:
+        return 1.0
+    cells = known.membership
+    return float((cells.sum(known.locked.scale).sum() / cells.sizes.sum()).cpu())
+
+
+def _origin(plane: Any, liner: LinerModel, pressure: Any, phase: Any) -> dict[str, Any]:
+    """What a map keeps so that it can be made again, beside its choices."""
+    data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
+    named = named_planes(data)
+    if isinstance(plane, Moments) and Path(data.name).is_file() and holds_moments(data.name):
+        named = [("moments", data.name)]
+    named += [("liner", name) for name in liner.files]
+    named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]
+    stated = None if phase is None else real_tensor(phase).tolist()
+    return origin_of(named, reference_phase=stated)

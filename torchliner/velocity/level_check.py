@@ -1,0 +1,108 @@
+r"""Level check: does the educed impedance, with the measured velocity, give the pressure that is known?
+
+With the level of the sound known and the velocity measured, Z is over-determined. V is the phase-locked velocity into
+the liner at the tone, averaged over the cell, or over all cells for the whole plane. At normal incidence the waves are
+plane, so V is moved from the height y of the data to the wall, :math:`V_0 = V/(\cos ky + j Z \sin ky)`, and then
+
+.. math:: |p_i| = \rho c |Z + 1| |V_0|/2, \qquad p = \rho c Z V_0
+
+for the incident wave and for the pressure at the wall; one cell among unlike ones has the pressure of all of them above
+it, :math:`|p_i| = \rho c |Z V_0 + \langle V_0 \rangle|/2`. At grazing incidence the wave's field above the wall is not
+known beforehand: V stays as measured, and what is stated is the pressure at the wall. V of several cells along a
+grazing wave is averaged after its phase was turned back by that wavenumber along x which makes the mean largest.
+
+The ratio of implied to known pressure is computed without each block in turn, like everything else.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
+from torchliner.engine.intervals import ITSELF, jackknife
+from torchliner.engine.moments import Moments
+from torchliner.records.level_check import Gap, LevelCheck, gap_of
+from torchliner.velocity.averages import Averages, survey_of_columns, tone_velocity
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, Case, KnownPressure
+
+NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
+WAVENUMBERS = 241  # tried along x, up to three times that of sound
+
+
+def check_level(
+    moments: Moments, case: Case, found: dict[str, Averages], known: KnownPressure, chosen: Choices
+) -> LevelCheck:
+    """Of all averagings, with intervals where these have them."""
+    velocity = cell_velocity(moments, case, known)
+    pressure = torch.cat([known.liner[None], known.cells])
+    ratios, bounds = [], []
+    lengths = case.blocks.lengths
+    for each in found.values():
+        z = impedance_from_reflection(torch.cat([each.of_liner[:, None], each.of_cells], 1)).cpu()
+        ratio = implied_pressure(case, known, z, velocity[: len(z)]) / pressure
+        ratios.append(ratio[0])
+        if each.liner.interval is not None and chosen.interval is not None:
+            change = ratio / ratio[:1]
+            change = change if known.replicates is None else change / known.replicates
+            unknown = ~torch.isfinite(change.sum(0))
+            logarithm = torch.where(unknown, 0, torch.log(torch.where(unknown, 1, change)))
+            interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
+            bounds.append([torch.where(unknown, torch.nan, end) for end in (interval.low, interval.high)])
+    ends = None
+    if len(bounds) == len(ratios):
+        low, high = zip(*bounds, strict=True)
+        ends = torch.stack(low), torch.stack(high)
+    gap = gap_of(torch.stack(ratios), ends, known.has_phase)
+    return LevelCheck(
+        averagings=tuple(found),
+        averaging=chosen.averaging,
+        known=known.words,
+        kind=known.kind,
+        pressure_level=spl_from_pressure_amplitude(known.liner),
+        limit=chosen.level_limit + chosen.level_uncertainty,
+        uncertainty=chosen.level_uncertainty,
+        confidence=chosen.interval if ends else None,
+        liner=Gap(*(value[:, 0] for value in vars(gap).values())),
+        cells=Gap(*(value[:, 1:] for value in vars(gap).values())),
+    )
+
+
+def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:
+    """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
+    seen = survey_of_columns(moments, "velocity")
+    cells = -tone_velocity(seen, case.frequency).cpu()
+    scale = moments.membership.mean(moments.survey.mean_square).sqrt().cpu()
+    cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
+    count, share = case.cells.count, case.cells.weight
+    share = torch.ones(count, dtype=torch.float64) if share is None else share
+    weights = (share / share.sum())[:, None].to(torch.complex128)
+    if not known.moved:
+        speed = float(case.plane.fluid.sound_speed)
+        weights = weights * turned_back(case.cells.x, torch.nan_to_num(cells[0]), case.frequency, speed)
+    return torch.cat([(weights * cells).sum(1, keepdim=True), cells], 1)
+
+
+def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: float) -> Tensor:
+    """Unit factors that undo the phase of a wave along x.
+
+    Args:
+        x: m, (C,); nan where unknown.  velocity: complex, (C, F).  frequency: Hz, (F,).  sound_speed: m/s.
+    """
+    away = torch.nan_to_num(x - x.nanmean())[:, None]
+    steps = torch.linspace(-3, 3, WAVENUMBERS, dtype=torch.float64)
+    turns = torch.exp(2j * torch.pi / sound_speed * steps[:, None, None] * away * frequency)
+    best = (turns * velocity).sum(1).abs().argmax(0)
+    return turns.gather(0, best.expand(1, len(x), -1))[0]
+
+
+def implied_pressure(case: Case, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
+    """Pressure that impedances and velocities imply, Pa, (..., 1 + C, F), the whole plane first."""
+    height = case.plane.height if known.moved and case.plane.height is not None else 0.0
+    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * height
+    at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
+    pressure = z * at_wall
+    if known.kind == INCIDENT:
+        pressure = (pressure + at_wall[..., :1, :]) / 2
+    return float(case.plane.fluid.characteristic_impedance) * pressure
