@@ -98,6 +98,21 @@ class _Columns:
     def count(self) -> int:
         return self.survey.sums.shape[2]
 
+    def means(self, sums: Tensor) -> Tensor:
+        """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
+        if self.interval is None:
+            return sums.sum(0, keepdim=True) / self.lengths.sum()
+        return replicates(sums, self.lengths)
+
+    @property
+    def interval(self) -> Callable[[Tensor], Interval] | None:
+        """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
+        level = self.asked.chosen.interval
+        if level is None or len(self.lengths) < FEWEST_BLOCKS:
+            return None
+        shares = self.lengths / self.lengths.sum()
+        return lambda reflection: jackknife(reflection, shares, level)
+
     def parts(self) -> Iterator[slice]:
         """Slices of columns: the bits of a column do not depend on them."""
         size = self.count
@@ -110,7 +125,7 @@ class _Columns:
         if self.asked.chosen.drive == "rms":
             return self._of_rms(part)
         sums = self.known.sums[self.averaging][..., part]
-        mean = replicates(self._respond(sums[:, 0]), self.lengths)
+        mean = self.means(self._respond(sums[:, 0]))
         turned = self._turned(sums, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
         found = PHASE_RULES[self.asked.chosen.phase](mean, turned, self._sound(part))
         locked = self.known.locked
@@ -131,13 +146,14 @@ class _Columns:
         cosine = torch.stack([self._respond(sums[:, 1 + place[i]])[..., i] for i in rows], -1)
         sine = torch.stack([self._respond(sums[:, 1 + count + place[i]])[..., i] for i in rows], -1)
         waves = self.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
-        return replicates(cosine - 1j * sine, self.lengths) - replicates(waves, self.lengths)[:, None] * mean
+        return self.means(cosine - 1j * sine) - self.means(waves)[:, None] * mean
 
     def _sound(self, part: slice) -> Sound:
         chosen = self.asked.chosen
         velocity = None
         if chosen.phase == "self-consistent":
             velocity = -tone_velocity(self.survey, self.asked.frequency, part) / 2
+            velocity = velocity if self.interval is not None else velocity[:1]
         phase = self.asked.phase
         if phase is not None and self.averaging == "velocity":
             phase = mean_direction(self.known.membership, phase).angle()
@@ -145,9 +161,9 @@ class _Columns:
 
     def _of_rms(self, part: slice) -> Tensor:
         """R at the rms of v over the record, and over the record without each block."""
-        square = replicates(self.survey.squares[:, part], self.lengths)
+        square = self.means(self.survey.squares[:, part])
         if self.asked.chosen.mean == "removed":
-            square = square - replicates(self.survey.sums[:, 0, part], self.lengths) ** 2
+            square = square - self.means(self.survey.sums[:, 0, part]) ** 2
         speed = square.clamp(min=0).sqrt()
         z = impedance_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None])
         return ((z - 1) / (z + 1)).to(speed.device)
@@ -184,7 +200,7 @@ def _of_probes(columns: _Columns, known: Moments) -> Averages:
     labels = cells.labels
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
     rows = _rows_along_x(known)
-    interval = _interval_of(columns)
+    interval = columns.interval
     size = 1 + len(columns.lengths) if interval is not None else 1
 
     def totals(count: int) -> Tensor:
@@ -193,7 +209,7 @@ def _of_probes(columns: _Columns, known: Moments) -> Averages:
     of_cells, of_rows, of_liner = totals(cells.count + 1), totals(rows[1]), totals(1)[:, 0]
     found: list[Educed] = []
     for part in columns.parts():
-        reflection = columns.reflection(part)[:size]
+        reflection = columns.reflection(part)
         found.append(Educed(reflection[0], None if interval is None else interval(reflection)))
         admittance = admittance_from_reflection(reflection)
         if asked.wall is not None:
@@ -222,23 +238,13 @@ def _of_probes(columns: _Columns, known: Moments) -> Averages:
 
 
 def _of_cell_velocity(columns: _Columns, known: Moments) -> Averages:
-    interval = _interval_of(columns)
+    interval = columns.interval
     found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
-    found = found if interval is not None else found[:1]
     weight = known.cells.weight
     share = torch.ones(found.shape[1], dtype=torch.float64) if weight is None else weight
     share = (share / share.sum()).to(found)
     liner = reflection_from_admittance(torch.einsum("bcf,c->bf", admittance_from_reflection(found), share))
     return Averages(None, _educed(found, interval), _educed(liner, interval), None, liner, found, columns.held)
-
-
-def _interval_of(columns: _Columns) -> Callable[[Tensor], Interval] | None:
-    """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
-    level, lengths = columns.asked.chosen.interval, columns.lengths
-    if level is None or len(lengths) < FEWEST_BLOCKS:
-        return None
-    shares = lengths / lengths.sum()
-    return lambda reflection: jackknife(reflection, shares, level)
 
 
 def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
