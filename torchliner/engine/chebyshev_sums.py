@@ -41,13 +41,15 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
     slabs, rows, length = weights.shape
     width = columns.shape[2]
     tile = width if columns.device.type != "cpu" else max(1, TILE // (slabs * length))
-    signs, turns = _signs(count)
+    turns = [(-1) ** (k - 1) for k in range(count)]
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64, device=columns.device)
     for left in range(0, width, tile):
         v = columns[:, :, left : left + tile]
         each = v.new_empty(count, slabs, rows, v.shape[2])
         speed = v.abs()
         twice = (speed - centre).mul_(2).div_(speed.add_(centre))
+        # T_k = 2 x T_{k-1} - T_{k-2}: with the signs +, +, -, -, +, +, ... of T_k the last term is added instead, so
+        # that each order is one operation; the signs are put right at the end.
         before, now = torch.ones_like(speed), twice / 2
         torch.bmm(weights, before, out=each[0])
         for k in range(1, count):
@@ -56,17 +58,4 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
                 before, now = now, before
             torch.bmm(weights, now, out=each[k])
         found[..., left : left + tile] = each.permute(1, 2, 0, 3)
-    return found * torch.tensor(signs, dtype=torch.float64).to(found.device)[:, None]
-
-
-def _signs(count: int) -> tuple[list[float], list[int]]:
-    """Signs s_k for which the recurrence of s_k T_k is one ``addcmul``, and its factors.
-
-    T_k = 2 x T_{k-1} - T_{k-2} takes its last term away; with s_k = -s_{k-2} it is added:
-    s_k T_k = s_{k-2} T_{k-2} + (s_k s_{k-1}) 2 x s_{k-1} T_{k-1}.
-    """
-    signs = [1, 1]
-    for k in range(2, count):
-        signs.append(-signs[k - 2])
-    turns = [0, 0] + [signs[k] * signs[k - 1] for k in range(2, count)]
-    return [float(sign) for sign in signs[:count]], turns
+    return found * (1 - 2 * (torch.arange(count, device=found.device) // 2 % 2))[:, None]

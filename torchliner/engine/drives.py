@@ -153,19 +153,21 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
 
     fit = whole @ sums.sum(0)
     away = deviation(fit)
-    by_line = torch.zeros(1 + harmonics, len(rows), dtype=torch.float64)
-    by_line[[0, *range(1, 1 + harmonics), *range(1, 1 + harmonics)], range(len(rows))] = 1
-    by_line = by_line.to(sums)
+
+    def by_line(rows: Tensor) -> Tensor:
+        """Sums over cosine and sine of each line: (1 + 2 H, C) to (1 + H, C)."""
+        return torch.cat([rows[:1], rows[1 : 1 + harmonics] + rows[1 + harmonics :]])
+
     known = count >= FEWEST_BLOCKS
     share = torch.ones(1 + harmonics, cells.count, dtype=sums.dtype, device=sums.device)
     if known:
         blocks = _Scatter.of(deviation(each[s] @ sums[s]) for s in range(count))
-        variance, neighbours = (by_line @ cells.sum(part) for part in (blocks.power, blocks.neighbours))
+        variance, neighbours = (by_line(cells.sum(part)) for part in (blocks.power, blocks.neighbours))
         rho = correlation(variance, neighbours, count)
         noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
-        power = by_line @ cells.sum(away.square())
+        power = by_line(cells.sum(away.square()))
         share = (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
-    taken = (by_line.T @ cells.spread(share)) * away
+    taken = cells.spread(torch.cat([share, share[1:]])) * away
     lines = seen.lines[:harmonics].to(sums.device)
     drive = PhaseLocked(lines, seen.blocks.sampling_rate, taken, None, share, known)
     return drive if background_rms is None else _with_background(drive, seen, fit, away, cells, background_rms)

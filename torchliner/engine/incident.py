@@ -1,12 +1,11 @@
 """Incident waves: the pressure at the liner, or rho c times the velocity (only ratios matter).
 
-A new kind is a class like these: a ``kind`` for messages and ``sampled``; ``edge``, what it is outside the record
+A new kind is a class like these: ``kind`` for messages; ``sampled``; ``edge``, what it is outside the record
 (``silent``: nothing; ``periodic``: velocity and wave repeat); and the ``window`` that suits its analysis.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -27,13 +26,6 @@ class Incident:
     edge: ClassVar[str] = "periodic"
     window: ClassVar[str] = "boxcar"
 
-    @property
-    def label(self) -> str:
-        """Kind and numbers, for messages and results."""
-        known = ((each.name, getattr(self, each.name)) for each in dataclasses.fields(self))  # type: ignore[arg-type]
-        shown = (f"{name} {v.tolist() if isinstance(v, Tensor) else v}" for name, v in known)
-        return f"{self.kind}, {', '.join(shown)}"
-
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself.
 
@@ -44,13 +36,6 @@ class Incident:
 
     def require_periodic(self, samples: int, sampling_rate: float) -> None:
         """Raise a ValueError if the wave cannot repeat with the record."""
-
-    def _require_below_nyquist(self, highest: float, sampling_rate: float) -> None:
-        if highest >= sampling_rate / 2:
-            raise ValueError(
-                f"the {self.kind} reach {highest:g} Hz, but half the sampling rate is {sampling_rate / 2:g} Hz; "
-                "lower the frequency or use finer data"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +57,7 @@ class ComplexTones(Incident):
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """complex128, (F, T)."""
-        self._require_below_nyquist(float(self.frequency.max()), sampling_rate)
-        time = torch.arange(samples, dtype=torch.float64)
-        return torch.exp(1j * torch.outer(2 * torch.pi / sampling_rate * self.frequency, time))
+        return torch.exp(1j * self._angles(samples, sampling_rate))
 
     def require_periodic(self, samples: int, sampling_rate: float) -> None:
         """The record must hold whole periods of each tone."""
@@ -86,6 +69,11 @@ class ComplexTones(Incident):
                     "or take edge='silent'"
                 )
 
+    def _angles(self, samples: int, sampling_rate: float) -> Tensor:
+        """omega t, (F, T)."""
+        turn = 2 * torch.pi / sampling_rate * frequency_tensor(self.frequency, sampling_rate)
+        return torch.outer(turn, torch.arange(samples, dtype=torch.float64))
+
 
 @dataclass(frozen=True, eq=False)
 class Tones(ComplexTones):
@@ -95,8 +83,6 @@ class Tones(ComplexTones):
         frequency: Hz, one or several.
         amplitude: one for all or one for each.
         phase: rad; default those of Schroeder, which keep the peak of the sum low.
-    Raises:
-        ValueError: amplitudes or phases of another number than the tones.
     """
 
     kind: ClassVar[str] = "tones"
@@ -107,41 +93,34 @@ class Tones(ComplexTones):
         super().__post_init__()
         count = len(self.frequency)
         order = torch.arange(count, dtype=torch.float64)
-        phase = -torch.pi * order * (order + 1) / count if self.phase is None else real_tensor(self.phase)
-        for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", phase)):
+        phase = -torch.pi * order * (order + 1) / count if self.phase is None else self.phase
+        for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", real_tensor(phase))):
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
-        self._require_below_nyquist(float(self.frequency.max()), sampling_rate)
-        turn = 2 * torch.pi / sampling_rate * self.frequency
-        time = torch.arange(samples, dtype=torch.float64)
-        return self.amplitude @ torch.cos(torch.outer(turn, time) + self.phase[:, None])
+        return self.amplitude @ torch.cos(self._angles(samples, sampling_rate) + self.phase[:, None])
 
 
 @dataclass(frozen=True)
-class Banded(Incident):
-    """A wave that fills a band, of which the record is one period.
-
-    Args:
-        low, high: Hz.
-    """
+class _Banded(Incident):
+    """A wave between two frequencies, Hz, of which the record is one period."""
 
     low: float
     high: float
 
     def __post_init__(self) -> None:
         make_plain(self)
-        require_positive(f"{self.kind}: lowest frequency (Hz)", self.low)
-        if not self.low < self.high < math.inf:
+        frequency_tensor([self.low, self.high])
+        if self.low >= self.high:
             raise ValueError(f"{self.kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards")
 
 
 @dataclass(frozen=True)
-class Sweep(Banded):
-    """One sine sweep over the record, of amplitude 1, from ``low`` to ``high``; ``linear`` or ``logarithmic``.
+class Sweep(_Banded):
+    """One sine sweep over the record, of amplitude 1, from ``low`` to ``high`` (Hz), ``linear`` or ``logarithmic``.
 
     Each frequency passes once, so R(f) depends on the |v| around that moment alone. ``BandNoise`` gives an R of the
     turbulence of the whole record.
@@ -156,7 +135,7 @@ class Sweep(Banded):
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
-        self._require_below_nyquist(self.high, sampling_rate)
+        frequency_tensor(self.high, sampling_rate)
         from scipy.signal import chirp  # its import takes half a second
 
         method: Any = self.spacing
@@ -165,11 +144,8 @@ class Sweep(Banded):
 
 
 @dataclass(frozen=True)
-class BandNoise(Banded):
-    """Noise of rms 1 with a flat spectrum: every line k fs/T of the record in the band, with random phases.
-
-    ``seed``, 0 to 2^63 - 1, is that of the phases.
-    """
+class BandNoise(_Banded):
+    """Noise of rms 1: the lines k fs/T of the record from ``low`` to ``high`` (Hz), of one size and random phases."""
 
     kind: ClassVar[str] = "band noise"
     seed: int = 0
@@ -177,17 +153,17 @@ class BandNoise(Banded):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.seed < 1 << 63:
-            raise ValueError(f"band noise: seed is {self.seed}; it must be 0 to 2^63 - 1")
+            raise ValueError(f"seed of the band noise is {self.seed}; it must be 0 to 2^63 - 1")
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
-        self._require_below_nyquist(self.high, sampling_rate)
+        frequency_tensor(self.high, sampling_rate)
         spacing = sampling_rate / samples
         first, last = math.ceil(self.low / spacing - 1e-9), math.floor(self.high / spacing + 1e-9)
         if last < first:
             raise ValueError(
-                f"band noise {self.low:g}-{self.high:g} Hz: the lines of the record are {spacing:g} Hz apart and none "
-                "lies in the band; widen it or use a longer record"
+                f"band noise {self.low:g}-{self.high:g} Hz holds no line of the record: they are {spacing:g} Hz apart; "
+                "widen the band or use a longer record"
             )
         generator = torch.Generator().manual_seed(self.seed)
         phase = 2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
@@ -199,67 +175,45 @@ class BandNoise(Banded):
 
 @dataclass(frozen=True, eq=False)
 class Recorded(Incident):
-    """A recorded wave, in any unit.
-
-    Args:
-        signal: (T,), as long as the record of the velocity.
-        sampling_rate: Hz, that of the velocity.
-        name: for messages, such as that of its file.
-    Raises:
-        ValueError: several channels, nan or inf.
-    """
+    """A recorded wave in any unit, (T,), as long as the record of the velocity and at its sampling rate (Hz)."""
 
     kind: ClassVar[str] = "recorded signal"
     edge: ClassVar[str] = "silent"
     signal: Any
     sampling_rate: float
-    name: str = "recorded signal"
 
     def __post_init__(self) -> None:
         make_plain(self)
-        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        require_positive("recorded signal: sampling_rate (Hz)", self.sampling_rate)
         values = real_tensor(self.signal).detach().cpu()
-        if values.ndim != 1:
-            raise ValueError(f"{self.name} has shape {tuple(values.shape)}; one channel is needed, choose it")
-        if not bool(torch.isfinite(values).all()):
-            raise ValueError(f"{self.name} holds nan or inf; repair it first")
+        if values.ndim != 1 or not bool(torch.isfinite(values).all()):
+            raise ValueError(
+                f"recorded signal has shape {tuple(values.shape)}; one channel without nan or inf is needed"
+            )
         object.__setattr__(self, "signal", values)
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
-        """float64, (T,); refused if length or rate are not those of the velocity."""
-        if abs(self.sampling_rate / sampling_rate - 1) > 1e-6:
+        """float64, (T,)."""
+        if abs(self.sampling_rate / sampling_rate - 1) > 1e-6 or len(self.signal) != samples:
             raise ValueError(
-                f"{self.name} is sampled at {self.sampling_rate:g} Hz, the velocity at {sampling_rate:g} Hz; "
-                "resample one of them (scipy.signal.resample_poly)"
+                f"recorded signal has {len(self.signal)} samples at {self.sampling_rate:g} Hz, the velocity {samples} "
+                f"at {sampling_rate:g} Hz; resample (scipy.signal.resample_poly), cut or pad one of them"
             )
-        if len(self.signal) != samples:
-            raise ValueError(f"{self.name} has {len(self.signal)} samples, the velocity {samples}; cut or pad it")
         return self.signal
 
 
 def parse_signal(text: str) -> Incident | None:
-    """``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or ``noise:300:6000[:seed]``; None for other text.
-
-    Raises:
-        ValueError: numbers that do not suit the kind.
-    """
+    """``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or ``noise:300:6000[:seed]``; None for other text."""
     kind, _, rest = text.partition(":")
     if kind not in ("tones", "sweep", "noise"):
         return None
     try:
         if kind == "tones":
             return Tones([float(f) for f in rest.split(",")])
-        low, high, last = (*rest.split(":", 2), None, None)[:3]
-        if low is None or high is None:
-            raise ValueError("a lowest and a highest frequency are needed")
+        low, high, *more = rest.split(":", 2)
         if kind == "noise":
-            return BandNoise(float(low), float(high), int(last or 0))
-        return Sweep(float(low), float(high), last or "linear")
+            return BandNoise(float(low), float(high), *(int(seed) for seed in more))
+        return Sweep(float(low), float(high), *more)
     except ValueError as error:
         raise ValueError(
             f"incident signal {text!r} cannot be read ({error}); write tones:500,900, sweep:300:6000:logarithmic, "

@@ -102,6 +102,13 @@ class Moments(Summarised):
         """Probes by cell, on the device of the sums."""
         return Membership.of(self.cells.labels, self.cells.count, self.survey.sums.device)
 
+    @functools.cached_property
+    def counted(self) -> Tensor:
+        """``used`` on the device of the sums."""
+        device = self.survey.sums.device
+        every = bool(self.used.all())
+        return torch.ones(len(self.used), dtype=torch.bool, device=device) if every else self.used.to(device)
+
     def coefficients(self, liner: LinerModel, frequency: Tensor) -> Tensor:
         """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters.
 

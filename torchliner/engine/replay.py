@@ -9,9 +9,10 @@ at multiples of ``BATCH`` of the record, so y does not depend on how it is cut.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -27,6 +28,7 @@ from torchliner.engine.sums import Drive, Held, Job, Record, linear, reduce
 
 BATCH = 64  # emissions
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 27  # numbers in the kernels that are held together
+ROWS = 4  # windowed rows of a frequency are as large as so many columns of float32
 LOWEST = 1e-6  # power relative to that of the strongest line: below it is leakage, not signal
 
 
@@ -51,15 +53,14 @@ def replay(
     periodic = require_choice("edge rule", incident.edge if edge is None else edge, EDGES) == "periodic"
     if periodic:
         incident.require_periodic(record.samples, kernels.sampling_rate)
-    sent = torch.cat([sent.real, sent.imag]) if sent.is_complex() else sent[None]
+    sent = _waves(sent)
     columns = drive(torch.zeros(1, record.columns, device=record.device), 0).shape[1] * len(sent)
     return Replay(record, kernels, sent, drive, periodic, reach, record.samples, columns, record.device)
 
 
 @dataclass(eq=False)
 class Replay:
-    """y as a ``sums.Record`` of C N columns, wave by wave; the C real waves of F ``ComplexTones`` are all cosines, then
-    all sines."""
+    """y as a ``sums.Record`` of C N columns, wave by wave; ``ComplexTones`` are C = 2 F waves, cosines before sines."""
 
     record: Record
     kernels: KernelTable
@@ -72,15 +73,17 @@ class Replay:
     device: torch.device
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """y at samples begin .. end - 1 of each of ``bounds``, (t, C N); what follows on is read and convolved once."""
+        """y at samples begin .. end - 1 of each of ``bounds``, (t, C N); those that follow on are convolved once."""
         first, taps = self.kernels.first, self.kernels.taps.shape[1]
         plan = list(self._plan(bounds))
-        read = self.record.slabs([self._wider(*piece) for _, _, pieces in plan for piece in pieces])
+        read = self.record.slabs(
+            [(max(0, a - self.reach), min(self.samples, b + self.reach)) for _, _, pieces in plan for a, b in pieces]
+        )
         sent, table = self.sent, pad(self.kernels.taps, (0, BATCH))
         held, at, done = sent, 0, -1
         for (begin, end), (low, high, pieces) in zip(bounds, plan, strict=True):
             if pieces:
-                speed = torch.cat([self._speed(slab, *piece) for slab, piece in zip(islice(read, len(pieces)), pieces)])
+                speed = torch.cat([self._speed(next(read), *piece) for piece in pieces])
                 speed = pad(speed, (0, 0, 0, high - low - len(speed))).T
                 sent, table = sent.to(speed), table.to(speed)
                 if begin != done:
@@ -104,12 +107,9 @@ class Replay:
             cuts = [low, *range((low // n + 1) * n, stop, n), stop]
             yield low, high, [(a % n, a % n + b - a) for a, b in pairwise(cuts) if a < b]
 
-    def _wider(self, begin: int, end: int) -> tuple[int, int]:
-        return max(0, begin - self.reach), min(self.samples, end + self.reach)
-
     def _speed(self, slab: Tensor, begin: int, end: int) -> Tensor:
         """|v| that drives samples begin .. end - 1, (t, N)."""
-        low, _ = self._wider(begin, end)
+        low = max(0, begin - self.reach)
         return self.drive(slab, low)[begin - low : end - low].abs()
 
     def _received(self, held: Tensor, speed: Tensor, sent: Tensor, table: Tensor) -> Tensor:
@@ -130,6 +130,11 @@ class Replay:
         return torch.cat(tiles)
 
 
+def _waves(sent: Tensor) -> Tensor:
+    """Real waves, (C, T): of complex ones, (F, T), all real parts, then all imaginary ones."""
+    return torch.cat([sent.real, sent.imag]) if sent.is_complex() else sent[None]
+
+
 class Transfer(NamedTuple):
     """R, complex128, (N, F); Y, windowed sums of y e^{-j omega t} over S segments, (S, N, F); X, (S, F)."""
 
@@ -139,7 +144,7 @@ class Transfer(NamedTuple):
 
 
 def transfer(
-    reflected: Record,
+    reflected: Replay | Held,
     incident: Incident,
     frequency: Tensor,
     sampling_rate: float,
@@ -169,26 +174,34 @@ def transfer(
     weights = 0.5 - 0.5 * torch.cos(angle) if window == "hann" else torch.ones_like(angle)
     blocks = Blocks(tuple(range(0, samples + 1, step)), sampling_rate, samples // step)
 
-    def spectra(signal: Record) -> Tensor:
-        """Of all segments, (S, F, N): first part of the window over a block, second part over the next."""
-        halves, lines = weights.unflatten(0, (parts, step)).to(signal.device), frequency.to(signal.device)
+    sent = incident.sampled(samples, sampling_rate)
+
+    def spectra(signal: Replay | Held) -> Tensor:
+        """Of all segments, (S, N, F): the first part of the window over a block, its second part over the next."""
+        lines, halves = frequency.to(signal.device), weights.unflatten(0, (parts, 1, step)).to(signal.device)
 
         def rows(begin: int, end: int) -> Tensor:
-            inside = halves[:, None, torch.arange(begin, end, device=signal.device) % step]
+            inside = halves[..., torch.arange(begin, end, device=signal.device) % step]
             return (inside * waves(lines, sampling_rate, begin, end)[1:]).flatten(0, 1)
 
-        (sums,) = reduce(signal, blocks, [Job(lambda y, _: y, rows, linear)])
+        sized = dataclasses.replace(signal, columns=max(signal.columns, ROWS * parts * len(lines)))
+        (sums,) = reduce(sized, blocks, [Job(lambda y, _: y, rows, linear)])
         cosine, sine = sums[:, :, 0].unflatten(1, (parts, 2, len(lines))).unbind(2)
-        found = torch.complex(cosine, -sine)
-        return found[:, 0] if parts == 1 else found[:-1, 0] + found[1:, 1]
+        each = torch.complex(cosine, -sine)
+        whole = (each[:, 0] if parts == 1 else each[:-1, 0] + each[1:, 1]).transpose(1, 2)
+        if not sent.is_complex():
+            return whole
+        real, imaginary = whole.unflatten(1, (2, len(sent), -1)).diagonal(dim1=2, dim2=4).unbind(1)
+        return real + 1j * imaginary
 
-    sent = incident.sampled(samples, sampling_rate)
-    x_of = torch.view_as_real(sent).permute(1, 2, 0).flatten(1) if sent.is_complex() else sent[:, None]
-    y, x = spectra(reflected), spectra(Held(lambda low, high: x_of[low:high], samples, x_of.shape[1], sent.device))
-    if sent.is_complex():  # of each tone its own line
-        y, x = (
-            torch.stack([torch.complex(each[:, f, f::0] , each) for f in range(len(sent))]) for each in (y, x)
-        )
-    strongest = torch.fft.fft(sent.unfold(-1, length, step) * weights).abs().square().sum(-2).amax(-1)
+    waves_sent = _waves(sent).T
+    x = spectra(Held(lambda low, high: waves_sent[low:high], samples, waves_sent.shape[1], sent.device))[:, 0]
     power = x.abs().square().sum(0)
-    return Transfer((y * x.conj()[..., None]).sum(0).T / power, y, x)
+    strongest = torch.fft.fft(sent.unfold(-1, length, step) * weights).abs().square().sum(-2).amax(-1)
+    for f, weak in zip(frequency.tolist(), (power < LOWEST * strongest).tolist(), strict=True):
+        if weak:
+            raise ValueError(
+                f"the incident {incident.kind} have no energy at {f:g} Hz (60 dB below the strongest line)"
+            )
+    y, x = spectra(reflected), x.to(device)
+    return Transfer((y * x.conj()[:, None]).sum(0) / power.to(device), y, x)

@@ -98,9 +98,10 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     opened: list[Tensor | None] = [None] * len(jobs)
     done = 0
     for batch, (low, _), samples in zip(batches, bounds, record.slabs(bounds), strict=True):
+        padding = _padding(batch, record.device)
         for i, job in enumerate(jobs):
             row = done
-            for slab, part in zip(batch, _measured(job, batch, samples, low), strict=True):
+            for slab, part in zip(batch, _measured(job, batch, samples, low, padding), strict=True):
                 before = None if slab.first else opened[i]
                 whole = part if before is None else torch.maximum(before, part) if job.largest else before + part
                 opened[i] = whole
@@ -115,19 +116,33 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     return [rows for rows in found if rows is not None]
 
 
-def _measured(job: Job, batch: Sequence[Slab], samples: Tensor, low: int) -> Tensor:
+def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tensor] | None:
+    """Rows of the batch that each slab takes and whether they are its own, (G, L); None where all are alike.
+
+    Shorter slabs repeat their last sample with weight 0, which changes neither a sum nor a maximum.
+    """
+    lengths = [slab.end - slab.begin for slab in batch]
+    longest = max(lengths)
+    if longest == min(lengths):
+        return None
+    first = [slab.begin - batch[0].begin for slab in batch]
+    first_and_length = torch.tensor([first, lengths]).to(device)[:, :, None]
+    step = torch.arange(longest, device=device)
+    return first_and_length[0] + torch.minimum(step, first_and_length[1] - 1), step < first_and_length[1]
+
+
+def _measured(
+    job: Job, batch: Sequence[Slab], samples: Tensor, low: int, padding: tuple[Tensor, Tensor] | None
+) -> Tensor:
     """Of each slab of a batch, (G, R, K, N), from the samples that begin with ``low``."""
     columns = job.drive(samples, low)
     begin, end = batch[0].begin, batch[-1].end
     columns, rows = columns[begin - low : end - low], job.rows(begin, end).to(columns)
-    longest = max(slab.end - slab.begin for slab in batch)
-    if longest * len(batch) == end - begin:  # all alike: views
-        return job.measure(rows.unflatten(1, (-1, longest)).transpose(0, 1), columns.unflatten(0, (-1, longest)))
-    # Shorter slabs repeat their last sample with weight 0, which changes neither a sum nor a maximum.
-    place = torch.tensor([[min(slab.begin + i, slab.end - 1) - begin for i in range(longest)] for slab in batch])
-    inside = torch.tensor([[slab.begin + i < slab.end for i in range(longest)] for slab in batch])
-    place, inside = place.to(columns.device), inside.to(columns)
-    weights = rows[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * inside[:, None]
+    if padding is None:  # views
+        shape = (len(batch), -1)
+        return job.measure(rows.unflatten(1, shape).transpose(0, 1), columns.unflatten(0, shape))
+    place, own = padding
+    weights = rows[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * own[:, None]
     return job.measure(weights, columns[place.flatten()].unflatten(0, place.shape))
 
 

@@ -91,9 +91,10 @@ class Survey:
         place, count = self.index_of(frequency), len(self.lines)
         cosine = [1 + max(i, 0) for i in place]
         sine = [1 + count + max(i, 0) for i in place]
-        known = torch.tensor([[1.0 if i >= 0 else torch.nan] for i in place], dtype=torch.float64).to(self.sums.device)
         part = self.sums[:, :, columns]
-        of_v = torch.complex(part[:, cosine] * known, -part[:, sine] * known)
+        of_v = torch.complex(part[:, cosine], -part[:, sine])
+        for i in (i for i, found in enumerate(place) if found < 0):
+            of_v[:, i] = torch.nan
         return of_v.transpose(1, 2), torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
 
     def coherence(self, frequency: Tensor) -> Tensor:

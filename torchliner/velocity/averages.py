@@ -194,57 +194,59 @@ def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
 
 
 def _of_probes(columns: _Columns, known: Moments) -> Averages:
-    asked, cells = columns.asked, known.membership
-    device, frequencies = columns.lengths.device, len(asked.frequency)
-    used = known.used.to(device)[:, None]
-    labels = cells.labels
+    asked, cells, labels = columns.asked, known.membership, known.membership.labels
+    interval, used = columns.interval, known.counted[:, None]
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
-    rows = _rows_along_x(known)
-    interval = columns.interval
+    x, count = _places_along_x(known)
     size = 1 + len(columns.lengths) if interval is not None else 1
-
-    def totals(count: int) -> Tensor:
-        return torch.zeros(size, count, frequencies, dtype=torch.complex128, device=device)
-
-    of_cells, of_rows, of_liner = totals(cells.count + 1), totals(rows[1]), totals(1)[:, 0]
+    # Sums of admittances over the whole liner, each cell and each x, side by side.
+    sums = counted.new_zeros(size, 1 + cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
+    numbers = counted.new_zeros(sums.shape[1], dtype=torch.float64)
     found: list[Educed] = []
     for part in columns.parts():
         reflection = columns.reflection(part)
-        found.append(Educed(reflection[0], None if interval is None else interval(reflection)))
+        found.append(_educed(reflection, interval))
         admittance = admittance_from_reflection(reflection)
         if asked.wall is not None:
             admittance = torch.where(asked.wall[part], 0, admittance)
-        admittance = torch.where(counted[part], admittance, 0)
-        of_cells.index_add_(1, labels[part], admittance)
-        of_liner += admittance.sum(1)
-        if rows[1]:
-            of_rows.index_add_(1, rows[0][part], admittance)
-    numbers = counted.sum(0).double()
-    of_cells = reflection_from_admittance(of_cells[:, : cells.count] / cells.sizes[:, None])
-    of_liner = reflection_from_admittance(of_liner / numbers)
-    along_x = None
-    if rows[1]:
-        filled = torch.zeros(rows[1], dtype=torch.float64, device=device).index_add_(0, rows[0], counted[:, 0].double())
-        along_x = _educed(reflection_from_admittance(of_rows / filled[:, None]), interval)
+        admittance, weight = torch.where(counted[part], admittance, 0), counted[part, 0].double()
+        for place in (
+            torch.zeros_like(labels[part]),
+            1 + labels[part],
+            *([2 + cells.count + x[part]] if count else []),
+        ):
+            sums.index_add_(1, place, admittance)
+            numbers.index_add_(0, place, weight)
+    averaged = reflection_from_admittance(sums / numbers.clamp(min=1)[:, None])
+    every = _educed(averaged, interval)
+    of_cells = slice(1, 1 + cells.count)
     return Averages(
-        _joined(found, used),
-        _educed(of_cells, interval),
-        _educed(of_liner, interval),
-        along_x,
-        of_liner,
-        of_cells,
-        columns.held,
+        probes=_joined(found, used),
+        cells=every.map(lambda value: value[of_cells]),
+        liner=every.map(lambda value: value[0]),
+        along_x=every.map(lambda value: value[2 + cells.count :]) if count else None,
+        of_liner=averaged[:, 0],
+        of_cells=averaged[:, of_cells],
+        held=columns.held,
     )
 
 
 def _of_cell_velocity(columns: _Columns, known: Moments) -> Averages:
-    interval = columns.interval
     found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
     weight = known.cells.weight
-    share = torch.ones(found.shape[1], dtype=torch.float64) if weight is None else weight
-    share = (share / share.sum()).to(found)
-    liner = reflection_from_admittance(torch.einsum("bcf,c->bf", admittance_from_reflection(found), share))
-    return Averages(None, _educed(found, interval), _educed(liner, interval), None, liner, found, columns.held)
+    share = torch.ones_like(found[0, :, 0]) if weight is None else weight.to(found)
+    liner = torch.einsum("bcf,c->bf", admittance_from_reflection(found), share / share.sum())
+    averaged = torch.cat([reflection_from_admittance(liner)[:, None], found], 1)
+    every = _educed(averaged, columns.interval)
+    return Averages(
+        probes=None,
+        cells=every.map(lambda value: value[1:]),
+        liner=every.map(lambda value: value[0]),
+        along_x=None,
+        of_liner=averaged[:, 0],
+        of_cells=found,
+        held=columns.held,
+    )
 
 
 def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
@@ -266,8 +268,8 @@ def _joined(parts: list[Educed], used: Tensor) -> Educed:
     return one.map(mask)
 
 
-def _rows_along_x(known: Moments) -> tuple[Tensor, int]:
+def _places_along_x(known: Moments) -> tuple[Tensor, int]:
     """Which x each probe of a (z, x) plane has, and how many there are; 0 of other planes."""
-    shape, device = known.plane.probe_shape, known.membership.labels.device
-    columns = shape[1] if len(shape) == 2 else 0
-    return torch.arange(known.plane.probes, device=device) % max(columns, 1), columns
+    shape = known.plane.probe_shape
+    count = shape[1] if len(shape) == 2 else 0
+    return torch.arange(known.plane.probes, device=known.membership.labels.device) % max(count, 1), count

@@ -152,7 +152,7 @@ def reading_of(
     notes = [note for model in models for note in review.review_liner(plane, model)]
     notes = [*review.review_record(plane, asked, chosen), *dict.fromkeys(notes)]
     shared = models[0] if models else _AnyLiner(cell_pitch)
-    reading = _reading(plane, shared, asked, nodes, chosen, notes, projected=False)
+    reading = reading_for(plane, shared, asked, nodes, chosen, notes, projected=False)
     return reading, notes, pitch
 
 
@@ -184,7 +184,7 @@ def _measured(
     chosen = with_window(chosen, asked)
     notes = review.review_record(plane, asked, chosen) + review.review_liner(plane, liner)
     nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
-    reading = _reading(plane, liner, asked, nodes, chosen, notes, projected=True)
+    reading = reading_for(plane, liner, asked, nodes, chosen, notes, projected=True)
     known = measure(reading, liner.cell_pitch, progress=progress)
     return asked, notes, _reviewed(plane, known, reading, notes)
 
@@ -196,7 +196,7 @@ def _reviewed(plane: VelocityPlane, known: Moments, reading: Reading, notes: lis
     return known
 
 
-def _reading(
+def reading_for(
     plane: VelocityPlane,
     liner: LinerModel,
     frequency: Tensor,
@@ -280,7 +280,7 @@ def averages_of(
     phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
     wall = None
     if chosen.wall_filter is not None:
-        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.used.to(device)[:, None]
+        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
     coefficients = known.coefficients(liner, frequency).to(device)
     asked = Asked(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
     return asked, {name: average(known, asked, name) for name in chosen.averagings}

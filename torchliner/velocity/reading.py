@@ -40,6 +40,7 @@ class Reading:
         harmonics: H, of the tone of the data.
         lines: Hz, the harmonics and then other frequencies asked for, (L,), on the host.
         turns: Hz, beside 1 the sums are weighed with the waves of these, (Q,): 2 f for a phase rule that needs it.
+        device: of the work.
         projection: of the K sums of each block, see ``engine.sums.Job``.
     """
 
@@ -53,6 +54,7 @@ class Reading:
     harmonics: int
     lines: Tensor
     turns: Tensor
+    device: torch.device
     projection: Tensor | None = None
 
     @classmethod
@@ -73,13 +75,12 @@ class Reading:
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()))
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
         used = torch.ones(plane.probes, dtype=torch.bool)
-        return cls(plane, chosen, frequency, nodes, cells, used, blocks, len(harmonics), lines, turns, projection)
-
-    @property
-    def device(self) -> torch.device:
-        """Of the work."""
-        velocity = self.plane.velocity
-        return self.chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
+        velocity = plane.velocity
+        device = chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
+        projection = None if projection is None else projection.to(device)
+        return cls(
+            plane, chosen, frequency, nodes, cells, used, blocks, len(harmonics), lines, turns, device, projection
+        )
 
     def record(self, progress: Progress | None = None) -> PlaneRecord:
         """What the loop reads."""
@@ -158,8 +159,7 @@ class Reading:
             drive = RunningRms(drive, window, self.plane.samples)
             reach = drive.reach
         rows = wave_rows(self.turns.to(device), self.plane.sampling_rate) if len(self.turns) else ones(device)
-        projection = None if self.projection is None else self.projection.to(device)
-        return Job(drive, rows, self.nodes.sums, reach, projection=projection)
+        return Job(drive, rows, self.nodes.sums, reach, projection=self.projection)
 
 
 SURVEY = ("lines", "square", "largest")
@@ -195,7 +195,9 @@ def measure(
     locked = reading.locked(seen, cells)
     jobs = reading.second_jobs(seen, cells, locked)
     second = _run(jobs, reading, run, progress) if jobs else {}
-    return reading.moments(cell_pitch, seen, locked, first | second)
+    known = reading.moments(cell_pitch, seen, locked, first | second)
+    vars(known)["membership"] = cells  # its cached property, not to be uploaded again
+    return known
 
 
 def _read(
