@@ -59,7 +59,7 @@ class Blocks:
                 f"the record holds {samples * tone / sampling_rate:.3g} periods of {tone:g} Hz; one is the least"
             )
         count = min(periods, most)
-        steps = (round(periods * i / count * sampling_rate / tone) for i in range(count + 1))
+        steps = (round(periods * i // count * sampling_rate / tone) for i in range(count + 1))
         return cls(tuple(min(samples, step) for step in steps), sampling_rate, periods)
 
     @property
@@ -72,18 +72,23 @@ class Blocks:
         """Samples of each block, float64, (S,)."""
         return torch.tensor(self.borders, dtype=torch.float64).diff()
 
-    def batches(self, rows: int, slab: int = SLAB, only: Iterable[int] | None = None) -> Iterator[list[Slab]]:
+    def batches(
+        self, rows: int, slab: int = SLAB, only: Iterable[int] | None = None, *, across: bool = False
+    ) -> Iterator[list[Slab]]:
         """Slabs in order of time, those of about ``rows`` consecutive samples together.
 
         Args:
             rows: that a batch holds at most, if one slab is not longer; the slabs do not depend on it.
             slab: samples of a slab, at most.
             only: blocks to take, rising; default all.
+            across: whether a batch may hold slabs of several blocks, which saves launches. Else what is summed
+                together, and so the last bit of a sum, does not depend on which blocks a worker has.
         """
         batch: list[Slab] = []
         for block in range(self.count) if only is None else only:
             for each in _slabs(*self.borders[block : block + 2], slab):
-                if batch and (batch[-1].end != each.begin or each.end - batch[0].begin > rows):
+                apart = batch and (batch[-1].end != each.begin or each.first and not across)
+                if apart or (batch and each.end - batch[0].begin > rows):
                     yield batch
                     batch = []
                 batch.append(each)

@@ -92,7 +92,7 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     """
     taken = range(blocks.count) if only is None else list(only)
     reach = max(job.reach for job in jobs)
-    batches = list(blocks.batches(*rows_at_once(record), taken))
+    batches = list(blocks.batches(*rows_at_once(record), taken, across=record.device.type != "cpu"))
     bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
     found: list[Tensor | None] = [None] * len(jobs)
     opened: list[Tensor | None] = [None] * len(jobs)
