@@ -50,12 +50,11 @@ def test_blocks_hold_all_whole_periods_as_equal_as_can_be(samples: int, rate: fl
     assert blocks.borders[0] == 0
     assert blocks.borders[-1] <= samples
     assert blocks.count == min(blocks.periods, 32)
-    assert [round(round(border / per_period) * per_period) for border in blocks.borders[:-1]] == list(
-        blocks.borders[:-1]
-    )
+    whole = [round(border / per_period) * per_period for border in blocks.borders[:-1]]
+    assert max(abs(border - step) for border, step in zip(blocks.borders, whole, strict=False)) <= 0.5 + 1e-6
     left = samples - blocks.periods * per_period
     assert -0.05 * per_period - 1 <= left <= 0.95 * per_period + 1
-    assert float(blocks.lengths.max() - blocks.lengths.min()) <= per_period + 1
+    assert float(blocks.lengths.max() - blocks.lengths.min()) <= per_period + 2  # samples of rounding
 
 
 def test_slabs_cover_each_block_once_whatever_the_batch() -> None:
