@@ -12,42 +12,25 @@ from collections.abc import Sequence
 from typing import Any
 
 # An eduction.
-ENGINES = ("spectral", "unfold", "direct")
-PHASE_RULES = {  # of the incident tone relative to v: where the rule stands, and what it takes
-    "averaged": (
-        "torchliner.replay.averaged_phase:Averaged", "over all phases: nothing else is known",
-    ),
-    "self-consistent": (
-        "torchliner.replay.self_consistent_phase:SelfConsistent", "from v's own part at the tone",
-    ),
-    "given": ("torchliner.replay.given_phase:Given", "stated by reference_phase"),
-    "joint": (
-        "torchliner.replay.joint_phase:Joint",
-        "from v's own parts at all frequencies asked for, which sound at once",
-    ),
-}  # fmt: skip
 DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
-EDGE_RULES = ("finite", "wrap", "silent")
 KERNELS = ("two-sided", "causal")
-RESPONSES = ("model", "kernel")
 STEP_KERNELS = ("least-squares", "causal", "periodic")  # of IR-TDIBC
 STEP_DRIVES = ("instantaneous", "running-rms")
 SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
 MISSING = ("refuse", "exclude")
-RESAMPLED = ("time", "time-span", "time-cells")
 DTYPES = ("float32", "float64")
 AVERAGINGS = {  # over the probes of a cell: what is averaged
     "admittance": "the admittance: each probe is driven by its own velocity (the paper)",
     "velocity": "the velocity, whose |v| then acts on the liner",
     "phase-locked": "what of the velocity is periodic with the tone; the rest acts where it is",
 }
-PHASES = ("averaged", "self-consistent", "given")  # rules: engine.phase.PHASE_RULES
-# Of averaging: Y over probes; v over a cell and then Y; or what of v is coherent with the tone over
-# the cell, then Y over probes.
-ORDERS = ("probes first", "velocity first", "coherent first")
-GROWING_ORDERS = ORDERS[:2]  # of a record that goes on: the third is known at its end alone
+PHASES = {  # of the incident tone relative to v; the rules: engine.phase.PHASE_RULES
+    "averaged": "over all phases: nothing else is known",
+    "self-consistent": "from v's own part at the tone",
+    "given": "stated by reference_phase",
+}
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
@@ -76,6 +59,7 @@ VELOCITY_READINGS = ("as_measured", "conserved")
 # Bursts and lines of stations.
 GRID_METHODS = ("linear", "hold", "band-limited")
 GAPS = ("report", "refuse")
+STATION_WINDOWS = ("whole-periods", "hann")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FILTERS = ("times", "zero-runs", "outliers")
 FLAGGED = ("exclude", "use", "refuse")

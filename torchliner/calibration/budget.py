@@ -11,10 +11,8 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.liners.model import Number
-from torchliner.names import LIMITS, ORDERS
+from torchliner.names import LIMITS
 from torchliner.units import parse_tolerance
-
-OF_PLACES = ("probes", "cells", "cells_velocity_first")  # and not of the whole liner
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +56,10 @@ class Budget(OfParameters):
         numbers: as of ``OfParameters``.  half_widths, standard: SI, (n,).
         limits: how a half-width was read.  correlation: (n, n).
         contributions: signed change of the liner's Z for one standard uncertainty of each
-            parameter, by order of averaging, complex, (n, F).
-        covariance: of R and X of the liner, by order, (F, 2, 2).
-        probes, cells, cells_velocity_first: standard uncertainty u(R) + j u(X), (..., F).
+            parameter, by averaging, complex, (n, F).
+        covariance: of R and X of the liner, by averaging, (F, 2, 2).
+        places: standard uncertainty u(R) + j u(X) of the probes and of the cells, (..., F), by "probes" and by
+            averaging.
     """
 
     half_widths: Tensor
@@ -69,17 +68,15 @@ class Budget(OfParameters):
     correlation: Tensor
     contributions: Mapping[str, Tensor]
     covariance: Mapping[str, Tensor]
-    probes: Tensor
-    cells: Tensor
-    cells_velocity_first: Tensor
+    places: Mapping[str, Tensor]
 
-    def combined(self, order: str) -> Tensor:
+    def combined(self, averaging: str) -> Tensor:
         """u(R) + j u(X) of the liner, (F,)."""
-        return standard_of(self.covariance[order])
+        return standard_of(self.covariance[averaging])
 
-    def sorted(self, order: str, frequency_index: int = 0) -> list[Contribution]:
+    def sorted(self, averaging: str, frequency_index: int = 0) -> list[Contribution]:
         """Contributions, the largest |dZ| first."""
-        amounts = self.contributions[order][:, frequency_index]
+        amounts = self.contributions[averaging][:, frequency_index]
         rows = [
             Contribution(name, number.value, number.unit, float(half), float(u), complex(change))
             for (name, number), half, u, change in zip(
@@ -113,15 +110,14 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 
 def budget_of(
-    numbers: Mapping[str, Number], slopes: Mapping[str, Tensor], tolerances: Mapping[str, Any],
-    limits: str, correlation: Mapping[tuple[str, str], float] | None = None,
+    numbers: Mapping[str, Number], liner: Mapping[str, Tensor], places: Mapping[str, Tensor],
+    tolerances: Mapping[str, Any], limits: str, correlation: Mapping[tuple[str, str], float] | None = None,
 ) -> Budget:  # fmt: skip
     """First-order budget of anything whose slopes in some parameters are known.
 
     Args:
         numbers: parameters by name, n of them.
-        slopes: dZ/dp, complex, (n, ...): of the liner by order of averaging, under ``ORDERS``, and
-            ``OF_PLACES``.
+        liner, places: dZ/dp, complex, (n, ...): of the liner by averaging, and of the places of ``Budget``.
         tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
     Raises:
         ValueError: a half-width that reaches below what the parameter can be.
@@ -145,14 +141,14 @@ def budget_of(
     half_widths = torch.tensor(widths, dtype=torch.float64)
     standard = factor * half_widths
     matrix = _correlation_matrix(tuple(stated), correlation or {})
-    changes = {name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1)) for name, slope in slopes.items()}
-    covariance = {name: covariance_of(change, matrix) for name, change in changes.items()}
-    return Budget(
-        stated, half_widths, standard, limits, matrix,
-        {order: changes[order] for order in ORDERS if order in changes},
-        {order: covariance[order] for order in ORDERS if order in covariance},
-        **{name: standard_of(covariance[name]) for name in OF_PLACES},
-    )  # fmt: skip
+
+    def changes(slopes: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        return {name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1)) for name, slope in slopes.items()}
+
+    of_liner = changes(liner)
+    covariance = {name: covariance_of(change, matrix) for name, change in of_liner.items()}
+    of_places = {name: standard_of(covariance_of(change, matrix)) for name, change in changes(places).items()}
+    return Budget(stated, half_widths, standard, limits, matrix, of_liner, covariance, of_places)
 
 
 def _correlation_matrix(names: tuple[str, ...], pairs: Mapping[tuple[str, str], float]) -> Tensor:

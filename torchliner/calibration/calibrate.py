@@ -17,8 +17,8 @@ from torch import Tensor
 from torchliner.calibration.budget import values_of
 from torchliner.calibration.fit import Fit, fit_misfit
 from torchliner.calibration.misfit import (
-    ClosureMisfit,
     FreeLiners,
+    LevelMisfit,
     Misfit,
     SpeedWeights,
     driving_speed,
@@ -36,13 +36,12 @@ from torchliner.calibration.targets import (
     ties_of,
 )
 from torchliner.checks import require_choice, tell
+from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
-from torchliner.reduction.basis import ANY_LINER, Chebyshev
-from torchliner.reduction.moments import Moments
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import prepare
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.review import texts
 
 QUANTILES = (0.025, 0.975)
 BEYOND = 1.1  # times the |v| fitted from which a prediction is warned of
@@ -70,10 +69,10 @@ class Calibration:
         wanted, found: impedances of all planes and frequencies, (D,).
         model_error: largest error in R, with the values found and at any |v| of the data, of the
             interpolation over |v|; that of the mean over a record is far less.
-        order, choices, notes: as chosen; all warnings.
+        averaging, choices, notes: as chosen; all warnings.
         data: real numbers that the parameters were fitted to.
         speeds: least and greatest rms |v| of the planes fitted, m/s, of what drives the model.
-        closure: dB that the fit leaves of each known pressure, (D,); None for fits to references,
+        level_check: dB that the fit leaves of each known pressure, (D,); None for fits to references,
             whose ``wanted`` it lacks.
     """
 
@@ -94,12 +93,12 @@ class Calibration:
     wanted: Tensor
     found: Tensor
     model_error: float
-    order: str
+    averaging: str
     choices: Choices
     notes: tuple[str, ...]
     data: int = 0
     speeds: tuple[float, float] = (0.0, math.inf)
-    closure: Tensor | None = None
+    level_check: Tensor | None = None
 
     @property
     def standard(self) -> Tensor:
@@ -130,13 +129,13 @@ class Calibration:
         named_numbers(base, self.parameters)
         best = base.with_numbers(dict(zip(self.parameters, self.values.tolist(), strict=True)))
         weights = _weights([plane], [best], frequency, self.choices)
-        free, ready = FreeLiners(weights, [base], self.parameters), weights[0].ready
+        free, one = FreeLiners(weights, [base], self.parameters), weights[0]
         before = weights[0].impedance(responses_of(base, weights)[0])
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
-        notes = self._beyond(ready.plane, driving_speed(ready, self.order))
+        notes = self._beyond(one.plane, driving_speed(one))
         tell(notes, depth=2)
         return Prediction(
-            ready.frequency, free.impedance(self.values), before, draws, self.posterior,
+            one.frequency, free.impedance(self.values), before, draws, self.posterior,
             tuple(notes),
         )  # fmt: skip
 
@@ -156,29 +155,29 @@ class Calibration:
 def calibrate(
     planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liners: Liner | Sequence[Liner], references: Any, parameters: Mapping[str, tuple[float, float]],
-    *, order: str = "velocity first", closure: bool = False, pressure: Any = None,
+    *, averaging: str = "velocity", level_check: bool = False, pressure: Any = None,
     noise: Any = None, prior: Mapping[str, tuple[float, float]] | None = None,
     frequency: Any = None, draws: int = 2000, seed: int = 0, **choices: Any,
 ) -> Calibration:  # fmt: skip
-    """Fit parameters to reference impedances, or to closure, phase ``averaged``.
+    """Fit parameters to reference impedances, or to known levels, phase ``averaged``.
 
     Args:
         planes: one or several, or their moments.
         liners: that state ``numbers``, one for all planes, or one each; the free parameters are
             shared by all of them.
         references: normalised Z by plane, complex, (F,) each; or the name of a reference that every
-            plane holds, such as "true". None with ``closure``.
+            plane holds, such as "true". None with ``level_check``.
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
-        order: of averaging, one of ``names.ORDERS``.
-        closure: fit to the pressures that are known, see ``torchliner.tdibc.closure``: one datum,
+        averaging: one of ``names.AVERAGINGS``.
+        level_check: fit to the pressures that are known, see ``velocity.level_check``: one datum,
             the level, a plane and frequency, or two where the phase is known.
-        pressure: of the planes, one each or None, as for ``educe``; with ``closure`` alone.
-        noise: with ``closure`` dB of the levels; else standard uncertainty of R and X of each
+        pressure: of the planes, one each or None, as for ``educe``; with ``level_check`` alone.
+        noise: with ``level_check`` dB of the levels; else standard uncertainty of R and X of each
             reference: one number, a complex number
             u(R) + j u(X), or one by plane. None: equal and unknown, taken from the residual.
         prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
         frequency: Hz; default each plane's tone.  draws, seed: of the posterior; 0 draws for none.
-        choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
+        choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
         TypeError: a liner without numbers.
         ValueError: fewer data (R and X of each plane and frequency) than parameters, bounds that
@@ -191,27 +190,26 @@ def calibrate(
         Regression (1989), section 2.1. Trust-region reflective steps of scipy.
     """
     several, models = _pairs(planes, liners)
-    require_choice("order of averaging", order, ORDERS)
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
+    require_choice("averaging", averaging, AVERAGINGS)
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
     require_plain_tones(chosen)
     names, low, high = bounds_of(parameters, models[0])
     for liner in models[1:]:
         named_numbers(liner, names)
     known = prior_of(prior, names, noise is not None)
     weights = _weights(several, models, frequency, chosen)
-    ready = [each.ready for each in weights]
-    counts = [len(one.frequency) for one in ready]
-    if closure:
-        ties = ties_of(ready, references, pressure)
+    counts = [len(one.frequency) for one in weights]
+    if level_check:
+        ties = ties_of(weights, references, pressure)
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(None if noise is None else nepers_of(noise), counts)
     else:
-        wanted = references_of(ready, references)
+        wanted = references_of(weights, references)
         spread = noise_of(noise, counts)
     about = (weights, models, names, low, high, wanted, spread, known)
-    misfit = ClosureMisfit(*about, *ties) if closure else Misfit(*about)
+    misfit = LevelMisfit(*about, *ties) if level_check else Misfit(*about)
     if misfit.data + len(known) < len(names):
-        what = "levels and phases" if closure else f"R and X of {len(wanted)} impedances"
+        what = "levels and phases" if level_check else f"R and X of {len(wanted)} impedances"
         raise ValueError(
             f"{misfit.data} data ({what}) and {len(known)} priors "
             f"cannot fix {len(names)} parameters ({', '.join(names)}); add planes or frequencies, "
@@ -220,8 +218,8 @@ def calibrate(
     start = values_of(named_numbers(models[0], names))
     share = ((start - low) / (high - low)).clamp(*START)
     fit = fit_misfit(misfit, share, noise is not None)
-    notes = [note for one in ready for note in one.notes]
-    result = _result(fit, order, chosen, draws, seed, notes)
+    notes = texts(note for one in weights for note in one.notes)
+    result = _result(fit, chosen, draws, seed, notes)
     tell(result.notes)
     return result
 
@@ -240,18 +238,11 @@ def _weights(
     chosen: Choices,
 ) -> list[SpeedWeights]:  # fmt: skip
     """Each plane read once, for its liner with any numbers; tables have their own speeds."""
-    any_liner = Chebyshev(*ANY_LINER)
-    return [
-        speed_weights(
-            prepare([plane], liner, frequency, chosen,
-                    basis=any_liner if liner.speed_max is None else None)[0],
-            chosen.order,
-        )
-        for plane, liner in zip(planes, liners, strict=True)
-    ]  # fmt: skip
+    both = zip(planes, liners, strict=True)
+    return [speed_weights(plane, liner, frequency, chosen) for plane, liner in both]
 
 
-def _result(fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes: list[str]) -> Calibration:
+def _result(fit: Fit, chosen: Choices, draws: int, seed: int, notes: list[str]) -> Calibration:
     misfit = fit.misfit
     values = misfit.values(fit.share)
     posterior, messages = fit.posterior(draws, seed)
@@ -263,10 +254,10 @@ def _result(fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes:
             "educe of that liner, and narrow the bounds if its values are far from any liner's"
         )
     interval = torch.full((2, len(values)), torch.nan, dtype=torch.float64)
-    speeds = [driving_speed(plane.ready, order) for plane in misfit.planes]
+    speeds = [driving_speed(plane) for plane in misfit.planes]
     found = misfit.impedance(values)
     left = None
-    if isinstance(misfit, ClosureMisfit):
+    if isinstance(misfit, LevelMisfit):
         left = 20 / math.log(10) * torch.cat([each.real for each in misfit.logarithms(found)])
     if posterior is not None:
         interval = posterior.quantiles(posterior.draws, QUANTILES)
@@ -276,7 +267,7 @@ def _result(fit: Fit, order: str, chosen: Choices, draws: int, seed: int, notes:
         scaling="stated noise" if fit.stated else "residual", degrees_of_freedom=fit.freedom,
         chi_square=fit.chi_square, posterior=posterior, interval=interval,
         singular_values=fit.singular_values, unseen=fit.unseen, on_bound=fit.on_bound,
-        wanted=misfit.wanted, found=found, model_error=error, order=order, choices=chosen,
+        wanted=misfit.wanted, found=found, model_error=error, averaging=chosen.averaging, choices=chosen,
         notes=(*notes, *messages, *fit.warnings()), data=misfit.data,
-        speeds=(min(speeds), max(speeds)), closure=left,
+        speeds=(min(speeds), max(speeds)), level_check=left,
     )  # fmt: skip

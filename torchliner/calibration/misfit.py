@@ -2,32 +2,34 @@ r"""The educed reflection as a sum over node speeds: one plane, any liner, no pa
 from it impedances of several planes, and their misfit, as functions of parameters of their liners.
 
 The educed reflection is linear in the response R(f, |v|) of the liner. Interpolated over |v| from
-the speeds v_k of a basis, it is
+the speeds v_k of the nodes, it is
 
-    R_educed = sum_q sum_k W[q, k] R(f_q, v_k),
+    R_educed = sum_k W[k] R(f, v_k),
 
-with the window's lines q (one, f itself, by default) and weights W that follow from the moments of
-|v| alone: they are the same for every liner and every frequency.
+with weights W that follow from the moments of |v| alone: they are the same for every liner and every frequency.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.checks import stated_frequency
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import Nodes, interpolation_error, response
 from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel
-from torchliner.names import ORDERS
-from torchliner.reduction.basis import interpolation_error, response_of
-from torchliner.reduction.line_means import LineReader
-from torchliner.replay.phase_rule import phase_rule
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepared import Prepared
+from torchliner.records import VelocityPlane
+from torchliner.records.notes import Note
+from torchliner.velocity.averages import survey_of_columns
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import moments, require_fitting
+from torchliner.velocity.review import review_liner
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 
@@ -37,56 +39,60 @@ class SpeedWeights:
     """Whole-liner impedance of one plane as a function of what its liner reflects.
 
     Args:
-        ready: prepared plane.  order: of averaging.
-        weights: W, complex128, (C, Q K) for C columns.
+        known: moments of the plane.  averaging: of it.  frequency: Hz, (F,).
+        weights: W, complex128, (C, K) for C columns.
         share: of each column in the mean, complex128, (C,).
+        notes: warnings so far.
     """
 
-    ready: Prepared
-    order: str
+    known: Moments
+    averaging: str
+    frequency: Tensor
     weights: Tensor
     share: Tensor
+    notes: tuple[Note, ...] = ()
 
     @property
-    def reader(self) -> LineReader:
-        """Lines and speeds at which R is asked for."""
-        assert self.ready.reader is not None
-        return self.ready.reader
+    def nodes(self) -> Nodes:
+        """Speeds at which R is asked for."""
+        assert self.known.nodes is not None
+        return self.known.nodes
+
+    @property
+    def plane(self) -> VelocityPlane:
+        """Its facts."""
+        return self.known.plane
 
     def reflection(self, values: Tensor) -> Tensor:
-        """R of every column, (..., F, C), from the model's at lines and speeds, (..., F, Q, K)."""
-        return values.flatten(-2) @ self.weights.T
+        """R of every column, (..., F, C), from the model's at the nodes, (..., F, K)."""
+        return values @ self.weights.T
 
     def impedance(self, values: Tensor) -> Tensor:
-        """Z of the liner, (..., F), from the model's R at lines and speeds, (..., F, Q, K)."""
-        admittance = admittance_from_reflection(self.reflection(values))
-        return impedance_from_admittance(admittance @ self.share)
+        """Z of the liner, (..., F), from the model's R at the nodes, (..., F, K)."""
+        return impedance_from_admittance(admittance_from_reflection(self.reflection(values)) @ self.share)
 
     def model_error(self, liner: LinerModel) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest of the data."""
-        lines, top = self.reader.read.flatten(), self.ready.top_speed
-        return interpolation_error(self.reader.basis, response_of(liner), lines, top)[0]
+        return interpolation_error(self.nodes, liner, self.frequency, self.known.top_speed(liner))[0]
 
 
 def responses_of(liner: LinerModel, planes: Sequence[SpeedWeights]) -> list[Tensor]:
-    """R at the lines and speeds of each plane, (F, Q, K); the model is asked once. The planes share
-    a basis and, where they have kernels, these."""
-    read = [plane.reader.read for plane in planes]
-    lines, place = torch.cat([each.flatten() for each in read]).unique(return_inverse=True)
-    values = planes[0].ready.response(liner)(lines, planes[0].reader.basis.speeds)
-    rows = values[place].split([each.numel() for each in read])
-    return [row.unflatten(0, each.shape) for row, each in zip(rows, read, strict=True)]
+    """R at the frequencies and nodes of each plane, (F, K); the model is asked once. The planes share their nodes."""
+    lines, place = torch.cat([plane.frequency for plane in planes]).unique(return_inverse=True)
+    values = response(liner, lines, planes[0].nodes.speeds)
+    return list(values[place].split([len(plane.frequency) for plane in planes]))
 
 
 def require_plain_tones(chosen: Choices) -> None:
     """Refuse choices that a sum over node speeds does not know.
 
     Raises:
-        ValueError: another engine or phase rule, or walls.
+        ValueError: another phase rule, the rms of the record, or walls.
     """
-    if chosen.engine != "spectral" or phase_rule(chosen.phase).needs_backward:
+    if chosen.phase != "averaged" or chosen.drive == "rms":
         raise ValueError(
-            f"a fit replays tones with engine 'spectral', phase 'averaged', not {chosen.engine!r}, {chosen.phase!r}"
+            f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; leave "
+            "them out"
         )
     if chosen.wall_filter is not None:
         raise ValueError(
@@ -95,40 +101,56 @@ def require_plain_tones(chosen: Choices) -> None:
         )
 
 
-def _columns(ready: Prepared, order: str) -> Tensor:
-    """Of the order's group, those that it averages over, bool."""
-    if order == ORDERS[1]:
-        return torch.ones(ready.cells.count, dtype=torch.bool)
-    return ready.used if order == ORDERS[0] else ready.in_cells
+def _columns(known: Moments, averaging: str) -> Tensor:
+    """Those that an averaging takes the mean over, bool."""
+    if averaging == "velocity":
+        return torch.ones(known.cells.count, dtype=torch.bool)
+    return known.used if averaging == "admittance" else known.used & (known.cells.labels >= 0)
 
 
-def speed_weights(ready: Prepared, order: str) -> SpeedWeights:
-    """W of the columns that an order averages over, one of ``ORDERS``; no data are read."""
-    assert ready.reader is not None
-    group, columns = ready.sums.groups[ORDERS.index(order)], _columns(ready, order)
-    found = ready.reader.weights(group)[..., columns.to(group.totals.device)]
-    size = ready.cells.weight if order == ORDERS[1] else None
-    size = torch.ones(found.shape[-1], dtype=torch.float64) if size is None else size
-    return SpeedWeights(
-        ready, order, (found.flatten(0, 1) / ready.window_sums.zero).T.cpu(),
-        (size / size.sum()).to(torch.complex128),
-    )  # fmt: skip
+def speed_weights(
+    plane: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices, *, tables: bool = True
+) -> SpeedWeights:
+    """W of the columns that the averaging takes; a plane is read once, for its liner with any numbers.
+
+    Args:
+        plane: or its moments.  liner: whose cells are taken.  frequency: Hz; default the tone.
+        tables: whether a liner that is a table over |v| has its own nodes; else those of any liner.
+    """
+    if isinstance(plane, Moments):
+        known = plane
+        asked = stated_frequency(frequency, known.plane.frequency, known.plane.name, known.plane.sampling_rate)
+        require_fitting(known, chosen, liner, asked)
+    else:
+        asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        settings = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
+        own = tables and liner.speed_max is not None
+        about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
+        known = moments(plane, liner if own else None, frequency, **about, **settings)
+    averaging, nodes = chosen.averaging, known.nodes
+    assert nodes is not None
+    columns = _columns(known, averaging)
+    sums = known.sums[averaging][:, 0].sum(0).cpu()[:, columns] / known.survey.lengths.sum().cpu()
+    transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
+    size = known.cells.weight if averaging == "velocity" else None
+    size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
+    notes = (*known.notes, *review_liner(known.plane, liner))
+    weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
+    return SpeedWeights(known, averaging, asked, weights, share, tuple(dict.fromkeys(notes)))
 
 
-def driving_columns(ready: Prepared, order: str) -> Tensor:
-    """Indices in the survey of the columns whose |v| drives the model."""
-    group = ORDERS.index(order)
-    first = (0, ready.plane.probes, ready.plane.probes + ready.cells.count)[group]
-    return first + _columns(ready, order).nonzero()[:, 0].to(ready.survey.mean_square.device)
+def driving_squares(known: Moments, averaging: str) -> Tensor:
+    """Mean squares of the |v| that drives the model, of the columns of an averaging, m2/s2."""
+    seen = survey_of_columns(known, averaging)
+    square = seen.mean_square
+    if known.settings["mean"] == "removed":
+        square = square - seen.mean**2
+    return square.cpu()[_columns(known, averaging)]
 
 
-def driving_speed(ready: Prepared, order: str) -> float:
+def driving_speed(weights: SpeedWeights) -> float:
     """rms over the record and the columns of the |v| that drives the model, m/s."""
-    seen, columns = ready.survey, driving_columns(ready, order)
-    square = seen.mean_square[columns]
-    if ready.chosen.mean == "removed":
-        square = square - seen.mean[columns] ** 2
-    return float(square.mean().clamp(min=0).sqrt())
+    return float(driving_squares(weights.known, weights.averaging).mean().clamp(min=0).sqrt())
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,12 +174,11 @@ class FreeLiners:
         return [made[id(liner)] for liner in self.liners]
 
     def responses(self, values: Any) -> list[Tensor]:
-        """R of each plane's liner at its lines and speeds, (F, Q, K)."""
+        """R of each plane's liner at its frequencies and nodes, (F, K)."""
         moved = self.moved(values)
         shared: dict[Any, list[int]] = {}
         for i, (liner, plane) in enumerate(zip(moved, self.planes, strict=True)):
-            alone = None if plane.ready.kernels is None else i
-            shared.setdefault((id(liner), plane.reader.basis, alone), []).append(i)
+            shared.setdefault((id(liner), plane.nodes), []).append(i)
         found: dict[int, Tensor] = {}
         for members in shared.values():
             rows = responses_of(moved[members[0]], [self.planes[i] for i in members])
@@ -171,7 +192,7 @@ class FreeLiners:
 
     def impedances(self, values: Tensor) -> Tensor:
         """The same for many, (M, n) to (M, D), a block of them at a time."""
-        work = sum(len(p.reader.frequency) * sum(p.weights.shape) for p in self.planes)
+        work = sum(len(p.frequency) * sum(p.weights.shape) for p in self.planes)
         blocks = []
         for block in values.split(max(1, WORK_NUMBERS // work)):
             rows = zip(*(self.responses(each) for each in block.unbind()), strict=True)
@@ -234,13 +255,13 @@ class Misfit(FreeLiners):
 
 
 @dataclass(frozen=True, eq=False)
-class ClosureMisfit(Misfit):
-    """Held to closure alone: logarithm of implied over known pressure, no reference.
+class LevelMisfit(Misfit):
+    """Held to the level check alone: logarithm of implied over known pressure, no reference.
 
     ``noise`` is that of the level in nepers (real part) and of the phase in rad.
 
     Args:
-        ratios: of each plane, from its Z (..., F); see ``torchliner.tdibc.closure``.
+        ratios: of each plane, from its Z (..., F); see ``torchliner.velocity.level_check``.
         has_phase: of each plane, whether the phase is known too.
     """
 
@@ -250,7 +271,7 @@ class ClosureMisfit(Misfit):
     @property
     def counts(self) -> list[int]:
         """Frequencies of each plane."""
-        return [len(plane.ready.frequency) for plane in self.planes]
+        return [len(plane.frequency) for plane in self.planes]
 
     @property
     def data(self) -> int:

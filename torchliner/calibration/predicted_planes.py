@@ -7,7 +7,7 @@ from typing import Any
 
 from torchliner.calibration.budget import correlation_of
 from torchliner.calibration.calibrate import Calibration
-from torchliner.reduction.moments import Moments
+from torchliner.engine.moments import Moments
 
 
 @dataclass(frozen=True)

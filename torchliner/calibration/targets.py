@@ -9,11 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.calibration.misfit import SpeedWeights
 from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.liners.model import LinerModel, named_numbers
-from torchliner.tdibc.closure import closure_ratio
-from torchliner.tdibc.known_pressure import known_pressure
-from torchliner.tdibc.prepared import Prepared
+from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.level_check import ratio_of_pressures
 
 
 def bounds_of(
@@ -44,7 +44,7 @@ def bounds_of(
     return tuple(numbers), pairs[:, 0], pairs[:, 1]
 
 
-def held_reference(one: Prepared, name: str) -> Tensor:
+def held_reference(one: SpeedWeights, name: str) -> Tensor:
     """An impedance that a plane holds by name, at its tone, (1,).
 
     Raises:
@@ -65,7 +65,7 @@ def held_reference(one: Prepared, name: str) -> Tensor:
     return torch.tensor([complex(plane.reference[name])], dtype=torch.complex128)
 
 
-def references_of(ready: Sequence[Prepared], references: Any) -> Tensor:
+def references_of(ready: Sequence[SpeedWeights], references: Any) -> Tensor:
     """Reference impedances of all planes, (D,), by name or by values of each plane."""
     if isinstance(references, str):
         values: list[Any] = [held_reference(one, references) for one in ready]
@@ -125,26 +125,28 @@ def prior_of(
 
 
 def ties_of(
-    ready: Sequence[Prepared], references: Any, pressure: Any
+    ready: Sequence[SpeedWeights], references: Any, pressure: Any
 ) -> tuple[list[Callable[[Tensor], Tensor]], list[bool]]:
-    """What closure holds each plane to: implied over known pressure, and whether it has a phase.
+    """What the level check holds each plane to: implied over known pressure, and whether it has a phase.
 
     Raises:
         ValueError: references are given as well, pressures do not fit the planes, or nothing is
             known of a plane.
     """
     if references is not None:
-        raise ValueError("closure needs no references; leave them out, or leave closure out")
+        raise ValueError("a fit to levels needs no references; leave them out, or leave level_check out")
     given = list(pressure) if isinstance(pressure, (list, tuple)) else [pressure] * len(ready)
     if len(given) != len(ready):
         raise ValueError(f"{len(given)} pressures for {len(ready)} planes; one each, or None")
     ratios, phases = [], []
     for one, record in zip(ready, given, strict=True):
-        known = known_pressure(one, record)
+        moments = one.known
+        case = Case(one.plane, one.frequency, moments.cells, moments.cell_pitch, moments.survey.blocks)
+        known = known_pressure(case, record)
         if isinstance(known, str) or not bool(torch.isfinite(known.liner.abs()).all()):
             words = known if isinstance(known, str) else f"not at all frequencies: {known.words}"
-            raise ValueError(f"{one.plane.name} cannot be fitted by closure: {words}")
-        ratios.append(closure_ratio(one, known))
+            raise ValueError(f"{one.plane.name} cannot be fitted to its level: {words}")
+        ratios.append(ratio_of_pressures(moments, case, known))
         phases.append(known.has_phase)
     return ratios, phases
 
@@ -158,6 +160,6 @@ def nepers_of(decibels: Any) -> Any:
     stated = [decibels] if isinstance(decibels, (int, float, complex)) else list(decibels)
     if any(isinstance(value, complex) for value in stated):
         raise ValueError(
-            f"noise is {decibels}, and with closure it is of levels: state dB, one number, or one by plane"
+            f"noise is {decibels}, and with level_check it is of levels: state dB, one number, or one by plane"
         )
     return [value * math.log(10) / 20 for value in stated]

@@ -75,8 +75,8 @@ class Moments(Summarised):
         locked: the phase-locked drive; None in other averagings, and before the second reading.
         nodes: speeds at which R is weighed; None with drive ``rms``, which needs the survey alone.
         turns: Hz, of the waves that the sums are weighed with beside 1, (Q,).
-        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N); with drive ``rms`` the mean
-            squares of the cells' velocity, "square of cells", (S, 1, 1, C).
+        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and
+            those of the squares of the cells' velocity, "square of cells", (S, 1, 1, C).
         notes: warnings of the reading.
         projected: Hz; of moments that only ever answer these frequencies for one liner ``sums`` hold Re R and Im R of
             each in place of K functions. Such moments have no file.

@@ -166,7 +166,7 @@ def response(liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
 
 def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest error in R from its values at the nodes, over 0 to ``top`` (m/s), and the |v| where it occurs."""
-    speed = _checked_speeds(top)
+    speed = checked_speeds(top)
     with torch.no_grad():
         wanted = response(liner, frequency, speed)
         found = nodes.coefficients(response(liner, frequency, nodes.speeds))
@@ -214,7 +214,7 @@ def _best_chebyshev(liners: Sequence[LinerModel], frequency: Tensor, tolerance: 
         flat = torch.cat([response(liner, asked, speed.flatten()) for liner in liners])
         return flat.unflatten(1, speed.shape)
 
-    wanted = values_at(_checked_speeds(TOP_SPEED, FIRST_CHECKED))[:, None]
+    wanted = values_at(checked_speeds(TOP_SPEED, FIRST_CHECKED))[:, None]
     best, least = ANY_LINER, float("inf")
     for count in COUNTS:
         made, functions = _candidates(count)
@@ -234,10 +234,10 @@ def _best_chebyshev(liners: Sequence[LinerModel], frequency: Tensor, tolerance: 
 def _candidates(count: int) -> tuple[list[Chebyshev], Tensor]:
     """Nodes of all centres, and their functions at the speeds that are checked first, (C, V, K)."""
     made = [Chebyshev(count, centre) for centre in CENTRES]
-    speed = _checked_speeds(TOP_SPEED, FIRST_CHECKED)
+    speed = checked_speeds(TOP_SPEED, FIRST_CHECKED)
     return made, torch.stack([nodes.functions(speed) for nodes in made])
 
 
-def _checked_speeds(top: float, count: int = CHECKED) -> Tensor:
+def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
     """Where an interpolation is compared, 0 to ``top``, m/s."""
     return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3

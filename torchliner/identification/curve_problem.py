@@ -16,9 +16,9 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_impedance
+from torchliner.engine.nodes import Nodes
 from torchliner.identification.runs import Run
 from torchliner.identification.speed_curve import Knots, PriorShape
-from torchliner.reduction.basis import Basis
 
 LEVEL = 1.0  # standard deviation of the mean logarithm of the ratio to the prior shape
 BOUNDS = 6.0  # of all parameters: factors of 1/400 to 400
@@ -39,7 +39,7 @@ class Datum:
     @functools.cached_property
     def speeds(self) -> Tensor:
         """At which R is asked for, m/s, (K,)."""
-        return self.run.weights.reader.basis.speeds
+        return self.run.weights.nodes.speeds
 
     def impedance(self, values: Tensor) -> tuple[Tensor, Tensor]:
         """Z of the plane and its slopes in the curve's Z at node speeds, (K,), from those."""
@@ -99,20 +99,19 @@ class CurveProblem:
         return torch.block_diag(rest, *blocks)
 
     @functools.cached_property
-    def rising(self) -> dict[Basis, tuple[Tensor, Tensor]]:
-        """Of the knots, at the node speeds of each basis."""
-        bases = {datum.run.weights.reader.basis for datum in self.data}
-        return {basis: self.knots.rising(basis.speeds) for basis in bases}
+    def rising(self) -> dict[Nodes, tuple[Tensor, Tensor]]:
+        """Of the knots, at the speeds of the nodes."""
+        return {nodes: self.knots.rising(nodes.speeds) for nodes in {datum.run.weights.nodes for datum in self.data}}
 
     def slopes(self, parameters: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals of the data over their noise, (m,), and their Jacobian, (m, n)."""
         moved = {
-            basis: (self.shape.curve(parameters, each), self.shape.slopes(parameters, each))
-            for basis, each in self.rising.items()
+            nodes: (self.shape.curve(parameters, each), self.shape.slopes(parameters, each))
+            for nodes, each in self.rising.items()
         }
         rows, jacobian = [], []
         for datum in self.data:
-            values, by_parameter = moved[datum.run.weights.reader.basis]
+            values, by_parameter = moved[datum.run.weights.nodes]
             found, by_node = datum.impedance(values + datum.offset)
             left, by_part = datum.misses(found)
             along = by_node @ by_parameter

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.calibration.budget import standard_of
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
+from torchliner.engine.moments import Moments
 from torchliner.identification.curve_model import FittedCurves
 from torchliner.identification.leave_out import (
     OUTSIDE,
@@ -26,8 +27,7 @@ from torchliner.identification.speed_curve import Knots
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.records import VelocityPlane
-from torchliner.reduction.moments import Moments
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 
 MARGIN = 1.25  # times the last knot, to which a table reaches
 ROWS = 120  # speeds of a table, uniform in sqrt |v|
@@ -59,14 +59,14 @@ class Identification:
         runs: as given, prepared.
         candidates: the models, the least error of leaving out first.
         knots: of curves.
-        order, choices: as chosen.
+        averaging, choices: as chosen.
         notes: warnings, with numbers.
     """
 
     runs: tuple[Run, ...]
     candidates: tuple[Candidate, ...]
     knots: Knots
-    order: str
+    averaging: str
     choices: Choices
     notes: tuple[str, ...]
 
@@ -168,8 +168,8 @@ class Identification:
         """
         base = self.runs[0].liner if liner is None else as_liner(liner)
         weights = read_weights(plane, base, frequency, self.choices)
-        facts = weights.ready.plane
-        unknown = torch.full_like(weights.ready.frequency, torch.nan).to(torch.complex128)
+        facts = weights.plane
+        unknown = torch.full_like(weights.frequency, torch.nan).to(torch.complex128)
         run = Run(weights, with_flow(base, facts.mach), facts.name, unknown, unknown)
         fitted = self.best.fitted
         found, spread = fitted.predict(run)

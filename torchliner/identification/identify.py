@@ -13,6 +13,7 @@ from typing import Any
 
 from torchliner.calibration.misfit import require_plain_tones
 from torchliner.checks import require_choice, tell
+from torchliner.engine.moments import Moments
 from torchliner.identification.curve_model import CurveModel
 from torchliner.identification.found import Identification
 from torchliner.identification.leave_out import Model, candidate_of, knots_for
@@ -21,10 +22,10 @@ from torchliner.identification.runs import gather, read_weights, require_spread,
 from torchliner.identification.speed_curve import SHAPES, SIGNS
 from torchliner.identification.warnings_of import warnings_of
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
-from torchliner.reduction.moments import Moments
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.review import texts
 
 CURVE = "curve"
 FREEDOMS = (0.1, 0.3, 1.0, 3.0)  # of which leaving out chooses
@@ -36,7 +37,7 @@ def identify(
     planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liners: Liner | Sequence[Liner], references: Any = "true", *,
     models: Sequence[str | Sequence[str] | Mapping[str, tuple[float, float]]] = (CURVE,),
-    groups: Sequence[str] | None = None, order: str = "coherent first", pressure: Any = None,
+    groups: Sequence[str] | None = None, averaging: str = "phase-locked", pressure: Any = None,
     noise: Any = None, rest: complex | None = None, freedom: float | None = None,
     prior: str = "law", reactance: str = "falling", frequency: Any = None, **choices: Any,
 ) -> Identification:  # fmt: skip
@@ -50,16 +51,16 @@ def identify(
             take the Mach number of each plane.
         references: name of an impedance that every plane holds, values by plane, (F,) each,
             "in-situ" (by Dean's method from ``pressure``, else what the plane holds as "in situ"),
-            or "closure" (the level alone).
+            or "level-check" (the level alone).
         models: "curve", and names of parameters (with usual bounds) or bounds in SI by name. Which
             of them predicts best what it has not seen is found by leaving out each run.
         groups: label of the run of each plane: planes of one run (heights, cells) share one
             reference and are left out together. Default the case of its provenance, else its name.
-        order: of averaging, one of ``names.ORDERS``.
-        pressure: records, for "in-situ" and "closure": each plane has that of its case, tone, level
+        averaging: one of ``names.AVERAGINGS``.
+        pressure: records, for "in-situ" and "level-check": each plane has that of its case, tone, level
             and flow; where the records tell no runs apart they are in the order of the planes.
         noise: standard uncertainty of R and X, as for ``calibrate``, 2 % of |Z| by default; with
-            "closure" dB, 0.2 by default. Misfits above it widen every uncertainty.
+            "level-check" dB, 0.2 by default. Misfits above it widen every uncertainty.
         rest: standard uncertainty u(R) + j u(X) of the liner's own Z at rest, where that was
             measured; by default R is free within factors of e and X within 0.5.
         freedom: standard deviation, from rest to the last knot, of the logarithm of the ratio of
@@ -68,7 +69,7 @@ def identify(
             liner's own "law", or "smooth", in proportion to |v|.
         reactance: "falling" over |v|, as where mass is lost, or "rising".
         frequency: Hz; default each plane's tone. Curves are found at each frequency apart.
-        choices: as for ``educe``, engine ``spectral``; float64 unless ``dtype`` says otherwise.
+        choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
         ValueError: too few runs, runs at one speed, references that are missing or that no passive
             liner can give, unknown parameters, fits none of which is passive.
@@ -84,14 +85,14 @@ def identify(
     given = list(liners) if isinstance(liners, (list, tuple)) else [liners] * len(several)
     if len(given) != len(several):
         raise ValueError(f"{len(several)} planes and {len(given)} liners; give one, or one a plane")
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "order": order})
-    require_choice("order of averaging", order, ORDERS)
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
+    require_choice("averaging", averaging, AVERAGINGS)
     require_choice("prior shape", prior, SHAPES)
     require_choice("direction of the reactance", reactance, SIGNS)
     require_plain_tones(chosen)
-    if pressure is not None and references not in ("in-situ", "closure"):
+    if pressure is not None and references not in ("in-situ", "level-check"):
         raise ValueError(
-            "pressures are for references 'in-situ' and 'closure'; name one of these, or leave pressure out"
+            "pressures are for references 'in-situ' and 'level-check'; name one of these, or leave pressure out"
         )
     facts = [each.plane if isinstance(each, Moments) else each for each in several]
     names = _groups(facts, groups, CURVE in models)
@@ -114,8 +115,8 @@ def identify(
             f"no fit is passive: R falls to {candidates[0].lowest:.3g} with "
             f"{candidates[0].label}; fit a curve, which cannot, or narrow the bounds"
         )
-    prepared = [note for run in runs for note in run.ready.notes]
-    found = Identification(tuple(runs), tuple(candidates), knots, order, chosen, ())
+    prepared = texts(note for run in runs for note in run.weights.notes)
+    found = Identification(tuple(runs), tuple(candidates), knots, averaging, chosen, ())
     found = dataclasses.replace(found, notes=(*prepared, *warnings_of(found)))
     tell(found.notes)
     return found

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchliner.calibration.budget import standard_of
-from torchliner.calibration.misfit import driving_columns
+from torchliner.calibration.misfit import driving_squares
 from torchliner.identification.curve_problem import Datum
 from torchliner.identification.runs import Run
 from torchliner.identification.speed_curve import Knots, law_of
@@ -62,12 +62,12 @@ class RunRow:
 
     Args:
         label: of the plane.  group: its run.  frequency: Hz.  height: m, or None.
-        true: reference; None where closure alone is known.
+        true: reference; None where a level alone is known.
         fitted: by the fit to all runs.  predicted: by that to the others.
         standard: u(R) + j u(X) of ``predicted``.
-        off: error of ``predicted``: of the reflection coefficient or, with closure, relative of
+        off: error of ``predicted``: of the reflection coefficient or, with known levels, relative of
             the pressure.
-        closure: dB by which the pressure is off; None with references.
+        level_check: dB by which the pressure is off; None with references.
         outside: share of the plane's weight at speeds that no other run saw.
     """
 
@@ -80,7 +80,7 @@ class RunRow:
     predicted: complex
     standard: complex
     off: float
-    closure: float | None
+    level_check: float | None
     outside: float
 
     @property
@@ -128,9 +128,7 @@ def candidate_of(model: Model, runs: Sequence[Run], knots: Knots) -> Candidate:
 
 def knots_for(runs: Sequence[Run]) -> Knots:
     """Up to the |v| below which nearly all of every plane's weight lies."""
-    square = max(
-        float(run.ready.survey.mean_square[driving_columns(run.ready, run.weights.order)].max()) for run in runs
-    )
+    square = max(float(driving_squares(run.weights.known, run.weights.averaging).max()) for run in runs)
     fine, top = Knots(CREST * square**0.5, FINE), 0.0
     for run in runs:
         for i, frequency in enumerate(run.frequency):

@@ -10,13 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.calibration.misfit import (
-    ClosureMisfit,
-    Misfit,
-    SpeedWeights,
-    driving_speed,
-    speed_weights,
-)
+from torchliner.calibration.misfit import LevelMisfit, Misfit, SpeedWeights, driving_speed, speed_weights
 from torchliner.calibration.targets import (
     held_reference,
     nepers_of,
@@ -25,21 +19,18 @@ from torchliner.calibration.targets import (
     ties_of,
 )
 from torchliner.conversions import reflection_from_impedance
+from torchliner.engine.moments import Moments
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
 from torchliner.records.same_case import require_same_run
-from torchliner.reduction.basis import ANY_LINER, Chebyshev
-from torchliner.reduction.moments import Moments
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import prepare
-from torchliner.tdibc.prepared import Prepared
+from torchliner.velocity.choices import Choices
 
 SHARE = 0.02  # of |Z|: noise of references for which none is stated
 LEVEL_NOISE = 0.2  # dB, of levels
-CLOSURE, IN_SITU = "closure", "in-situ"
+LEVEL_CHECK, IN_SITU = "level-check", "in-situ"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +39,8 @@ class Run:
 
     Args:
         weights: of node speeds.  liner: with the plane's own flow.  group: label of its run.
-        wanted: Z, (F,); nan where closure alone is known.
-        noise: u(R) + j u(X), (F,); of closure u of level (nepers) and phase (rad).
+        wanted: Z, (F,); nan where a level alone is known.
+        noise: u(R) + j u(X), (F,); of a level u of level (nepers) and phase (rad).
         ratio: implied over known pressure, from Z (F,); None with references.
         has_phase: whether the phase of that is known.
     """
@@ -63,24 +54,19 @@ class Run:
     has_phase: bool = True
 
     @property
-    def ready(self) -> Prepared:
-        """The plane prepared."""
-        return self.weights.ready
-
-    @property
     def plane(self) -> VelocityPlane:
         """Its facts."""
-        return self.ready.plane
+        return self.weights.plane
 
     @property
     def frequency(self) -> Tensor:
         """Hz, (F,)."""
-        return self.ready.frequency
+        return self.weights.frequency
 
     @property
     def speed(self) -> float:
         """rms of the |v| that drives the model, m/s."""
-        return driving_speed(self.ready, self.weights.order)
+        return driving_speed(self.weights)
 
     def misses(self, impedance: Tensor) -> Tensor:
         """What is left, complex, (F,): Z less the reference, or the logarithm of the ratio of
@@ -106,7 +92,7 @@ def misfit_of(runs: Sequence[Run], names: tuple[str, ...], low: Tensor, high: Te
     )  # fmt: skip
     ratios = [run.ratio for run in runs if run.ratio is not None]
     held = [ratios, [run.has_phase for run in runs]] if ratios else []
-    kind: Any = ClosureMisfit if ratios else Misfit
+    kind: Any = LevelMisfit if ratios else Misfit
     found: Misfit = kind(*about, *held)
     return found
 
@@ -135,35 +121,25 @@ class AtRest(LinerModel):
 
 
 def read_weights(plane: VelocityPlane | Moments, liner: LinerModel, frequency: Any, chosen: Choices) -> SpeedWeights:
-    """A plane read once, for any liner.
-
-    Raises:
-        ValueError: a window whose lines lie beside the tone.
-    """
+    """A plane read once, for any liner."""
     drawn = liner if liner.speed_max is None else AtRest(liner, liner.cell_pitch)
-    ready = prepare([plane], drawn, frequency, chosen, basis=Chebyshev(*ANY_LINER))[0]
-    found = speed_weights(ready, chosen.order)
-    if found.reader.read.shape[1] != 1:
-        raise ValueError(
-            f"window {chosen.window!r} reads R beside the tone as well, where no curve is known; leave window out"
-        )
-    return found
+    return speed_weights(plane, drawn, frequency, chosen)
 
 
 def gather(
     weights: Sequence[SpeedWeights], liners: Sequence[LinerModel], groups: Sequence[str],
     references: Any, pressure: Any, noise: Any,
 ) -> list[Run]:  # fmt: skip
-    """Runs with their references, or with closure.
+    """Runs with their references, or with known levels.
 
     Raises:
         ValueError: a reference that is missing or of a wall that feeds sound, pressures that do
             not fit the planes.
     """
-    ready = [each.ready for each in weights]
+    ready = weights
     counts = [len(each.frequency) for each in ready]
     ratios: list[Any] = [None] * len(ready)
-    if isinstance(references, str) and references == CLOSURE:
+    if isinstance(references, str) and references == LEVEL_CHECK:
         ratios, phases = ties_of(ready, None, _by_case(ready, pressure, all_of_them=True))
         wanted = torch.full((sum(counts),), complex(torch.nan, torch.nan), dtype=torch.complex128)
         spread = noise_of(nepers_of(LEVEL_NOISE if noise is None else noise), counts)
@@ -188,12 +164,12 @@ def gather(
     return runs
 
 
-def _by_case(ready: Sequence[Prepared], given: Any, *, all_of_them: bool) -> Any:
+def _by_case(ready: Sequence[SpeedWeights], given: Any, *, all_of_them: bool) -> Any:
     """The pressure record of each plane, found by its case, tone, level and flow; records that do
     not tell runs apart are taken in the order of the planes. None where there is none.
 
     Args:
-        ready: prepared planes, of two runs at least.
+        ready: planes, of two runs at least.
         given: records; what is none (a line of microphones, None) stays in its order.
         all_of_them: whether a plane without a record is refused.
     Raises:
@@ -235,12 +211,12 @@ def _fault(plane: VelocityPlane, record: PressureRecord) -> str:
     return ""
 
 
-def _in_situ(ready: Sequence[Prepared], given: Any) -> list[Tensor]:
+def _in_situ(ready: Sequence[SpeedWeights], given: Any) -> list[Tensor]:
     """In situ Z of each plane from the record of its case, or the one it holds."""
     records = _by_case(ready, given, all_of_them=False) or [None] * len(ready)
     found = []
     for one, record in zip(ready, records, strict=True):
-        plane, short = one.plane, one.chosen.allow_short
+        plane, short = one.plane, bool(one.known.settings["allow_short"])
         if record is not None:
             beside = in_situ(record, one.frequency, interval=None, allow_short=short)
             found.append(beside.liner_impedance_pressure_first)

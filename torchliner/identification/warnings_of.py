@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
-from torch import Tensor
 
 from torchliner.calibration.calibrate import LARGEST_MODEL_ERROR
-from torchliner.conversions import reflection_from_impedance
+from torchliner.engine.nodes import interpolation_error
 from torchliner.identification.curve_model import CurveFit, FittedCurves
 from torchliner.identification.found import Identification, beyond
-from torchliner.reduction.basis import interpolation_error
+from torchliner.liners.model import LinerModel
 
 FAR = 2.0  # times the noise, from which a misfit is one of the model
 WIDE = 3.0  # standard deviations, beyond which a prediction is not covered
@@ -51,8 +52,16 @@ def _model_error(found: Identification, fit: CurveFit) -> float:
     """Largest error in R of the interpolation over |v|, at any |v| of the runs."""
     lines = torch.tensor([fit.frequency], dtype=torch.float64)
 
-    def response(_: Tensor, speed: Tensor) -> Tensor:
-        return reflection_from_impedance(fit.curve(speed))[None]
+    nodes = {run.weights.nodes for run in found.runs}
+    return max(interpolation_error(each, _Curve(fit), lines, found.knots.top)[0] for each in nodes)
 
-    bases = {run.weights.reader.basis for run in found.runs}
-    return max(interpolation_error(basis, response, lines, found.knots.top)[0] for basis in bases)
+
+class _Curve(LinerModel):
+    """A fitted curve as a liner, at its own frequency."""
+
+    def __init__(self, fit: CurveFit) -> None:
+        self.fit = fit
+
+    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
+        """Z of the curve, whatever the frequency."""
+        return self.fit.curve(speed).expand(frequency.shape[0], -1)

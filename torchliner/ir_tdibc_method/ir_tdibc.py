@@ -10,6 +10,9 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive, whole_number
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
+from torchliner.engine.incident import Recorded, Tones
+from torchliner.engine.kernels import AFTER
+from torchliner.engine.levels import interpolate
 from torchliner.fluid import Fluid
 from torchliner.ir_tdibc_method.fixed_point import fixed_points, spectrum_of
 from torchliner.ir_tdibc_method.level_curve import FixedPoint, LevelCurve, judge
@@ -33,9 +36,6 @@ from torchliner.ir_tdibc_method.ways import WAYS, Answer, Case, Way
 from torchliner.liners.model import as_liner
 from torchliner.liners.response import impedance_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
-from torchliner.replay.kernels import AFTER
-from torchliner.replay.levels import interpolate
-from torchliner.replay.waves import Recorded, Tones
 from torchliner.signals.transfer import transfer_function
 
 SEGMENT = 0.02  # s, of the spectra of what is no tone

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchliner.replay.kernels import KernelTable
-from torchliner.replay.levels import STENCILS, VelocityGrid
+from torchliner.engine.kernels import KernelTable
+from torchliner.engine.levels import STENCILS
 
 Array = np.ndarray
 MOST_STEPS = 100  # bisection alone needs 50
@@ -30,7 +30,6 @@ class NewestTap:
     def __init__(self, kernels: KernelTable) -> None:
         """Of a table whose first tap is that of time 0."""
         grid = kernels.grid
-        assert isinstance(grid, VelocityGrid)  # levels, not nodes of a basis
         nodes = STENCILS[grid.interpolation]
         self.offsets = np.array(nodes)
         self.powers = np.arange(len(nodes))

@@ -10,8 +10,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchliner.engine.levels import VelocityGrid, interpolate
 from torchliner.ir_tdibc_method.stepping import AboveTable, Motion, Progress
-from torchliner.replay.levels import VelocityGrid, interpolate
 
 SETTLED = 1e-12  # change of v between iterations, of its largest
 FIRST_STEP, SMALLEST_STEP = 0.5, 1 / 16

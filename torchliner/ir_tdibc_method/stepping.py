@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.engine.kernels import KernelTable
 from torchliner.ir_tdibc_method.newest_tap import NewestTap
-from torchliner.replay.kernels import KernelTable
 
 BLOCK = 512  # steps between shifts of the accumulator
 Progress = Callable[[int], None]

@@ -11,12 +11,13 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from torchliner.engine.kernels import KernelTable, build_kernels
+from torchliner.engine.levels import VelocityGrid
 from torchliner.ir_tdibc_method.newest_tap import NewestTap
 from torchliner.ir_tdibc_method.periodic import solve_periodic
 from torchliner.ir_tdibc_method.stepping import Motion, Progress, step_in_time
 from torchliner.liners.model import LinerModel
-from torchliner.replay.kernels import KernelTable, build_kernels, reflection_at_levels
-from torchliner.replay.levels import VelocityGrid
+from torchliner.liners.response import reflection_of
 
 DAMPING = 1e-2  # of the least squares: error 0.02 and gain 2 in the shipped liners
 
@@ -101,7 +102,7 @@ class Stepped:
 
     def answer(self, case: Case) -> Answer:
         """See ``Way``."""
-        kernels = self.build(case.model, case.grid, case.rate, band=case.band, after=case.after)
+        kernels = self.build(case.model, case.rate, velocity_max=case.grid.maximum, band=case.band, after=case.after)
         sent, n = case.sent, case.sent.shape[1]
         drift = torch.full((len(sent),), math.nan, dtype=torch.float64)
         motion = step_in_time(sent.repeat(1, 1 + case.repeats), kernels, case.window, case.progress)
@@ -137,10 +138,10 @@ class Periodic:
         n = case.sent.shape[1]
         frequency = torch.fft.rfftfreq(n, 1 / case.rate, dtype=torch.float64)
         lines = torch.ones(case.grid.levels, len(frequency), dtype=torch.complex128)  # R(0) = 1
-        lines[:, 1:] = reflection_at_levels(case.model, frequency[1:], case.grid)
+        lines[:, 1:] = reflection_of(case.model, frequency[1:], case.grid.speeds[:, None])
         motion = solve_periodic(case.sent, lines, case.grid, case.window, case.progress)
         drift = torch.full((len(case.sent),), math.nan, dtype=torch.float64)
-        return Answer(motion, drift, reflection_at_levels(case.model, case.read, case.grid))
+        return Answer(motion, drift, reflection_of(case.model, case.read, case.grid.speeds[:, None]))
 
 
 FITTED = partial(build_kernels, kind="two-sided", before=0.0, regularisation=DAMPING)

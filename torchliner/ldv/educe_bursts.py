@@ -20,24 +20,21 @@ from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.ldv.line_average import average_line
 from torchliner.ldv.line_choices import StationChoices
-from torchliner.ldv.line_closure import with_line_closure
+from torchliner.ldv.line_level_check import with_level_check
 from torchliner.ldv.line_warnings import warnings_of
 from torchliner.ldv.station import CASE, educe_station
 from torchliner.ldv.station_segments import checked_phases
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.names import ORDERS
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.records.origin import origin_of, with_choices
-from torchliner.replay.phase_rule import phase_rule
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.slices import in_order
+from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
 SHARED = ("frequency", "goodrich")  # tensors that are those of the whole line
 LISTS = ("names", "flags", "dropped", "station_notes")
-ONE_PLACE = {"order": ORDERS[0], "oncoming_rms": None, "resample": "time", "missing": "refuse"}
+ONE_PLACE = {"averaging": "admittance", "background_rms": None, "missing": "refuse"}
 PADDED = ("reflection", "segment_start")  # nan for the segments that a shorter station lacks
 
 
@@ -83,13 +80,8 @@ def educe_bursts(
     stations = _checked_stations(stations)
     model = as_liner(liner)
     station_choices, replay_choices = _split(choices)
-    if reference_phase is not None and not phase_rule(replay_choices.phase).takes_phase:
+    if reference_phase is not None and replay_choices.phase != "given":
         raise ValueError(f"reference_phase is only used with phase='given', not {replay_choices.phase!r}")
-    if phase_rule(replay_choices.phase).several_tones:
-        raise ValueError(
-            f"phase {replay_choices.phase!r} is for planes; bursts of a station take one tone at a "
-            "time: choose another phase"
-        )
     references: list[Any] = [reference] * len(stations)
     if isinstance(reference, (list, tuple)):
         references = list(reference)
@@ -119,7 +111,7 @@ def educe_bursts(
             progress(1)
     line = join_lines(lines)
     average = average_line(line, replay_choices, station_choices.monte_carlo)
-    line = with_line_closure(dataclasses.replace(line, average=average), replay_choices)
+    line = with_level_check(dataclasses.replace(line, average=average), replay_choices)
     notes = warnings_of(line)
     tell(notes)
     known = None if reference_phase is None else phases
@@ -189,15 +181,13 @@ def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
     names = {field.name for field in dataclasses.fields(StationChoices)}
     station_choices = StationChoices(**{k: v for k, v in choices.items() if k in names})
     rest = {key: value for key, value in choices.items() if key not in names}
-    if rest.get("incident") is not None:
-        raise ValueError("stations of bursts are educed for tones; leave incident out")
     for name, only in ONE_PLACE.items():
-        if rest.setdefault(name, only) not in (only, "auto"):
+        if rest.setdefault(name, only) != only:
             raise ValueError(
                 f"{name} is {rest[name]!r}; it is for planes. A station is one place without "
                 f"neighbours, and bursts without a value are dropped: leave {name} out"
             )
-    return station_choices, Choices(**{**rest, "order": ORDERS[0]})
+    return station_choices, Choices(**rest)
 
 
 def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from torchliner.checks import make_plain, require_choice, require_positive
-from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS
+from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS
 from torchliner.signals.burst_validation import BurstFilters
 
 MOST_DRAWS = 1_000_000
@@ -26,6 +26,8 @@ class StationChoices:
             ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the paper).
         segment: s (the paper: 1).
         overlap: share of a segment that the next one covers too (the paper: 0.5).
+        window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
+            paper).
         flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or
             ``refuse`` them.
         monte_carlo: draws of (5.2) (the paper: 5000).  filters: which bursts count.
@@ -37,6 +39,7 @@ class StationChoices:
     correction: str = "tone"
     segment: float = 1.0
     overlap: float = 0.5
+    window: str = "whole-periods"
     flagged: str = "exclude"
     monte_carlo: int = 5000
     filters: BurstFilters = field(default_factory=BurstFilters)
@@ -45,6 +48,7 @@ class StationChoices:
         make_plain(self)
         require_choice("method", self.method, GRID_METHODS)
         require_choice("correction", self.correction, CORRECTIONS)
+        require_choice("window", self.window, STATION_WINDOWS)
         require_choice("flagged", self.flagged, FLAGGED)
         require_positive("segment (s)", self.segment)
         for name in ("grid_rate", "band_limit"):

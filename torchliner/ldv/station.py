@@ -1,8 +1,7 @@
-"""DIR-TDIBC from bursts: one station after another, its segments as a batch of the engines."""
+"""DIR-TDIBC from bursts: one station after another, its segments side by side like probes."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -10,8 +9,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import stated_frequency
+from torchliner.engine.phase import Sound
 from torchliner.ldv.line_average import station_interval
 from torchliner.ldv.line_choices import StationChoices
+from torchliner.ldv.segment_means import SegmentMeans, segment_means
 from torchliner.ldv.station_segments import (
     ReferenceTone,
     Segments,
@@ -22,13 +23,12 @@ from torchliner.ldv.station_segments import (
 )
 from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
-from torchliner.replay.phase_rule import phase_rule
+from torchliner.records.notes import Note
 from torchliner.signals.inspected_station import inspect_stations
-from torchliner.tdibc.assemble import facts_of, goodrich_of
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.educe import replay
-from torchliner.tdibc.prepare import prepare
-from torchliner.tdibc.prepared import Prepared
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import goodrich_of, with_window
+from torchliner.velocity.review import review_liner, review_record, review_rule, texts
+from torchliner.version import __version__
 
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
 NO_TONE = 0.05  # squared coherence with v below which a reference tells no phase
@@ -61,47 +61,55 @@ def educe_station(
         )
     wanted = _frequencies(record, frequency)
     cut = cut_into_segments(kept, wanted, station_choices)
-    # Intervals and walls are those of the station, not of its segments.
-    of_segments = dataclasses.replace(choices, interval=None, wall_filter=None)
-    ready = prepare([cut.plane], liner, wanted, of_segments)[0]
-    tone = None if reference is None else reference_tone(cut, reference, wanted, ready.record)
-    takes_phase = phase_rule(choices.phase).takes_phase
-    replayed = replay(ready)
-    rule = replayed.rule(
-        choices.phase,
-        sound_phases(cut, wanted, tone, reference_phase) if takes_phase else None,
-        None if tone is None else tone.coherent_part,
-    )
-    segments = len(cut.start)
-    reflection = rule.reflection(replayed.means)[:segments].cpu()
-    coherence = ready.survey.coherence[:segments].cpu().mean(0) if tone is None else tone.coherence
-    notes = (
-        *cut.notes, *ready.notes, *rule.notes(segments, replayed.means, wanted),
-        *_warnings_of(ready, cut, tone, choices),
-    )  # fmt: skip
+    known = segment_means(cut.plane, liner, wanted, with_window(choices, wanted), station_choices.window)
+    tone = None if reference is None else reference_tone(cut, reference, wanted, known)
+    sound = _sound(known, cut, wanted, tone, choices, reference_phase)
+    reflection = known.reflection(choices.phase, sound).cpu()
+    coherence = known.coherence.mean(0) if tone is None else tone.coherence
+    notes = [
+        *cut.notes, *texts(_reviewed(cut, liner, wanted, choices)),
+        *texts(review_rule(sound.held, known.blocks, choices)), *_warnings_of(known, cut, wanted, tone, choices),
+    ]  # fmt: skip
     interval = station_interval(reflection, choices)
     vertical = station.moments.components["wall_normal"]
+    used = not flags or station_choices.flagged == "use"
     return ImpedanceLine(
         frequency=wanted, reflection=reflection[None], segment_start=cut.start[None],
         x=_one(record.x), y=_one(record.y), z=_one(record.z),
         mean_velocity=_one(vertical.weighted_mean), velocity_rms=_one(vertical.weighted_rms),
-        velocity_amplitude=_mean_amplitude(ready, clock_phases(cut, wanted, tone))[None],
+        velocity_amplitude=_mean_amplitude(known, clock_phases(cut, wanted, tone))[None],
         coherence=coherence[None], attenuation=cut.attenuation[None], corrected=cut.corrected[None],
-        phase_held=rule.held[:segments].cpu().to(torch.float64).mean(0)[None],
+        phase_held=sound.held.to(torch.float64).mean(0)[None],
         rate=_one(cut.signal.mean_rate), grid_rate=_one(cut.signal.grid.rate),
         longest_gap=_one(cut.signal.longest_gap), received=torch.tensor([record.received]),
-        bursts=torch.tensor([kept.bursts]),
-        used=torch.tensor([not flags or station_choices.flagged == "use"]),
+        bursts=torch.tensor([kept.bursts]), used=torch.tensor([used]),
         wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
         interval=interval and Interval(*(value[None] for value in vars(interval).values())),
         names=(record.title or record.name,), flags=(flags,), dropped=(dict(kept.dropped),),
-        station_notes=(notes,), goodrich=goodrich_of(ready),
+        station_notes=(tuple(notes),), goodrich=goodrich_of(cut.plane, liner, wanted),
         choices={
-            **_facts(ready, station_choices, choices), "referred": tone is not None,
-            "tone": record.frequency,
+            "version": __version__, **choices.describe(), "liner": liner.describe(), "tone": record.frequency,
+            "surface": record.liner, "blocks": known.blocks, "referred": tone is not None,
+            "nodes": None if known.nodes is None else known.nodes.describe(), "model_error": known.model_error,
+            **station_choices.describe(),
         },
         **{key: getattr(record, key) for key in CASE},
     )  # fmt: skip
+
+
+def _sound(
+    known: SegmentMeans, cut: Segments, frequency: Tensor, tone: ReferenceTone | None, choices: Choices,
+    reference_phase: float | None,
+) -> Sound:  # fmt: skip
+    """What a phase rule may know: the tone in v itself, or what of v follows the reference."""
+    velocity, coherence = (known.velocity, known.coherence) if tone is None else tone.coherent_part
+    held = coherence >= choices.minimum_coherence
+    phase = sound_phases(cut, frequency, tone, reference_phase) if choices.phase == "given" else None
+    return Sound(velocity, held | torch.tensor(choices.phase != "self-consistent"), phase)
+
+
+def _reviewed(cut: Segments, liner: LinerModel, frequency: Tensor, choices: Choices) -> list[Note]:
+    return review_record(cut.plane, frequency, choices) + review_liner(cut.plane, liner)
 
 
 def _one(value: Any) -> Tensor:
@@ -116,38 +124,28 @@ def _frequencies(record: BurstRecord, frequency: Any) -> Tensor:
     return wanted
 
 
-def _mean_amplitude(ready: Prepared, phases: Tensor) -> Tensor:
+def _mean_amplitude(known: SegmentMeans, phases: Tensor) -> Tensor:
     """Complex peak amplitude of v into the liner, (F,): over the segments, less their phases."""
-    amplitude = ready.velocity_amplitude[: len(phases)].cpu()
-    return 2 * (amplitude * torch.exp(-1j * phases)).mean(0)
+    return 2 * (known.velocity * torch.exp(-1j * phases)).mean(0)
 
 
-def _warnings_of(ready: Prepared, cut: Segments, tone: ReferenceTone | None, choices: Choices) -> list[str]:
+def _warnings_of(
+    known: SegmentMeans, cut: Segments, frequency: Tensor, tone: ReferenceTone | None, choices: Choices
+) -> list[str]:
     """A tone that wanders past the correction; a reference that v does not follow."""
     notes = []
-    segments = slice(0, len(cut.start))
-    size = 2 * ready.velocity_amplitude[segments].cpu().abs().mean(0)
-    left = _mean_amplitude(ready, clock_phases(cut, ready.frequency, None)).abs() / size.clamp(min=1e-300)
-    has_tone = ready.survey.coherence[segments].cpu().mean(0) > choices.minimum_coherence / 2
-    for i, f in enumerate(ready.frequency.tolist()):
+    size = 2 * known.velocity.abs().mean(0)
+    left = _mean_amplitude(known, clock_phases(cut, frequency, None)).abs() / size.clamp(min=1e-300)
+    has_tone = known.coherence.mean(0) > choices.minimum_coherence / 2
+    for i, f in enumerate(frequency.tolist()):
         if bool(cut.corrected[i]) and float(left[i]) < WANDERS and bool(has_tone[i]):
             notes.append(
-                f"the tone of {f:g} Hz wanders: over the whole record {float(left[i]):.2f} of its "
-                "amplitude in the segments is left, and the correction, made over the record, "
-                "misses the rest"
+                f"the tone of {f:g} Hz wanders: over the whole record {float(left[i]):.2f} of its amplitude in the "
+                "segments is left, and the correction, made over the record, misses the rest"
             )
         if tone is not None and float(tone.coherence[i]) < NO_TONE:
             notes.append(
-                f"the squared coherence of v with the reference is {float(tone.coherence[i]):.2g} "
-                f"at {f:g} Hz: it tells nothing of the phase of the sound there"
+                f"the squared coherence of v with the reference is {float(tone.coherence[i]):.2g} at {f:g} Hz: it "
+                "tells nothing of the phase of the sound there"
             )
     return notes
-
-
-def _facts(ready: Prepared, station_choices: StationChoices, choices: Choices) -> dict[str, Any]:
-    """Every choice; what differs from station to station is in the line itself."""
-    facts = facts_of(ready, choices.phase)
-    for key in ("velocity_max", "samples", "sampling_rate", "source", "data"):
-        facts.pop(key)
-    restored = {"interval": choices.interval, "wall_filter": choices.wall_filter}
-    return {**facts, **restored, **station_choices.describe()}

@@ -13,8 +13,7 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, DataWarning, real_tensor
 from torchliner.ldv.line_choices import StationChoices
 from torchliner.records import BurstRecord, ReferenceChannel, VelocityPlane
-from torchliner.reduction.coherence import segment_periods
-from torchliner.replay.edges import Record
+from torchliner.ldv.segment_means import SegmentMeans
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import DAMPED, REMEDY, ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
@@ -189,8 +188,7 @@ class ReferenceTone:
 
     Args:
         amplitude: of the reference in each segment, phase at the segment's first sample, (S, F).
-        response: H1 from the reference to v, over pieces of ``segment_periods`` of each frequency,
-            (F,).
+        response: H1 from the reference to v, over pieces as long as the blocks of a segment, (F,).
         coherence: squared, of the two, (F,); 0 where the reference is 0 throughout.
     """
 
@@ -200,14 +198,15 @@ class ReferenceTone:
 
     @property
     def coherent_part(self) -> tuple[Tensor, Tensor]:
-        """v into the liner that follows the reference; the one cell of the plane is their mean."""
+        """v into the liner that follows the reference, and its coherence, (S, F) each."""
         into = -self.response * self.amplitude
-        amplitude = torch.cat([into, into.mean(0, keepdim=True)])
-        return amplitude, self.coherence.expand(amplitude.shape)
+        return into, self.coherence.expand(into.shape)
 
 
-def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor, record: Record) -> ReferenceTone:
-    """The reference channel in the segments of a station; ``record`` has the window over each.
+def reference_tone(
+    cut: Segments, reference: ReferenceChannel, frequency: Tensor, known: SegmentMeans
+) -> ReferenceTone:
+    """The reference channel in the segments of a station, under the window of ``known``.
 
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
@@ -220,18 +219,12 @@ def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor
         )
     values = reference.at(grid.times)
     segments = values.unfold(0, cut.plane.samples, cut.hop)
-    weights = record.weights(0, record.samples)
-    found = [
-        transfer_function(
-            values, cut.signal.values, frequency[i : i + 1], grid.rate,
-            segment=segment_periods(f, cut.plane.frequency, grid.samples * f / grid.rate) / f,
-        )
-        for i, f in enumerate(frequency.tolist())
-    ]  # fmt: skip
+    seconds = cut.plane.duration / known.blocks  # as long as the blocks of a segment
+    found = transfer_function(values, cut.signal.values, frequency, grid.rate, segment=seconds)
     return ReferenceTone(
-        tone_amplitudes(segments, frequency, grid.rate, weights),
-        torch.cat([each.response for each in found]),
-        torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0),
+        tone_amplitudes(segments, frequency, grid.rate, known.weights),
+        found.response,
+        torch.nan_to_num(found.coherence, nan=0.0),
     )
 
 

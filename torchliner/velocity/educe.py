@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,9 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, real_tensor, stated_frequency, tell
 from torchliner.engine.moments import Moments, projection_of
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
+from torchliner.engine.sums import reduce
+from torchliner.engine.workers import Reduce, reduce_on
+from torchliner.io.kept_rows import KeptRows
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.grazing import goodrich_resistance
@@ -28,6 +31,7 @@ from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import check_level
+from torchliner.velocity.parts import measure_part
 from torchliner.velocity.reading import Progress, Reading, measure
 from torchliner.version import __version__
 
@@ -98,6 +102,9 @@ def moments(
     cell_pitch: float | None = None,
     progress: Progress | None = None,
     client: Any = None,
+    kept: str | Path | None = None,
+    blocks: Iterable[int] | None = None,
+    given: Moments | None = None,
     **choices: Any,
 ) -> Moments:
     """Sums over a plane that hold R(f, |v|) of any liner at any frequency.
@@ -113,26 +120,34 @@ def moments(
         progress: called with numbers of samples read.
         client: of dask.distributed, whose workers read the plane; it must still be in its file
             (``read_plane(file, lazy=True)``). The same bits whatever the workers.
+        kept: folder, of this plane alone, for finished shares, so that a reading that was killed goes on; the plane
+            as for ``client``.
+        blocks: numbers of those that are read, of the S <= 32 of the record: ``Moments.join`` makes the whole of such
+            parts. Where that still lacks what a second reading must find (averaging ``phase-locked``, the default;
+            ``mean`` removed), read the same parts again with it as ``given``, and join these.
+        given: of parts, see ``blocks``.
         choices: as for ``educe``; what concerns |v| is fixed here, the rest is chosen when Z is asked for.
     Raises:
         TypeError: plane is no VelocityPlane.
         ValueError: data or options that cannot give an answer.
     """
     reading, notes, pitch = reading_of(plane, liner, frequency, cell_pitch, choices)
-    run = measure if client is None else _on_workers(client)
-    known = run(reading, pitch, progress=progress)
-    notes += review.review_moments(reading.plane, known)
+    if blocks is None and given is not None:
+        raise ValueError("given is of parts; name their blocks, too")
+    run: Reduce = reduce
+    if client is not None or kept is not None:
+        run = reduce_on(client, None if kept is None else KeptRows(Path(kept)))
+    if blocks is None:
+        known = measure(reading, pitch, run, progress)
+    else:
+        known = measure_part(reading, pitch, blocks, given, run, progress)
+    found = review.review_moments(reading.plane, known)
+    notes += [] if known.only is not None else found  # of parts, when they are joined
     notes += review.review_lost_cells(reading.plane, reading.cells, known.cells)
     if inputs := origin_of(named_planes(plane))["inputs"]:
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
         known = dataclasses.replace(known, plane=about)
     return dataclasses.replace(known, notes=tuple(notes))
-
-
-def _on_workers(client: Any) -> Callable[..., Moments]:
-    from torchliner.engine.workers import reduce_on  # needs dask
-
-    return lambda reading, pitch, progress: measure(reading, pitch, reduce_on(client), progress)
 
 
 def reading_of(
@@ -226,7 +241,8 @@ def require_fitting(known: Moments, chosen: Choices, liner: LinerModel, frequenc
     known.require_speeds(liner)
     if known.only is not None:
         raise ValueError(
-            f"{name} holds {len(known.only)} of {known.survey.blocks.count} blocks; join all its parts first"
+            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
+            "second reading, read the parts again with it as given"
         )
     for key, made in known.settings.items():
         wanted = getattr(chosen, key)

@@ -16,6 +16,8 @@ The ratio of implied to known pressure is computed without each block in turn, l
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -67,6 +69,15 @@ def check_level(
         liner=Gap(*(value[:, 0] for value in vars(gap).values())),
         cells=Gap(*(value[:, 1:] for value in vars(gap).values())),
     )
+
+
+def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Callable[[Tensor], Tensor]:
+    """Implied over known pressure of the whole plane as a function of its Z, (..., F), complex.
+
+    Its phase means something where ``known.has_phase``.
+    """
+    velocity = cell_velocity(moments, case, known)[0, :1]
+    return lambda z: implied_pressure(case, known, z[None], velocity)[0] / known.liner
 
 
 def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:

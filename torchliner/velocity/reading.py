@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -15,14 +15,14 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, without_velocity
 from torchliner.engine.nodes import Nodes
 from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Drive, Job, Record, ones, reduce, square, wave_rows
+from torchliner.engine.sums import Drive, Job, ones, reduce, square, wave_rows
 from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_jobs, survey_of
+from torchliner.engine.workers import Reduce
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.velocity.choices import Choices
 
 Progress = Callable[[int], object]
-Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Tensor]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +101,9 @@ class Reading:
         """Of the first reading: survey, and the sums of every averaging that needs no survey."""
         lines, rate = self.lines.to(self.device), self.plane.sampling_rate
         jobs = dict(zip(SURVEY, survey_jobs(as_measured, lines, rate), strict=True))
-        if self.nodes is None:
+        if self.projection is None:  # of a record that is kept, or of drive ``rms``
             jobs["square of cells"] = Job(CellMean(cells), ones(self.device), square)
-        elif self.chosen.mean == "kept":
+        if self.nodes is not None and self.chosen.mean == "kept":
             jobs |= {name: self._moments(drive) for name, drive in _plain(cells).items()}
         return jobs
 

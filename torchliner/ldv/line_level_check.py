@@ -1,13 +1,12 @@
-r"""Closure of a line of stations: see ``torchliner.tdibc.closure``; a station is a cell of its own.
+r"""Level check of a line of stations: see ``velocity.level_check``; a station is a cell of its own.
 
 The stations were measured one after another, so that Z and V of a station share no blocks of time:
 the interval adds their standard errors as independent ones. V errs by
-:math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its coherence over n pieces of two
-periods.
+:math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its coherence over n blocks.
 
 V of the line is a mean of phasors: with a reference channel they are relative to it, without one
 the times of all stations must count from one instant of the generator. If they do not, the mean of
-V is less than its mean size by more than noise and ``closure_limit`` allow. Sound along the line
+V is less than its mean size by more than noise and ``level_limit`` allow. Sound along the line
 then has the mean size, which needs no clock; at normal incidence nothing is compared.
 """
 
@@ -21,12 +20,11 @@ from scipy.special import chdtri, ndtri
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.records import Closure, Gap, ImpedanceLine, Interval
-from torchliner.records.closure import gap_of
-from torchliner.reduction.coherence import PERIODS_PER_SEGMENT
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.closure import turned_back
-from torchliner.tdibc.known_pressure import INCIDENT, stated_pressure
+from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck
+from torchliner.records.level_check import gap_of
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
+from torchliner.velocity.level_check import turned_back
 
 CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
 
@@ -37,15 +35,15 @@ NO_CLOCK = (
 )
 
 
-def with_line_closure(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
-    """The line with its closure; why there is none stands in its choices."""
-    found = line_closure(line, choices)
+def with_level_check(line: ImpedanceLine, choices: Choices) -> ImpedanceLine:
+    """The line with its level check; why there is none is in its choices."""
+    found = line_level_check(line, choices)
     if isinstance(found, str):
-        return dataclasses.replace(line, choices={**line.choices, "closure": found})
-    return dataclasses.replace(line, closure=found, choices={**line.choices, "closure": "checked"})
+        return dataclasses.replace(line, choices={**line.choices, "level_check": found})
+    return dataclasses.replace(line, level_check=found, choices={**line.choices, "level_check": "checked"})
 
 
-def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
+def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
     """Of the average, and of each station, against the stated level; or why there is none."""
     known = stated_pressure(line, line.frequency, line.choices.get("tone"))
     if isinstance(known, str) or line.average is None:
@@ -58,7 +56,7 @@ def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
     if not moved:
         turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency,
                             float(line.fluid.sound_speed))  # fmt: skip
-    share, least = _shares((turns * own)[used], error[used], choices.closure_limit)
+    share, least = _shares((turns * own)[used], error[used], choices.level_limit)
     apart = (share < least) & ~pressure.isnan() & (not line.choices.get("referred", False))
     if bool(apart.any()):
         if moved:
@@ -82,10 +80,10 @@ def line_closure(line: ImpedanceLine, choices: Choices) -> Closure | str:
         ratio = implied / (2 if moved else 1) / pressure
         ends = _ends(value, of_velocity, interval, choices)
         gaps.append(gap_of(ratio[None], ends, False))
-    return Closure(
-        orders=("stations",), order="stations", known=words, kind=kind,
+    return LevelCheck(
+        averagings=("stations",), averaging="stations", known=words, kind=kind,
         pressure_level=spl_from_pressure_amplitude(pressure),
-        limit=choices.closure_limit + choices.level_doubt, doubt=choices.level_doubt,
+        limit=choices.level_limit + choices.level_uncertainty, uncertainty=choices.level_uncertainty,
         confidence=None if line.interval is None else choices.interval,
         liner=Gap(*(value[:, 0] for value in vars(gaps[0]).values())), cells=gaps[1],
     )  # fmt: skip
@@ -104,7 +102,7 @@ def _velocity_error(line: ImpedanceLine) -> Tensor:
     """Standard error of the size of V over itself, (N, F)."""
     start = torch.nan_to_num(line.segment_start, nan=-math.inf).amax(1, keepdim=True)
     length = start - line.segment_start[:, :1] + float(line.choices["segment"])
-    pieces = (length * line.frequency / PERIODS_PER_SEGMENT).clamp(min=1)
+    pieces = (length / float(line.choices["segment"]) * line.choices["blocks"]).clamp(min=1)
     coherence = line.coherence.clamp(min=1e-12, max=1.0)
     return ((1 - coherence) / (2 * pieces * coherence)).sqrt()
 

@@ -1,0 +1,135 @@
+"""A plane that is read for many answers: its moments, and those of other |v|, which share one more reading."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from torch import Tensor
+
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.membership import Membership
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import Nodes
+from torchliner.engine.sums import Job, Record, reduce
+from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
+from torchliner.records.boxes import Windows
+from torchliner.velocity import review
+from torchliner.velocity.averages import Asked, Averages, average
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import reading_for, with_window
+from torchliner.velocity.reading import SURVEY, Progress, Reading, measure
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """Another |v| of a plane.
+
+    Args:
+        chosen: its drive, mean and averaging.
+        windows: over which v is averaged in place of the cells, averaging ``velocity``; None for the cells.
+    """
+
+    chosen: Choices
+    windows: Windows | None = None
+
+
+class Source:
+    """A plane with its moments, which may be read again.
+
+    Args:
+        plane: wall-normal velocity.
+        liner: whose cells are averaged over.
+        frequency: Hz, (F,).
+        nodes: that serve all liners that will be asked for.
+        chosen: of the moments.
+        more_turns: Hz, of waves that the sums are weighed with beside those of the phase rule.
+        progress: called with numbers of samples read.
+    Raises:
+        ValueError: as ``educe``.
+    """
+
+    def __init__(
+        self,
+        plane: VelocityPlane,
+        liner: LinerModel,
+        frequency: Tensor,
+        nodes: Nodes,
+        chosen: Choices,
+        *,
+        more_turns: Iterable[float] = (),
+        progress: Progress | None = None,
+    ) -> None:
+        self.nodes, self.progress, self.readings = nodes, progress, 0
+        notes = review.review_record(plane, frequency, chosen)
+        reading = reading_for(plane, liner, frequency, nodes, chosen, notes, projected=False)
+        turns = torch.cat([reading.turns, torch.tensor([*more_turns], dtype=torch.float64)])
+        self.reading = dataclasses.replace(reading, turns=turns)
+        known = measure(self.reading, liner.cell_pitch, self._reduce, progress)
+        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
+        self.known = dataclasses.replace(known, notes=tuple(notes))
+        if not bool(known.used.all()):
+            self.reading = self.reading.without(~known.used)
+
+    def _reduce(
+        self, record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None
+    ) -> list[Tensor]:
+        self.readings += 1
+        return reduce(record, blocks, jobs, only)
+
+    def others(self, wanted: Sequence[Further]) -> list[Moments]:
+        """Moments of each, in one reading."""
+        ways = [self._way(each) for each in wanted]
+        jobs = [job for _, each in ways for job in each.values()]
+        record, blocks = self.reading.record(self.progress), self.reading.blocks
+        found = iter(self._reduce(record, blocks, jobs) if jobs else [])
+        return [
+            self._moments(each, reading, dict(zip(own, found, strict=False)))
+            for each, (reading, own) in zip(wanted, ways, strict=True)
+        ]
+
+    def _way(self, further: Further) -> tuple[Reading, dict[str, Job]]:
+        """How it is read, and what is summed."""
+        frequency = self.reading.frequency
+        chosen = with_window(further.chosen, frequency)
+        reading = dataclasses.replace(
+            self.reading,
+            chosen=chosen,
+            nodes=None if chosen.drive == "rms" else self.nodes,
+            turns=frequency[:0] if chosen.phase == "averaged" else 2 * frequency,
+        )
+        cells, seen = self._cells(further), self.known.survey
+        locked = self.known.locked if "phase-locked" in chosen.averagings else None
+        jobs = reading.first_jobs(cells) | reading.second_jobs(seen, cells, locked)
+        left_out = SURVEY if further.windows is None else (*SURVEY, "admittance")
+        return reading, {name: job for name, job in jobs.items() if name not in left_out}
+
+    def _cells(self, further: Further) -> Membership:
+        # Windows have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
+        return self.known.membership if further.windows is None else cast(Membership, further.windows)
+
+    def _moments(self, further: Further, reading: Reading, found: dict[str, Tensor]) -> Moments:
+        locked = self.known.locked if "phase-locked" in reading.chosen.averagings else None
+        made = reading.moments(self.known.cell_pitch, self.known.survey, locked, found)
+        if further.windows is not None:
+            made = dataclasses.replace(made, cells=dataclasses.replace(made.cells, weight=None))
+        vars(made)["membership"] = self._cells(further)  # a cached property
+        return made
+
+
+def average_of(
+    known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, averaging: str, psi: float | None = None
+) -> Averages:
+    """R under one averaging; with phase ``given`` psi (rad) is that of the sound at all probes."""
+    device = known.survey.sums.device
+    wall = None
+    if chosen.wall_filter is not None:
+        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
+    phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64, device=device)
+    with torch.no_grad():
+        coefficients = known.coefficients(liner, frequency).to(device)
+        return average(known, Asked(liner, frequency, coefficients, chosen, phase, wall), averaging)
