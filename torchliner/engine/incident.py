@@ -1,7 +1,7 @@
 """Incident waves: the pressure at the liner, or rho c times the velocity (only ratios matter).
 
-A new kind is a class like these: ``kind`` for messages; ``sampled``; ``edge``, what it is outside the record
-(``silent``: nothing; ``periodic``: velocity and wave repeat); and the ``window`` that suits its analysis.
+A new kind is a class with ``sampled`` like these; ``edge`` says what it is outside the record (``silent``: nothing;
+``periodic``: velocity and wave repeat), and ``window`` suits its analysis.
 """
 
 from __future__ import annotations
@@ -22,9 +22,18 @@ SWEEPS = ("linear", "logarithmic")
 class Incident:
     """Base of all incident waves."""
 
-    kind: ClassVar[str]
     edge: ClassVar[str] = "periodic"
     window: ClassVar[str] = "boxcar"
+
+    @property
+    def label(self) -> str:
+        """Kind and numbers, for messages and results."""
+        raise NotImplementedError
+
+    @property
+    def band(self) -> tuple[float, float] | None:
+        """Lowest and highest frequency, Hz; None if unknown."""
+        return None
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself.
@@ -47,13 +56,22 @@ class ComplexTones(Incident):
     over all phases of the tone relative to v.
     """
 
-    kind: ClassVar[str] = "complex tones"
     edge: ClassVar[str] = "silent"
     window: ClassVar[str] = "hann"
     frequency: Any
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", frequency_tensor(self.frequency).cpu())
+
+    @property
+    def label(self) -> str:
+        """Frequencies, and what else belongs to the tones."""
+        return f"complex tones {_listed(self.frequency)} Hz"
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest tone, Hz."""
+        return float(self.frequency.min()), float(self.frequency.max())
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """complex128, (F, T)."""
@@ -85,7 +103,6 @@ class Tones(ComplexTones):
         phase: rad; default those of Schroeder, which keep the peak of the sum low.
     """
 
-    kind: ClassVar[str] = "tones"
     amplitude: Any = 1.0
     phase: Any = None
 
@@ -98,6 +115,12 @@ class Tones(ComplexTones):
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
+
+    @property
+    def label(self) -> str:
+        """Frequencies, amplitudes and phases."""
+        shown = (_listed(self.frequency), _listed(self.amplitude), _listed(self.phase))
+        return "tones {} Hz, amplitude {}, phase {} rad".format(*shown)
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -115,7 +138,12 @@ class _Banded(Incident):
         make_plain(self)
         frequency_tensor([self.low, self.high])
         if self.low >= self.high:
-            raise ValueError(f"{self.kind} runs from {self.low:g} to {self.high:g} Hz; it must run upwards")
+            raise ValueError(f"{self.label} must run upwards")
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Hz."""
+        return self.low, self.high
 
 
 @dataclass(frozen=True)
@@ -126,12 +154,16 @@ class Sweep(_Banded):
     turbulence of the whole record.
     """
 
-    kind: ClassVar[str] = "sweep"
     spacing: str = "linear"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_choice("sweep", self.spacing, SWEEPS)
+
+    @property
+    def label(self) -> str:
+        """Kind and range."""
+        return f"{self.spacing} sweep {self.low:g}-{self.high:g} Hz"
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -147,13 +179,12 @@ class Sweep(_Banded):
 class BandNoise(_Banded):
     """Noise of rms 1: the lines k fs/T of the record from ``low`` to ``high`` (Hz), of one size and random phases."""
 
-    kind: ClassVar[str] = "band noise"
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.seed < 1 << 63:
-            raise ValueError(f"seed of the band noise is {self.seed}; it must be 0 to 2^63 - 1")
+    @property
+    def label(self) -> str:
+        """Range and seed."""
+        return f"band noise {self.low:g}-{self.high:g} Hz, seed {self.seed}"
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -162,7 +193,7 @@ class BandNoise(_Banded):
         first, last = math.ceil(self.low / spacing - 1e-9), math.floor(self.high / spacing + 1e-9)
         if last < first:
             raise ValueError(
-                f"band noise {self.low:g}-{self.high:g} Hz holds no line of the record: they are {spacing:g} Hz apart; "
+                f"{self.label} holds no line of the record: they are {spacing:g} Hz apart; "
                 "widen the band or use a longer record"
             )
         generator = torch.Generator().manual_seed(self.seed)
@@ -175,31 +206,36 @@ class BandNoise(_Banded):
 
 @dataclass(frozen=True, eq=False)
 class Recorded(Incident):
-    """A recorded wave in any unit, (T,), as long as the record of the velocity and at its sampling rate (Hz)."""
+    """A recorded wave in any unit, (T,), as long as the record of the velocity and at its sampling rate (Hz).
 
-    kind: ClassVar[str] = "recorded signal"
+    ``label`` is for messages, such as the name of its file.
+    """
+
     edge: ClassVar[str] = "silent"
     signal: Any
     sampling_rate: float
+    label: str = "recorded signal"
 
     def __post_init__(self) -> None:
         make_plain(self)
-        require_positive("recorded signal: sampling_rate (Hz)", self.sampling_rate)
+        require_positive(f"{self.label}: sampling_rate (Hz)", self.sampling_rate)
         values = real_tensor(self.signal).detach().cpu()
         if values.ndim != 1 or not bool(torch.isfinite(values).all()):
-            raise ValueError(
-                f"recorded signal has shape {tuple(values.shape)}; one channel without nan or inf is needed"
-            )
+            raise ValueError(f"{self.label} has shape {tuple(values.shape)}; one channel without nan or inf is needed")
         object.__setattr__(self, "signal", values)
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
         if abs(self.sampling_rate / sampling_rate - 1) > 1e-6 or len(self.signal) != samples:
             raise ValueError(
-                f"recorded signal has {len(self.signal)} samples at {self.sampling_rate:g} Hz, the velocity {samples} "
+                f"{self.label} has {len(self.signal)} samples at {self.sampling_rate:g} Hz, the velocity {samples} "
                 f"at {sampling_rate:g} Hz; resample (scipy.signal.resample_poly), cut or pad one of them"
             )
         return self.signal
+
+
+def _listed(values: Tensor) -> str:
+    return " ".join(f"{value:.6g}" for value in values.tolist())
 
 
 def parse_signal(text: str) -> Incident | None:

@@ -86,7 +86,7 @@ def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tens
         weights: of the levels of the stencil, (...) each.
     """
     if table.is_complex() or _is_differentiated(table, *weights):
-        rows = [table[index + i] * weight[..., None] for i, weight in enumerate(weights)]
+        rows = [table[index + i] * weight[..., None].to(table.dtype) for i, weight in enumerate(weights)]
         return torch.stack(rows).sum(0)
     stencils = index.reshape(-1, 1) + torch.arange(len(weights), device=index.device)
     shares = torch.stack([weight.flatten() for weight in weights], dim=1)

@@ -28,7 +28,7 @@ from torchliner.engine.sums import Drive, Held, Job, Record, linear, reduce
 
 BATCH = 64  # emissions
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 27  # numbers in the kernels that are held together
-ROWS = 4  # windowed rows of a frequency are as large as so many columns of float32
+ROWS = 4  # columns that take the memory of the two windowed rows, float64, of a frequency
 LOWEST = 1e-6  # power relative to that of the strongest line: below it is leakage, not signal
 
 
@@ -200,8 +200,6 @@ def transfer(
     strongest = torch.fft.fft(sent.unfold(-1, length, step) * weights).abs().square().sum(-2).amax(-1)
     for f, weak in zip(frequency.tolist(), (power < LOWEST * strongest).tolist(), strict=True):
         if weak:
-            raise ValueError(
-                f"the incident {incident.kind} have no energy at {f:g} Hz (60 dB below the strongest line)"
-            )
+            raise ValueError(f"{incident.label}: no energy at {f:g} Hz, 60 dB below the strongest line; ask elsewhere")
     y, x = spectra(reflected), x.to(device)
     return Transfer((y * x.conj()[:, None]).sum(0) / power.to(device), y, x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -169,9 +170,9 @@ def largest(weights: Tensor, columns: Tensor) -> Tensor:
 
 def ones(device: torch.device) -> Rows:
     """The one row that weighs every sample alike."""
-    return lambda begin, end: torch.ones(1, end - begin, dtype=torch.float64, device=device)
+    return functools.partial(waves, torch.zeros(0, dtype=torch.float64, device=device), 1.0)
 
 
 def wave_rows(lines: Tensor, sampling_rate: float) -> Rows:
     """Rows 1, cos and sin of lines (Hz, (L,)), on their device: R = 1 + 2 L."""
-    return lambda begin, end: waves(lines, sampling_rate, begin, end)
+    return functools.partial(waves, lines, sampling_rate)

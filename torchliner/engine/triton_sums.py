@@ -4,11 +4,10 @@ Checked in Triton's interpreter, and compiled for an H100; never run on a GPU, s
 
 A program has one slab, ``TILE`` columns, some rows of weights and a run of orders. A thread has one column and keeps
 its sums in registers, a tuple that is unrolled when the kernel is compiled, while v streams past: one division a
-velocity, one multiplication and addition for each T_k and each sum, and no temporary of the size of v. (In a tile of
-columns x K, each order would cost K comparisons.) With ``REGISTERS`` for its sums a float32 thread takes 128, which
-leaves 16 warps on each multiprocessor; as the sums do not wait for each other, these should keep it busy. Orders
-beyond that go to other programs, which repeat the recurrence up to their first one. One row has 96 orders in one
-program and three rows have 32; 64 orders of three rows cost an eighth more. float64 has half as many.
+velocity, one multiplication and addition for each T_k and each sum, and no temporary of the size of v. With
+``REGISTERS`` for its sums a float32 thread takes 128, which leaves 16 warps on each multiprocessor; as the sums do
+not wait for each other, these should keep it busy. Orders beyond that go to other programs, which repeat the
+recurrence up to their first one: not for 96 orders of one row or 32 of three; 64 of three cost an eighth more.
 """
 
 from __future__ import annotations
@@ -30,12 +29,13 @@ tl: Any = None  # triton.language, where Triton looks for it; imported with the 
 
 
 def available() -> bool:
-    """Whether Triton is installed and has a GPU to run on, or its interpreter (``TRITON_INTERPRET=1``)."""
+    """Whether Triton 3.3 or newer is installed and has a GPU, or its interpreter (``TRITON_INTERPRET=1``)."""
     try:
-        importlib.import_module("triton")
+        version = importlib.import_module("triton").__version__
     except ImportError:
         return False
-    return os.environ.get("TRITON_INTERPRET") == "1" or torch.cuda.is_available()
+    new = tuple(map(int, version.split(".")[:2])) >= (3, 3)  # torch 2.6 brings 3.2, which takes no tuples
+    return new and (os.environ.get("TRITON_INTERPRET") == "1" or torch.cuda.is_available())
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
@@ -80,7 +80,7 @@ def _kernel(w, v, out, centre: tl.float64, sizes, steps, ROWS: tl.constexpr, ORD
     program = tl.program_id(0)  # neighbours read the same v
     first, row, program = program % parts * ORDERS, program // parts % groups * ROWS, program // (parts * groups)
     slab, column = (program // tiles).to(tl.int64), program % tiles * TILE + tl.arange(0, TILE)
-    inside = column < width
+    inside, block = column < width, tl.zeros((TILE,), tl.int32)  # Triton 3.9 interprets no scalars in a mask
     kind = v.dtype.element_ty
     one, c = tl.full((TILE,), 1.0, kind), tl.full((), centre, kind)
     v += slab * v_slab + column.to(tl.int64) * v_column
@@ -106,5 +106,5 @@ def _kernel(w, v, out, centre: tl.float64, sizes, steps, ROWS: tl.constexpr, ORD
     for k in tl.static_range(ORDERS):
         for r in tl.static_range(ROWS):
             place = ((slab * rows + row + r) * count + first + k) * width + column
-            there = inside & (row + r < rows) & (first + k < count)
+            there = inside & (block + row + r < rows) & (block + first + k < count)
             tl.store(out + place, totals[k * ROWS + r].to(tl.float64), mask=there)

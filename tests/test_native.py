@@ -1,0 +1,116 @@
+"""The compiled moments: the numbers of their definition in torch, whatever the layout; built safely, or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from torchliner.engine import native
+from torchliner.engine.chebyshev_sums import torch_sums
+
+COMPILER = shutil.which("g++") or shutil.which("clang++")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
+USE = """
+import torch
+from torchliner.engine import native
+print(native.available(), native.reason)
+if native.available():
+    v = torch.linspace(-5, 5, 300).reshape(1, 10, 30)
+    print(float(native.sums(torch.ones(1, 1, 10), v, 24, 0.93).sum()))
+"""
+
+
+def data(slabs: int, rows: int, length: int, width: int, dtype: torch.dtype) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    weights = torch.randn(slabs, rows, length, generator=generator, dtype=dtype)
+    weights[:, :, -1] = 0  # padding
+    return weights, 2 * torch.randn(slabs, length, width, generator=generator, dtype=dtype)
+
+
+@needs_compiler
+@pytest.mark.parametrize(("dtype", "limit"), [(torch.float32, 1e-6), (torch.float64, 1e-13)])
+@pytest.mark.parametrize("rows", [1, 2, 3, 5])
+@pytest.mark.parametrize("count", [2, 3, 16, 24, 33, 64])
+def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, rows: int, count: int) -> None:
+    assert native.available(), native.reason
+    weights, v = data(2, rows, 37, 101, dtype)
+    found, wanted = native.sums(weights, v, count, 0.93), torch_sums(weights.double(), v.double(), count, 0.93)
+    assert found.dtype == torch.float64
+    assert float((found - wanted).abs().max()) < limit * 37 * count
+    turned = v.transpose(1, 2).contiguous().transpose(1, 2)
+    strided = torch.cat([v, v], 2)[:, :, 101:]
+    for other in (turned, strided):
+        assert torch.equal(native.sums(weights, other, count, 0.93), found)
+
+
+@needs_compiler
+def test_bits_do_not_depend_on_place_neighbours_or_threads() -> None:
+    weights, v = data(1, 1, 142, 3000, torch.float32)
+    before, found = torch.get_num_threads(), native.sums(weights, v, 32, 0.93)
+    try:
+        for threads in (1, 3):
+            torch.set_num_threads(threads)
+            assert torch.equal(native.sums(weights, v, 32, 0.93), found)
+    finally:
+        torch.set_num_threads(before)
+    for columns in (slice(0, 1), slice(17, 90), slice(2990, 3000)):
+        assert torch.equal(native.sums(weights, v[:, :, columns], 32, 0.93), found[..., columns])
+
+
+@needs_compiler
+def test_nan_stays_in_its_column() -> None:
+    weights, v = data(1, 3, 20, 40, torch.float32)
+    clean = native.sums(weights, v, 16, 0.93)
+    v[0, 3, 7] = torch.nan
+    found = native.sums(weights, v, 16, 0.93)
+    assert bool(torch.isnan(found[:, :, 1:, 7]).all())
+    others = [i for i in range(40) if i != 7]
+    assert torch.equal(found[..., others], clean[..., others])
+
+
+def test_other_types_are_refused() -> None:
+    with pytest.raises(TypeError, match="float16"):
+        native.sums(torch.ones(1, 1, 2), torch.ones(1, 2, 3, dtype=torch.float16), 16, 0.93)
+
+
+def used(cache: Path, **environment: str) -> list[str]:
+    """What a process of its own prints, with its cache in a folder."""
+    about = {**os.environ, "XDG_CACHE_HOME": str(cache), "TORCHLINER_SUMS": "", **environment}
+    run = subprocess.run([sys.executable, "-c", USE], env=about, capture_output=True, text=True, check=True)
+    return run.stdout.split("\n")[:-1]
+
+
+@needs_compiler
+def test_a_library_that_is_not_its_own_is_built_anew(tmp_path: Path) -> None:
+    whole = used(tmp_path)
+    assert whole[0].startswith("True")
+    (library,) = (tmp_path / "torchliner").glob("native-*.so")
+    assert (tmp_path / "torchliner").stat().st_mode & 0o777 == 0o700
+    content = library.read_bytes()
+    for planted in (content[: len(content) // 2], b"planted"):
+        library.write_bytes(planted)
+        assert used(tmp_path) == whole
+        assert library.read_bytes()[:4] == b"\x7fELF"
+        assert len(library.read_bytes()) == len(content)
+
+
+@needs_compiler
+def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path) -> None:
+    folder = tmp_path / "torchliner"
+    folder.mkdir()
+    folder.chmod(0o777)
+    assert used(tmp_path)[0].startswith("True")
+    assert not list(folder.iterdir())
+
+
+def test_without_a_compiler_torch_does_it_and_says_why(tmp_path: Path) -> None:
+    said = used(tmp_path, PATH=str(tmp_path), CXX="")
+    assert said[0].startswith("False no C++ compiler")
+    with pytest.raises(subprocess.CalledProcessError):
+        used(tmp_path, PATH=str(tmp_path), CXX="", TORCHLINER_SUMS="native")

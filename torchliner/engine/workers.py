@@ -1,0 +1,138 @@
+"""The one loop on workers of dask, or in steps that are kept: each task reads some blocks of the plane for itself.
+
+How blocks are shared out depends on the size of the record alone, a block has one owner, and rows are laid one after
+another in order of time: the same bits whoever does the work, and whoever is lost on the way.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import socket
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.plane_record import PlaneRecord
+from torchliner.engine.sums import Job, Record, reduce
+from torchliner.version import __version__
+
+SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
+Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Tensor]]
+Rows = list[np.ndarray]
+
+
+class Kept(Protocol):
+    """Where finished shares of a record stay, by all that they depend on but the samples themselves."""
+
+    def load(self, asked: Any) -> Rows | None:
+        """What was saved; None if nothing was."""
+        ...
+
+    def save(self, asked: Any, rows: Rows) -> None:
+        """Keep it."""
+        ...
+
+
+def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
+    """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
+
+    Args:
+        client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
+        kept: what is there is not read again.
+    Raises:
+        ValueError: the plane is in memory.
+        OSError, ImportError: a worker cannot read; it says which, and which path.
+        RuntimeError: workers of another version, or workers that end one after another.
+    """
+
+    def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
+        assert isinstance(record, PlaneRecord)
+        plane, progress = record.plane, record.progress
+        if plane.stored is None:
+            raise ValueError(
+                f"{plane.name} is in memory, and workers read for themselves; write it to a file, and read that with "
+                "lazy=True"
+            )
+        sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
+        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
+        about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded)
+        asked = [(about, blocks, sent[2], list(share)) for share in shares]
+        known = [None if kept is None else kept.load(each) for each in asked]
+        left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
+        read = _here(sent, left) if client is None else _there(client, sent, left)
+        parts = []
+        for i, share in enumerate(shares):
+            rows = known[i]
+            if rows is None:
+                rows = next(read)
+                if kept is not None:
+                    kept.save(asked[i], rows)
+            parts.append([torch.from_numpy(each) for each in rows])
+            if progress is not None:
+                progress(sum(blocks.borders[block + 1] - blocks.borders[block] for block in share))
+        return [torch.cat(each).to(record.device) for each in zip(*parts, strict=True)]
+
+    return run
+
+
+def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequence[int]]:
+    """Blocks of each task, about ``SHARE`` of the data."""
+    values = record.columns * sum(blocks.borders[block + 1] - blocks.borders[block] for block in only)
+    count = min(len(only), -(-values // SHARE))
+    return [only[len(only) * i // count : len(only) * (i + 1) // count] for i in range(count)]
+
+
+def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
+    return [rows.cpu().numpy() for rows in reduce(*sent, share)]
+
+
+def _here(sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    return (_rows(sent, share) for share in shares)
+
+
+def _there(client: Any, sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    # As the result of a task: sent once, and made again where the workers that held it are lost.
+    held = client.submit(_same, sent, pure=False)
+    waiting = [client.submit(on_worker, __version__, held, list(share), pure=False) for share in shares]
+    try:
+        while waiting:
+            yield waiting[0].result()
+            del waiting[0]  # the worker may forget it
+    except Exception as error:
+        if type(error).__name__ != "KilledWorker":
+            raise
+        raise RuntimeError(
+            f"workers ended one after another on the same blocks: {error}; give them more memory, or look into their "
+            "logs"
+        ) from error
+    finally:
+        client.cancel([held, *waiting])
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
+    """A task on a worker: in one thread, in silence; what it cannot read is said with its name.
+
+    Raises:
+        RuntimeError: it has another version of this package.
+    """
+    place = f"worker on {socket.gethostname()} (folder {os.getcwd()})"
+    if version != __version__:
+        raise RuntimeError(f"{place} has torchliner {__version__}, and {version} asks; install the same")
+    torch.set_num_threads(1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # they are among the notes
+            return _rows(sent, share)
+    except (OSError, ImportError) as error:
+        raise type(error)(f"{place}: {error}") from error
