@@ -5,10 +5,10 @@
 The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, float32); --full takes the
 paper's, 548 x 50 probes. Times are ns per velocity sample and in sums over the plane, the best of
 three runs after one that is not counted; engines that need longer than --seconds get fewer probes.
-Each row's error is the largest in R against a plain mean of R(f, |v|) in float64 (engines that form
-the reflected signal: against ``direct`` with the same kernels). Parts: engines, loops (the
-published recipe), worth (error bars, audit, calibration), stations (laser Doppler), duct
-(linearised Euler equations, microphones), files, memory, start.
+Each row's error is the largest in R against a plain mean of R(f, |v|) in float64 (the reflected
+signal: against a plain loop with the same kernels). Parts: engines, loops (the published recipe),
+worth (error bars, audit, calibration), stations (laser Doppler), duct (linearised Euler equations,
+microphones), files, memory, start.
 """
 
 from __future__ import annotations
@@ -28,26 +28,13 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.compiled import library
+from torchliner.engine import native
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import as_measured
+from torchliner.engine.nodes import choose_nodes, response
+from torchliner.engine.replay import replay
+from torchliner.engine.sums import Held, Job, ones, reduce
 from torchliner.liners.model import LinerModel
-from torchliner.liners.response import reflection_of
-from torchliner.names import ORDERS
-from torchliner.records.slabs import SLAB_ROWS, bounds_of
-from torchliner.reduction.basis import choose_basis
-from torchliner.reduction.plan import PassPlan
-from torchliner.reduction.sources import Columns, HeldSpeed
-from torchliner.reduction.speed_sums import SpeedSums
-from torchliner.replay.direct import replay_direct
-from torchliner.replay.edges import Record
-from torchliner.replay.emissions import Sent
-from torchliner.replay.kernels import build_kernels
-from torchliner.replay.levels import VelocityGrid
-from torchliner.replay.sinks import CrossSpectra
-from torchliner.replay.unfold import replay_unfold
-from torchliner.signals.blocks import plan_blocks
-from torchliner.signals.windows import make_window
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import prepare
 
 RATE, FREQUENCY, SAMPLES = 200e3, 1400.0, 2280
 MANY = [400.0 + 90 * i for i in range(60)]  # Hz
@@ -112,146 +99,107 @@ class Bench:
 
 
 def plain_means(liner: LinerModel, speed: Tensor, frequency: list[float], end: int) -> Tensor:
-    """Means of R(f, |v|) over samples 0 to ``end`` - 1, complex128; ``speed`` (P, n)."""
-    known = [
-        reflection_of(liner, torch.tensor(f, dtype=torch.float64), speed[:, :end].double()).mean(1) for f in frequency
-    ]
-    return torch.stack(known, 1)
+    """Means of R(f, |v|) over samples 0 to ``end`` - 1, complex128, (P, F); ``speed`` (P, n)."""
+    asked = torch.tensor(frequency, dtype=torch.float64)
+    return torch.stack([response(liner, asked, each[:end].double().abs()).mean(1) for each in speed])
 
 
 def engines(bench: Bench) -> None:
-    """The floor, the sums, ``educe``, and the engines that form the reflected signal."""
+    """The floor, the sums, ``educe``, and the reflected signal."""
     print(f"{'':50s} {'ns/sample':>10s} {'of floor':>9s} {'error':>9s}  wanted")
     count = bench.velocity.numel()
     bench.row("one sum over the plane, the floor", bench.floor * count, count)
+    ways = [("compiled", "native"), ("torch alone", "torch")]
     if bench.device.type == "cuda":
         copied = torch.empty_like(bench.velocity)
         seconds, _ = bench.best(lambda: copied.copy_(bench.velocity))
         bench.row(f"copy of the plane ({8e-9 * count / seconds:.0f} GB/s)", seconds, count)
-    else:
-        print("on a GPU: not measured (--device cuda)")
-    compiled = bench.device.type == "cpu" and library.available()
-    ways = [("compiled", "native")] * compiled + [("torch alone", "torch")]
+        ways = [("Triton", ""), ("torch alone", "torch")]
+    elif not native.available():
+        print(f"no compiled sums: {native.reason}")
+        ways = ways[1:]
     for name, way in ways:
         with mock.patch.dict(os.environ, TORCHLINER_SUMS=way):
             sums_row(bench, name)
-            educe_rows(bench, name, 10 if way == "native" else 50)
+            educe_rows(bench, name)
     reflected_rows(bench)
 
 
 def sums_row(bench: Bench, name: str) -> None:
-    """Moments alone, of the record and 16 blocks."""
-    asked = torch.tensor([FREQUENCY], dtype=torch.float64)
-    basis = choose_basis([bench.liner], asked, 1e-6)
-    blocks = plan_blocks(SAMPLES, 0, RATE / FREQUENCY)
-    plan = PassPlan(SAMPLES, RATE, 0, SAMPLES, blocks)
-
-    def work() -> SpeedSums:
-        width = bench.velocity.shape[1]
-        sums = SpeedSums(plan, basis, width, torch.float32, bench.device, True)
-        for begin, end in bounds_of(SAMPLES, SLAB_ROWS):
-            sums.add(begin, Columns(bench.velocity[begin:end]))
-        return sums
-
-    count = bench.velocity.numel()
-    seconds, _ = bench.best(work)
-    each = seconds / count
-    bench.row(f"moments, {basis.count} orders, {blocks.count} blocks, {name}", seconds, count)
-    long = bench.long.T
-    blocks = plan_blocks(LONG, 0, RATE / FREQUENCY)
-    plan = PassPlan(LONG, RATE, 0, LONG, blocks)
-
-    def work_long() -> None:
-        sums = SpeedSums(plan, basis, 1, torch.float32, bench.device, True)
-        for begin, end in bounds_of(LONG, 256 * SLAB_ROWS):
-            sums.add(begin, Columns(long[begin:end]))
-
-    seconds, _ = bench.best(work_long)
-    bench.row(f"moments, one probe, {LONG:.0e} samples, {name}", seconds, LONG, None,
-              f"{seconds / LONG / each:.1f} x plane, <= 3")  # fmt: skip
+    """Moments alone, over 16 blocks."""
+    nodes = choose_nodes([bench.liner], torch.tensor([FREQUENCY], dtype=torch.float64), 1e-6)
+    job = Job(as_measured, ones(bench.device), nodes.sums)
+    for velocity, words in ((bench.velocity, ""), (bench.long.T, f", one probe, {LONG:.0e} samples")):
+        samples, width = velocity.shape
+        record = Held(lambda begin, end, v=velocity: v[begin:end], samples, width, bench.device)
+        blocks = Blocks.of(samples, RATE, FREQUENCY)
+        seconds, _ = bench.best(functools.partial(reduce, record, blocks, [job]))
+        bench.row(f"moments, {nodes.count} nodes, {blocks.count} blocks{words}, {name}", seconds, velocity.numel())
 
 
-def educe_rows(bench: Bench, name: str, wanted: int) -> None:
-    """Plane in memory to map: survey, cells, closure, orders, error bars."""
+def educe_rows(bench: Bench, name: str) -> None:
+    """Plane in memory to map: survey, cells, level check, averagings, error bars."""
     count, plane = bench.velocity.numel(), bench.plane
-    whole = plan_blocks(SAMPLES, 0, RATE / FREQUENCY, most=1).borders[-1]
-    part = bench.velocity[:, :COMPARED].T.cpu().abs()
+    end = Blocks.of(SAMPLES, RATE, FREQUENCY).borders[-1]
+    part = bench.velocity[:, :COMPARED].T.cpu()
 
-    def educe(order: str = ORDERS[0], interval: float | None = 0.95, **choices: Any) -> Any:
-        return bench.best(lambda: tl.educe(plane, bench.liner, order=order, interval=interval, **choices))
+    def educe(averaging: str, interval: float | None, **choices: Any) -> Any:
+        work = functools.partial(tl.educe, plane, bench.liner, averaging=averaging, interval=interval, **choices)
+        return bench.best(work)
 
-    bare, found = educe(interval=None)
-    exact = plain_means(bench.liner, part, [FREQUENCY], whole)
-    error = float((found.reflection[:COMPARED].cpu() - exact).abs().max())
-    bench.row(f"educe, one reading, no error bars, {name}", bare, count, error)
-    one, _ = educe()
-    plain = bench.row(f"educe, one reading, error bars, {name}", one, count, error,
-                      f"<= {wanted} x floor")  # fmt: skip
-    print(f"{'':6s}(a stream at {1e-3 * RATE:g} kHz: one machine keeps up with "
-          f"{1e9 / RATE / plain:.0f} probes)")  # fmt: skip
-    seconds, found = educe(ORDERS[2], None)
-    error = float((found.reflection_coherent_first[:COMPARED].cpu() - coherent(bench)).abs().max())
-    bench.row(f"educe, the one rule, no error bars, {name}", seconds, count, error)
-    seconds, _ = educe(ORDERS[2])
-    bench.row(f"educe, the one rule, error bars, {name}", seconds, count, error)
-    exact = plain_means(bench.liner, part, MANY, whole)
-    for bars, level, alone in (("no error bars", None, bare), ("error bars", 0.95, one)):
-        many, found = educe(interval=level, frequency=MANY)
-        error = float((found.reflection[:COMPARED].cpu() - exact).abs().max())
-        bench.row(f"educe, 60 frequencies, {bars}, {name}", many, count, error,
-                  f"{many / alone:.2f} x one, <= 1.2")  # fmt: skip
+    exact = plain_means(bench.liner, part, [FREQUENCY], end)
+    double = tl.educe(plane, bench.liner, dtype="float64", interval=None).probes["phase-locked"].reflection[:COMPARED]
+    for averaging, words in (("admittance", "one reading"), ("phase-locked", "phase-locked")):
+        for level, bars in ((None, "no error bars"), (0.95, "error bars")):
+            seconds, found = educe(averaging, level)
+            wanted = exact if averaging == "admittance" else double.cpu()
+            error = float((found.probes[averaging].reflection[:COMPARED].cpu() - wanted).abs().max())
+            each = bench.row(f"educe, {words}, {bars}, {name}", seconds, count, error)
+    print(f"{'':6s}(a stream at {1e-3 * RATE:g} kHz: one machine keeps up with {1e9 / RATE / each:.0f} probes)")
+    exact = plain_means(bench.liner, part, MANY, end)
+    for level, bars in ((None, "no error bars"), (0.95, "error bars")):
+        seconds, found = educe("phase-locked", level, frequency=MANY)
+        error = float((found.probes["admittance"].reflection[:COMPARED].cpu() - exact).abs().max())
+        bench.row(f"educe, 60 frequencies, {bars}, {name}", seconds, count, error)
     long = tl.VelocityPlane(bench.long, sampling_rate=RATE, frequency=FREQUENCY)
-    seconds, found = bench.best(lambda: tl.educe(long, bench.liner, order=ORDERS[0]))
-    end = plan_blocks(LONG, 0, RATE / FREQUENCY, most=1).borders[-1]
-    exact = plain_means(bench.liner, long.velocity.cpu().abs(), [FREQUENCY], end)
-    error = float((found.reflection.cpu() - exact).abs().max())
-    bench.row(f"educe, one probe, {LONG:.0e} samples, {name}", seconds, LONG, error,
-              f"{1e9 * seconds / LONG / plain:.1f} x plane, <= 3")  # fmt: skip
-
-
-@functools.cache
-def coherent(bench: Bench) -> Tensor:
-    """Plain means of the |v*| of ``coherent first`` in float64, of the probes compared."""
-    chosen = Choices(dtype="float64", interval=None)
-    (ready,) = prepare([bench.plane], bench.liner, None, chosen)
-    slabs = ready.driving.slabs(bounds_of(SAMPLES, SLAB_ROWS), [2])
-    speed = torch.cat([group.speed[:, :COMPARED].cpu() for (group,) in slabs])
-    return plain_means(bench.liner, speed.T, [FREQUENCY], ready.record.end)
+    seconds, found = bench.best(lambda: tl.educe(long, bench.liner, averaging="admittance"))
+    exact = plain_means(bench.liner, long.velocity.cpu(), [FREQUENCY], Blocks.of(LONG, RATE, FREQUENCY).borders[-1])
+    error = float((found.probes["admittance"].reflection.cpu() - exact).abs().max())
+    bench.row(f"educe, one probe, {LONG:.0e} samples, {name}", seconds, LONG, error)
 
 
 def reflected_rows(bench: Bench) -> None:
-    """``unfold`` by method, and ``direct``: one real tone on the default kernels, literal edges."""
-    kernels = build_kernels(bench.liner, VelocityGrid(16.0), RATE)
-    record = Record(SAMPLES, 0, make_window("hann", SAMPLES), "silent", RATE)
-    steps = torch.arange(SAMPLES, dtype=torch.float64)
-    emission = Sent(torch.cos(2 * torch.pi * FREQUENCY / RATE * steps), False)
-    at = torch.tensor([FREQUENCY], dtype=torch.float64)
+    """The whole reflected signal of a real tone on the default kernels, against a plain loop."""
+    kernels = tl.build_kernels(bench.liner, RATE, velocity_max=16.0)
+    tone = tl.Tones(FREQUENCY)
+    wave = tone.sampled(SAMPLES, RATE)
+    few = bench.velocity[:, :2].double().cpu()
+    seconds, exact = bench.best(lambda: plain_replay(few, kernels, wave), 1)
+    bench.row(f"plain loop, float64, {few.shape[1]} probes", seconds, few.numel(), 0.0)
+    for dtype, probes in ((torch.float32, 64), (torch.float32, 512), (torch.float64, 64)):
+        v = bench.velocity[:, :probes].to(dtype)
+        record = Held(lambda begin, end, v=v: v[begin:end], *v.shape, bench.device)
 
-    def sink_of(probes: int) -> CrossSpectra:
-        weights = record.window.weights
-        return CrossSpectra(emission.signal, weights, [0], at, RATE, probes, bench.device)
+        def work(record: Held = record) -> Tensor:
+            signal = replay(record, kernels, tone, as_measured, edge="silent")
+            return torch.cat(list(signal.slabs([(0, SAMPLES)])))
 
-    def reflection(velocity: Tensor, method: str) -> Tensor:
-        sink = sink_of(velocity.shape[1])
-        replay_unfold(HeldSpeed(velocity.T), kernels, emission, record, [sink], method=method)
-        return sink.reflection()
+        seconds, found = bench.best(work, 1)
+        error = float((found[:, :2].cpu() - exact).abs().max())
+        bench.row(f"replay, {str(dtype).removeprefix('torch.')}, {v.shape[1]} probes", seconds, v.numel(), error)
 
-    few = bench.velocity[:, :8].double().abs().T
-    seconds, signal = bench.best(lambda: replay_direct(few, kernels, emission, record), 1)
-    bench.row(f"direct, float64, {len(few)} probes", seconds, few.numel(), 0.0)
-    sink = sink_of(len(few))
-    sink.add(signal, slice(0, len(few)), 0)
-    exact = sink.reflection()
-    for name, method, dtype, probes in (
-        ("unfold, gathered kernels", "gather", torch.float32, 64),
-        ("unfold, low rank, batched matmul", "matmul", torch.float32, 256),
-        ("unfold, low rank, FFT", "fft", torch.float32, bench.velocity.shape[1]),
-        ("unfold, FFT, float64", "fft", torch.float64, 256),
-    ):
-        part = bench.velocity[:, :probes].to(dtype)
-        seconds, found = bench.best(functools.partial(reflection, part, method), 1)
-        error = float((found[: len(few)] - exact).abs().max())
-        bench.row(f"{name}, {part.shape[1]} probes", seconds, part.numel(), error)
+
+def plain_replay(v: Tensor, kernels: Any, wave: Tensor) -> Tensor:
+    """Eq. (3.2) as a sum over emission times, (n, P)."""
+    samples, length = len(v), kernels.taps.shape[1]
+    index, shares = kernels.grid.locate(v.abs())
+    found = torch.zeros(samples + length, v.shape[1], dtype=torch.float64)
+    for k in range(samples):
+        taps = sum(share[k, :, None] * kernels.taps[index[k] + i] for i, share in enumerate(shares))
+        low = k + kernels.first
+        inside = slice(max(0, -low), length)
+        found[low + inside.start : low + length] += wave[k] * taps.T[inside]
+    return found[:samples]
 
 
 def main() -> None:
@@ -286,7 +234,6 @@ def main() -> None:
                 of_plane(bench)
         if "worth" in parts:
             benchmark_worth.worth(bench.plane, bench.liner, bench.clock)
-        coherent.cache_clear()
         del bench
     sizes = [0.25, 1.0, 4.0, 16.0] if options.full else [0.25, 1.0, 4.0]
     others: dict[str, Callable[[], Any]] = {

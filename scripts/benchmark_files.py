@@ -15,8 +15,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
-from torchliner.compiled import library
-from torchliner.names import ORDERS
+from torchliner.engine import native
 from torchliner.records.slabs import bounds_of, read_ahead
 
 ACROSS, ALONG, RATE, FREQUENCY = 50, 548, 200e3, 1400.0
@@ -26,7 +25,7 @@ ROUNDS = 5  # of reads of a file
 # getrusage gives begins with that of the parent.
 CHILD = """
 import sys, time
-import torchliner.tdibc.educe, torchliner.report.map_table
+import torchliner.velocity.educe, torchliner.report.map_table
 from torchliner.cli.main import main
 start, before = time.perf_counter(), time.process_time()
 code = main(sys.argv[1:])
@@ -131,10 +130,10 @@ def cold_read(folder: Path | None) -> None:
     The same read may take one second or four, by the state of the system's free pages: so rows are
     repeated in turn, and the best of each is compared with the best raw read.
     """
-    library.available()  # built before anything is timed
+    native.available()  # built before anything is timed
     with plane_file(folder, 2.0) as path:
         size = path.stat().st_size
-        once, twice = ("--order", ORDERS[0]), ("--order", ORDERS[2])
+        once, twice = ("--averaging", "admittance"), ("--averaging", "phase-locked")
         rows: dict[str, tuple[Callable[[Path], tuple[float, float]], str]] = {
             "raw read": (cpu_too(raw_read), ""),
             "slabs, read ahead": (cpu_too(slab_read), ""),

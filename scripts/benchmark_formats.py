@@ -162,7 +162,7 @@ def raw_of(paths: Sequence[Path]) -> None:
 
 def educed(paths: Sequence[Path], request: dict[str, Any], liner: Any) -> tl.ImpedanceMap:
     plane = tl.read_plane(paths[0], lazy=True, **request)
-    return tl.educe(plane, liner, FREQUENCY, order="probes first")
+    return tl.educe(plane, liner, FREQUENCY, averaging="admittance")
 
 
 def copies(path: Path) -> None:

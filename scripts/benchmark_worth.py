@@ -9,7 +9,6 @@ from typing import Any
 import torchliner as tl
 from common import case_files
 from torchliner.liners.model import LinerModel
-from torchliner.names import ORDERS
 
 # Choices whose rows an audit has, as runs of their own.
 ALONE: tuple[dict[str, Any], ...] = (
@@ -59,12 +58,12 @@ def calibration(clock: Clock) -> None:
     files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
     liner = tl.load_liner("lbm_slit")
     start = clock()
-    kept: dict[str, Any] = {"cell_pitch": liner.cell_pitch, "order": ORDERS[1]}
+    kept: dict[str, Any] = {"cell_pitch": liner.cell_pitch, "averaging": "velocity"}
     reduced = [tl.moments(tl.read_plane(path), **kept) for path in files]
     reading = clock() - start
     fit = functools.partial(tl.calibrate, reduced, liner, "true", FREE, noise=0.002, draws=0)
     seconds, _ = timed(fit, clock)
-    educe = functools.partial(reduced[-1].educe, liner, order=ORDERS[1], interval=None)
+    educe = functools.partial(reduced[-1].educe, liner, averaging="velocity", interval=None)
     sweep, _ = timed(functools.partial(educe, [400.0 + 90 * i for i in range(60)]), clock)
     one, _ = timed(educe, clock)
     print(f"calibration: {len(FREE)} parameters on {len(files)} planes in {1e3 * seconds:.0f} ms, "

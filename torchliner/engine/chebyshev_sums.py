@@ -6,11 +6,8 @@ used here. ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone.
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import os
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 
 import torch
 from torch import Tensor
@@ -45,9 +42,10 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
     width = columns.shape[2]
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64, device=columns.device)
 
-    def work(left: int, right: int) -> None:
-        v = columns[:, :, left:right]
-        each = v.new_empty(count, slabs, rows, right - left)
+    tile = max(1, TILE // (slabs * length)) if columns.device.type == "cpu" else width
+    for left in range(0, width, tile):
+        v = columns[:, :, left : left + tile]
+        each = v.new_empty(count, slabs, rows, v.shape[2])
         speed = v.abs()
         twice = (speed - centre).mul_(2).div_(speed.add_(centre))
         # T_k = 2 x T_{k-1} - T_{k-2}: with the signs +, +, -, -, +, +, ... of T_k the last term is added instead, so
@@ -59,27 +57,5 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
                 torch.addcmul(before, twice, now, value=(-1) ** (k - 1), out=before)
                 before, now = now, before
             torch.bmm(weights, now, out=each[k])
-        found[..., left:right] = each.permute(1, 2, 0, 3)
-
-    tile = max(1, TILE // (slabs * length)) if columns.device.type == "cpu" else width
-    lefts = range(0, width, tile)
-    rights = [min(left + tile, width) for left in lefts]
-    threads = min(torch.get_num_threads(), len(lefts))
-    if columns.device.type == "cpu" and threads > 1:  # a tile each: torch's own threads would share every operation
-        with one_thread(), ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, lefts, rights))
-    else:
-        for left, right in zip(lefts, rights, strict=True):
-            work(left, right)
+        found[..., left : left + tile] = each.permute(1, 2, 0, 3)
     return found * (1 - 2 * (torch.arange(count, device=found.device) // 2 % 2))[:, None]
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """torch in one thread: several add small tables in another order, or wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -10,9 +10,7 @@ amplify any noise there.
 
 from __future__ import annotations
 
-import contextlib
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +18,7 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.engine.levels import VelocityGrid, interpolate
+from torchliner.engine.threads import one_thread
 from torchliner.liners.model import Liner
 from torchliner.liners.response import reflection_of
 from torchliner.names import KERNELS
@@ -28,20 +27,6 @@ BAND = (300.0, 3500.0)  # Hz, that of the paper's rig
 BEFORE, AFTER = 2e-3, 10e-3  # s of taps before and after zero
 REGULARISATION = 1e-7
 HIGHEST = 0.49  # of the sampling rate: the end of the band
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra in one thread.
-
-    Several threads add in another order, of which the nearly singular normal equations make 1e-9.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @dataclass(frozen=True, eq=False)

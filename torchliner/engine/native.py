@@ -19,7 +19,6 @@ import stat
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import torch
@@ -29,7 +28,6 @@ SOURCE = Path(__file__).with_suffix(".cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ("-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
 SECONDS = 120.0  # that a compiler may take
-FEWEST = 512  # columns that are worth a thread
 FUNCTIONS = {torch.float32: "sums_float32", torch.float64: "sums_float64"}
 
 reason = ""  # why there is no library, after ``available()``
@@ -61,7 +59,7 @@ def available() -> bool:
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """See ``chebyshev_sums.sums``; columns with any strides, shared out to torch's number of threads.
+    """See ``chebyshev_sums.sums``; columns with any strides; other threads work on meanwhile.
 
     Raises:
         TypeError: neither float32 nor float64.
@@ -81,32 +79,8 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
         centre,
         found.data_ptr(),
     )
-    function, lefts = library[FUNCTIONS[columns.dtype]], iter(range(0, width, _share(width)))
-
-    def work() -> None:  # who is done takes the next share
-        for left in lefts:
-            right = min(left + _share(width), width)
-            function(ctypes.byref(about), ctypes.c_int64(left), ctypes.c_int64(right))
-
-    helpers = min(torch.get_num_threads(), -(-width // _share(width))) - 1
-    others = [_pool().submit(work) for _ in range(helpers)]
-    work()
-    for other in others:
-        other.result()
+    library[FUNCTIONS[columns.dtype]](ctypes.byref(about), ctypes.c_int64(0), ctypes.c_int64(width))
     return found
-
-
-def _share(width: int) -> int:
-    return max(FEWEST, -(-width // (4 * torch.get_num_threads())))
-
-
-@functools.cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count(), "torchliner-sums")
-
-
-if hasattr(os, "register_at_fork"):  # the child has none of its parent's threads
-    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 @functools.cache

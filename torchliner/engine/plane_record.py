@@ -43,7 +43,9 @@ class PlaneRecord:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
         stored = self.plane.stored
         read = (
-            (self.plane.read(*each) for each in bounds) if stored is None else read_ahead(stored, bounds, self.device)
+            (self.plane.read(*each) for each in bounds)
+            if stored is None
+            else read_ahead(stored, bounds, self.device, torch.get_num_threads())
         )
         for slab in read:
             here = slab.to(self.device, self.dtype)

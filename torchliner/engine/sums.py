@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.engine.blocks import SLAB, Blocks, Slab, waves
+from torchliner.engine.threads import in_order
 
 Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
 Drive = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
@@ -40,7 +41,8 @@ class Record(Protocol):
         ...
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """Samples begin .. end - 1 of each of ``bounds``, (t, P); a slab lives until the next is asked for."""
+        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until as many more were read as
+        torch has threads."""
         ...
 
 
@@ -95,26 +97,40 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     reach = max(job.reach for job in jobs)
     batches = list(blocks.batches(*rows_at_once(record), taken, across=record.device.type != "cpu"))
     bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
-    found: list[Tensor | None] = [None] * len(jobs)
-    opened: list[Tensor | None] = [None] * len(jobs)
-    done = 0
-    for batch, (low, _), samples in zip(batches, bounds, record.slabs(bounds), strict=True):
+
+    def work(item: tuple[list[Slab], int, Tensor]) -> list[Tensor]:
+        batch, low, samples = item
         padding = _padding(batch, record.device)
-        for i, job in enumerate(jobs):
-            row = done
-            for slab, part in zip(batch, _measured(job, batch, samples, low, padding), strict=True):
-                before = None if slab.first else opened[i]
-                whole = part if before is None else torch.maximum(before, part) if job.largest else before + part
-                opened[i] = whole
-                if slab.last:
-                    whole = whole if job.projection is None else job.projection @ whole
-                    rows = found[i]
-                    if rows is None:
-                        found[i] = rows = whole.new_empty(len(taken), *whole.shape)
-                    rows[row] = whole
-                    row += 1
-        done = row
-    return [rows for rows in found if rows is not None]
+        return [_measured(job, batch, samples, low, padding) for job in jobs]
+
+    lows = (low for low, _ in bounds)
+    items = zip(batches, lows, record.slabs(bounds), strict=True)
+    kept = [_Blocks(job, len(taken)) for job in jobs]
+    for batch, found in zip(batches, in_order(work, items, record.device), strict=True):
+        for own, parts in zip(kept, found, strict=True):
+            own.add(batch, parts)
+    return [own.rows for own in kept]
+
+
+class _Blocks:
+    """What a job found in each block, put together in order of time."""
+
+    def __init__(self, job: Job, count: int) -> None:
+        self.job, self.count, self.done = job, count, 0
+        self.rows = self.opened = torch.empty(0)
+
+    def add(self, batch: Sequence[Slab], parts: Tensor) -> None:
+        """The slabs that come next, (G, R, K, N)."""
+        for slab, part in zip(batch, parts, strict=True):
+            if not slab.first:
+                part = torch.maximum(self.opened, part) if self.job.largest else self.opened + part
+            self.opened = part
+            if slab.last:
+                whole = part if self.job.projection is None else self.job.projection @ part
+                if not self.done:
+                    self.rows = whole.new_empty(self.count, *whole.shape)
+                self.rows[self.done] = whole
+                self.done += 1
 
 
 def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tensor] | None:

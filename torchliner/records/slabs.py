@@ -82,33 +82,33 @@ def slab_bounds(samples: int, probes: int, most: int = 4 * SLAB_ROWS) -> list[tu
     return bounds_of(samples, rows_per_slab(probes, 4, most=most))
 
 
-def read_ahead(reader: Reader, bounds: Bounds, device: torch.device) -> Iterator[Tensor]:
-    """Slabs of a file on ``device``, the next one being read while the last is worked on.
+def read_ahead(reader: Reader, bounds: Bounds, device: torch.device, held: int = 1) -> Iterator[Tensor]:
+    """Slabs of a file on ``device``, the next one being read while ``held`` of them are worked on.
 
-    One thread reads, since HDF5 knows one lock, into two buffers, pinned for a GPU. A slab lives
-    until the next one is asked for: copy what must stay.
+    One thread reads, since HDF5 knows one lock, into ``held`` + 1 buffers, pinned for a GPU. A slab lives
+    until so many more are asked for: copy what must stay.
     """
     if not bounds:
         return
     rows = max(end - begin for begin, end in bounds)
     probes = torch.Size(reader.shape[:-1]).numel()
     on_gpu = device.type == "cuda"
-    buffers = [torch.empty(rows, probes, dtype=reader.dtype, pin_memory=on_gpu) for _ in range(2)]
-    copied = [torch.cuda.Event() if on_gpu else None for _ in range(2)]
+    buffers = [torch.empty(rows, probes, dtype=reader.dtype, pin_memory=on_gpu) for _ in range(held + 1)]
+    copied = [torch.cuda.Event() if on_gpu else None for _ in buffers]
 
     with ThreadPoolExecutor(1, thread_name_prefix="read-ahead") as pool:
         pending = pool.submit(reader.read, *bounds[0], buffers[0])
         for i in range(len(bounds)):
             slab = pending.result()
             if i + 1 < len(bounds):
-                other = (i + 1) % 2
+                other = (i + 1) % len(buffers)
                 event = copied[other]
                 if event is not None:
                     event.synchronize()
                 pending = pool.submit(reader.read, *bounds[i + 1], buffers[other])
             if on_gpu:
                 slab = slab.to(device, non_blocking=True)
-                event = copied[i % 2]
+                event = copied[i % len(buffers)]
                 assert event is not None
                 event.record(torch.cuda.current_stream(device))
             yield slab

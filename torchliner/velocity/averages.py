@@ -19,13 +19,14 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.survey import Survey
+from torchliner.engine.threads import in_order
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import impedance_of
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval
 from torchliner.velocity.choices import Choices
 
-ELEMENTS = 1 << 21  # complex values that are worked on at once on a CPU
+ELEMENTS = 1 << 17  # complex values that a thread works on at once on a CPU
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +74,12 @@ class Averages:
 
 def average(known: Moments, asked: Asked, averaging: str) -> Averages:
     """R of probes, cells and liner under one averaging."""
-    columns = _Columns.of(known, asked, averaging)
-    return _of_cell_velocity(columns, known) if averaging == "velocity" else _of_probes(columns, known)
+    return Columns.of(known, asked, averaging).averages()
 
 
 @dataclass(frozen=True, eq=False)
-class _Columns:
-    """R of the columns of one averaging, part by part."""
+class Columns:
+    """R of the columns of one averaging, part by part; ``lengths`` are those of the blocks, (S,)."""
 
     known: Moments
     asked: Asked
@@ -89,13 +89,19 @@ class _Columns:
     held: Tensor
 
     @classmethod
-    def of(cls, known: Moments, asked: Asked, averaging: str) -> _Columns:
+    def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
+        """From the sums of the moments."""
         seen = survey_of_columns(known, averaging)
         held = seen.coherence(asked.frequency) >= asked.chosen.minimum_coherence
         return cls(known, asked, averaging, seen, seen.lengths, held)
 
+    def averages(self) -> Averages:
+        """R of probes, cells and liner."""
+        return _of_cell_velocity(self, self.known) if self.averaging == "velocity" else _of_probes(self, self.known)
+
     @property
     def count(self) -> int:
+        """N."""
         return self.survey.sums.shape[2]
 
     def means(self, sums: Tensor) -> Tensor:
@@ -193,7 +199,7 @@ def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
     return cells.mean(torch.exp(1j * phase).T).T
 
 
-def _of_probes(columns: _Columns, known: Moments) -> Averages:
+def _of_probes(columns: Columns, known: Moments) -> Averages:
     asked, cells, labels = columns.asked, known.membership, known.membership.labels
     interval, used = columns.interval, known.counted[:, None]
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
@@ -203,9 +209,13 @@ def _of_probes(columns: _Columns, known: Moments) -> Averages:
     sums = counted.new_zeros(size, 1 + cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
     numbers = counted.new_zeros(sums.shape[1], dtype=torch.float64)
     found: list[Educed] = []
-    for part in columns.parts():
+
+    def work(part: slice) -> tuple[slice, Tensor, Educed]:
         reflection = columns.reflection(part)
-        found.append(_educed(reflection, interval))
+        return part, reflection, _educed(reflection, interval)
+
+    for part, reflection, educed in in_order(work, columns.parts(), sums.device):
+        found.append(educed)
         admittance = admittance_from_reflection(reflection)
         if asked.wall is not None:
             admittance = torch.where(asked.wall[part], 0, admittance)
@@ -231,8 +241,8 @@ def _of_probes(columns: _Columns, known: Moments) -> Averages:
     )
 
 
-def _of_cell_velocity(columns: _Columns, known: Moments) -> Averages:
-    found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
+def _of_cell_velocity(columns: Columns, known: Moments) -> Averages:
+    found = torch.cat(list(in_order(columns.reflection, columns.parts(), columns.lengths.device)), 1)
     weight = known.cells.weight
     share = torch.ones_like(found[0, :, 0]) if weight is None else weight.to(found)
     liner = torch.einsum("bcf,c->bf", admittance_from_reflection(found), share / share.sum())

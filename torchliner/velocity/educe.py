@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,9 @@ def educe(
         chosen = with_window(chosen, asked)
     with torch.no_grad():
         found = answer(known, model, asked, chosen, reference_phase, pressure, notes)
-    found = dataclasses.replace(found, choices={**found.choices, **_origin(plane, model, pressure, reference_phase)})
+    found = dataclasses.replace(
+        found, choices={**found.choices, **origin_facts(plane, model, pressure, reference_phase)}
+    )
     tell([note.text for note in found.notes])
     return found
 
@@ -333,17 +335,43 @@ def answer(
         check, checked = check_level(known, case, found, pressures, chosen), "checked"
         sentences = [check.sentence(chosen.averaging, f, i) for i, f in enumerate(frequency.tolist())]
         notes += [Note("level-check", f"{plane.name}: {text}") for text in sentences if text]
-    used = known.used
+    return map_of(
+        known,
+        liner,
+        frequency,
+        found,
+        chosen.averaging,
+        phase_rule=found["admittance"].held | torch.tensor(chosen.phase != "self-consistent"),
+        wall=asked.wall,
+        choices=facts_of(known, liner, chosen, error) | {"level_check": checked},
+        notes=tuple(notes),
+        level_check=check,
+    )
+
+
+def map_of(
+    known: Moments,
+    liner: LinerModel,
+    frequency: Tensor,
+    found: Mapping[str, Averages],
+    averaging: str,
+    *,
+    phase_rule: Tensor,
+    wall: Tensor | None = None,
+    **about: Any,
+) -> ImpedanceMap:
+    """The map of averages; arguments as of ``ImpedanceMap``, tensors on their device, of (P, F) probes."""
+    plane, seen, used = known.plane, known.survey, known.used
 
     def on_probes(value: Tensor) -> Tensor:
         """On the plane's axes; nan where a probe was left out."""
-        value = value.detach().cpu()
+        value = value.cpu()
         if value.dtype != torch.bool:
             value = torch.where(used.reshape(-1, *[1] * (value.ndim - 1)), value, torch.nan)
         return value.reshape(*plane.probe_shape, *value.shape[1:])
 
     def host(each: Educed) -> Educed:
-        return each.map(lambda value: value.detach().cpu())
+        return each.map(lambda value: value.cpu())
 
     return ImpedanceMap(
         frequency=frequency,
@@ -351,16 +379,16 @@ def answer(
         cells={name: host(each.cells) for name, each in found.items()},
         liner={name: host(each.liner) for name, each in found.items()},
         along_x={name: host(each.along_x) for name, each in found.items() if each.along_x is not None},
-        averaging=chosen.averaging,
+        averaging=averaging,
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
         velocity_amplitude=on_probes(-tone_velocity(seen, frequency)[0]),
         coherence=on_probes(seen.coherence(frequency)),
-        phase_rule=on_probes(found["admittance"].held | torch.tensor(chosen.phase != "self-consistent")),
+        phase_rule=on_probes(phase_rule),
         cell_x=known.cells.x,
         cell_z=known.cells.z,
         cell_weight=known.cells.weight,
-        wall=None if asked.wall is None else on_probes(asked.wall),
+        wall=None if wall is None else on_probes(wall),
         x=plane.x,
         z=plane.z,
         height=plane.height,
@@ -371,10 +399,8 @@ def answer(
         source_side=plane.source_side,
         goodrich=goodrich_of(plane, liner, frequency),
         title=plane.title,
-        choices=_facts(known, liner, chosen, error) | {"level_check": checked},
-        notes=tuple(notes),
-        level_check=check,
         holes=plane.holes,
+        **about,
     )
 
 
@@ -416,7 +442,7 @@ def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> T
     return impedance_of(liner, frequency, torch.zeros(1)) + added
 
 
-def _facts(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
+def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
     """Every choice, and what followed from it."""
     plane, blocks = known.plane, known.survey.blocks
     facts: dict[str, Any] = {
@@ -452,7 +478,7 @@ def _mean_scale(known: Moments) -> float:
     return float((cells.sum(known.locked.scale).sum() / cells.sizes.sum()).cpu())
 
 
-def _origin(plane: Any, liner: LinerModel, pressure: Any, phase: Any) -> dict[str, Any]:
+def origin_facts(plane: Any, liner: LinerModel, pressure: Any, phase: Any) -> dict[str, Any]:
     """What a map keeps so that it can be made again, beside its choices."""
     data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
     named = named_planes(data)

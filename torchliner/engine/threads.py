@@ -1,0 +1,55 @@
+"""Work on a CPU in several threads, each with torch in one.
+
+torch's own threads share every operation and wait for each other by turning in a loop, on processors that others could
+use: with small tensors, or on a machine that is busy, they take many times longer than one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+import torch
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """torch in one thread; several also add small tables in another order."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:
+    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, else one after another.
+
+    An item is asked for when its work can begin, so that items may be read from a file; as many as there are threads
+    must live together.
+    """
+    threads = torch.get_num_threads()
+    if device.type != "cpu" or threads == 1:
+        yield from map(work, items)
+        return
+    with_gradients = torch.is_grad_enabled()  # which a new thread would not know
+
+    def alone(item: Item) -> Result:
+        with torch.set_grad_enabled(with_gradients):
+            return work(item)
+
+    with one_thread(), ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Result]] = deque()
+        for item in items:
+            waiting.append(pool.submit(alone, item))
+            if len(waiting) == threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
