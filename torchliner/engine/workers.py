@@ -10,7 +10,9 @@ import dataclasses
 import os
 import socket
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -90,7 +92,8 @@ def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequenc
 
 
 def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
-    return [rows.cpu().numpy() for rows in reduce(*sent, share)]
+    record, blocks, jobs = sent
+    return [rows.cpu().numpy() for rows in reduce(record, blocks, jobs, share)]
 
 
 def _here(sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
@@ -98,29 +101,50 @@ def _here(sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Ro
 
 
 def _there(client: Any, sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    # As the result of a task: sent once, and made again where the workers that held it are lost.
-    held = client.submit(_same, sent, pure=False)
-    waiting = [client.submit(on_worker, __version__, held, list(share), pure=False) for share in shares]
+    return tasks_in_order(client, _rows, (sent,), [(list(share),) for share in shares])
+
+
+def tasks_in_order(
+    client: Any, work: Callable[..., Any], shared: tuple[Any, ...], tasks: Iterable[tuple[Any, ...]]
+) -> Iterator[Any]:
+    """``work(*shared, *task)`` of each task, in their order, with some under way ahead of it.
+
+    Args:
+        client: of dask.distributed; None: one after another, here, as they are asked for.
+        work: a function that workers can import.
+        shared: arguments of all tasks, sent once.
+        tasks: the other arguments.
+    """
+    if client is None:
+        yield from (work(*shared, *task) for task in tasks)
+        return
+    # As results of tasks: sent once, and made again where the workers that held them are lost.
+    held = [client.submit(_same, each, pure=False) for each in shared]
+    ahead = 2 * max(1, sum(client.nthreads().values()))
+    left, waiting = iter(tasks), deque[Any]()
     try:
-        while waiting:
+        while True:
+            for task in islice(left, ahead - len(waiting)):
+                waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
+            if not waiting:
+                return
             yield waiting[0].result()
-            del waiting[0]  # the worker may forget it
+            waiting.popleft()  # the worker may forget it
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
         raise RuntimeError(
-            f"workers ended one after another on the same blocks: {error}; give them more memory, or look into their "
-            "logs"
+            f"workers ended one after another on the same task: {error}; give them more memory, or look into their logs"
         ) from error
     finally:
-        client.cancel([held, *waiting])
+        client.cancel([*held, *waiting])
 
 
 def _same(value: Any) -> Any:
     return value
 
 
-def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
+def on_worker(version: str, work: Callable[..., Any], *arguments: Any) -> Any:
     """A task on a worker: in one thread, in silence; what it cannot read is said with its name.
 
     Raises:
@@ -133,6 +157,6 @@ def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # they are among the notes
-            return _rows(sent, share)
+            return work(*arguments)
     except (OSError, ImportError) as error:
         raise type(error)(f"{place}: {error}") from error

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
+from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_format import Place
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
@@ -100,7 +101,7 @@ def educe_bursts(
         ]  # fmt: skip
         keys = [station_key(stations[i], _channel(references[i], stations[i]), [*shared, phases[i]]) for i in order]
     missing = [i for i, key in zip_longest(order, keys) if kept is None or not kept.holds(key)]
-    made = in_order(
+    made = tasks_in_order(
         client, _read_and_educe, (model, frequency, station_choices, replay_choices),
         [(stations[i], references[i], phases[i]) for i in missing],
     )  # fmt: skip

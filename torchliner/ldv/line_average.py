@@ -26,7 +26,7 @@ from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.signals.bootstrap import can_resample
 from torchliner.signals.resampling import FROM_ADMITTANCE, ITSELF, Resampling, impedance_interval
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 
 SEED = 0  # of the Monte Carlo
 DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB

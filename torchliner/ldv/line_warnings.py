@@ -12,7 +12,7 @@ SHOWN = 4  # names in a warning
 
 def warnings_of(line: ImpedanceLine) -> list[str]:
     """One sentence for each thing about a line that is doubtful, with numbers."""
-    checks = (_flagged, _damped, _walls, _fallen_back, _station_notes, _no_interval, _closure)
+    checks = (_flagged, _damped, _walls, _fallen_back, _station_notes, _no_interval, _level_check)
     return [text for check in checks for text in check(line)]
 
 
@@ -81,8 +81,8 @@ def _no_interval(line: ImpedanceLine) -> Iterator[str]:
         )
 
 
-def _closure(line: ImpedanceLine) -> Iterator[str]:
-    if line.closure is not None:
-        texts = (line.closure.sentence("stations", f, i)
+def _level_check(line: ImpedanceLine) -> Iterator[str]:
+    if line.level_check is not None:
+        texts = (line.level_check.sentence("stations", f, i)
                  for i, f in enumerate(line.frequency.tolist()))  # fmt: skip
         yield from filter(None, texts)

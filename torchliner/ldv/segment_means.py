@@ -1,8 +1,8 @@
 r"""R of every segment of a station: the mean of R(f, |v|) over its emission times, weighted as its window is.
 
-Under a Hann window on the reflected signal, which is the paper's, the line at f of the reply to e^{j omega t} is exactly
-:math:`\sum_q c_q \sum_k e^{2\pi j q k/N} R(f - q f_s/N, |v_k|)` with :math:`c_0 = 1/2, c_{\pm 1} = -1/4`; where each
-whole period weighs alike it is the plain mean.
+Under a Hann window on the reflected signal, which is the paper's, the line at f of the reply to e^{j omega t} is
+exactly :math:`\sum_q c_q \sum_k e^{2\pi j q k/N} R(f - q f_s/N, |v_k|)` with :math:`c_0 = 1/2, c_{\pm 1} = -1/4`;
+where each whole period weighs alike it is the plain mean.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from torchliner.engine.drives import LessMean, RunningRms, as_measured
 from torchliner.engine.nodes import Nodes, choose_nodes, interpolation_error, response
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Drive, Job, reduce, wave_rows
+from torchliner.engine.sums import Job, reduce, wave_rows
 from torchliner.engine.survey import Survey, survey_jobs, survey_of
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
@@ -76,21 +76,22 @@ def segment_means(
     record = PlaneRecord(plane, dtype, device)
     surveyed = survey_jobs(as_measured, frequency.to(device), rate)
     shifts = torch.tensor(list(orders), dtype=torch.float64) * step
-    turns = torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()])  # of e^{+j shift t}, e^{-j (2 f - shift) t}
+    # Waves e^{+j shift t}, and then e^{-j (2 f - shift) t}.
+    turns = torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()])
     read = frequency[:, None] - shifts  # Hz, (F, Q)
     nodes = choose_nodes([liner], read.flatten(), choices.tolerance(plane.velocity.dtype))
     rows = wave_rows(turns.to(device), rate)
-    drive: Drive = as_measured
     instantaneous = choices.drive != "rms"
-    jobs = [Job(drive, rows, nodes.sums)] if instantaneous and choices.mean == "kept" else []
+    jobs = [Job(as_measured, rows, nodes.sums)] if instantaneous and choices.mean == "kept" else []
     jobs = [_running(job, choices, plane) for job in jobs]
-    *found, sums = reduce(record, blocks, surveyed + jobs) if jobs else [*reduce(record, blocks, surveyed), None]
-    seen = survey_of(found, blocks, frequency, 0)
+    found = reduce(record, blocks, surveyed + jobs)
+    seen, sums = survey_of(found[:3], blocks, frequency, 0), found[3] if jobs else None
     if instantaneous and sums is None:
-        again = Job(LessMean(drive, seen.mean), rows, nodes.sums)
+        again = Job(LessMean(as_measured, seen.mean), rows, nodes.sums)
         (sums,) = reduce(record, blocks, [_running(again, choices, plane)])
     end = blocks.borders[-1]
-    weights = torch.nn.functional.pad(make_window("hann" if window == "hann" else "boxcar", end).weights, (0, samples - end))
+    own = make_window("hann" if window == "hann" else "boxcar", end).weights
+    weights = torch.nn.functional.pad(own, (0, samples - end))
     a, b, error = _of_rms(seen, liner, frequency, choices)
     if sums is not None:
         c = nodes.coefficients(response(liner, read.flatten(), nodes.speeds)).unflatten(0, read.shape)  # (F, Q, K)

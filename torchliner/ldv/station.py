@@ -63,12 +63,12 @@ def educe_station(
     cut = cut_into_segments(kept, wanted, station_choices)
     known = segment_means(cut.plane, liner, wanted, with_window(choices, wanted), station_choices.window)
     tone = None if reference is None else reference_tone(cut, reference, wanted, known)
-    sound = _sound(known, cut, wanted, tone, choices, reference_phase)
+    sound, held = _sound(known, cut, wanted, tone, choices, reference_phase)
     reflection = known.reflection(choices.phase, sound).cpu()
     coherence = known.coherence.mean(0) if tone is None else tone.coherence
     notes = [
         *cut.notes, *texts(_reviewed(cut, liner, wanted, choices)),
-        *texts(review_rule(sound.held, known.blocks, choices)), *_warnings_of(known, cut, wanted, tone, choices),
+        *texts(review_rule(held, known.blocks, choices)), *_warnings_of(known, cut, wanted, tone, choices),
     ]  # fmt: skip
     interval = station_interval(reflection, choices)
     vertical = station.moments.components["wall_normal"]
@@ -79,7 +79,7 @@ def educe_station(
         mean_velocity=_one(vertical.weighted_mean), velocity_rms=_one(vertical.weighted_rms),
         velocity_amplitude=_mean_amplitude(known, clock_phases(cut, wanted, tone))[None],
         coherence=coherence[None], attenuation=cut.attenuation[None], corrected=cut.corrected[None],
-        phase_held=sound.held.to(torch.float64).mean(0)[None],
+        phase_held=held.to(torch.float64).mean(0)[None],
         rate=_one(cut.signal.mean_rate), grid_rate=_one(cut.signal.grid.rate),
         longest_gap=_one(cut.signal.longest_gap), received=torch.tensor([record.received]),
         bursts=torch.tensor([kept.bursts]), used=torch.tensor([used]),
@@ -100,12 +100,12 @@ def educe_station(
 def _sound(
     known: SegmentMeans, cut: Segments, frequency: Tensor, tone: ReferenceTone | None, choices: Choices,
     reference_phase: float | None,
-) -> Sound:  # fmt: skip
-    """What a phase rule may know: the tone in v itself, or what of v follows the reference."""
+) -> tuple[Sound, Tensor]:  # fmt: skip
+    """What a phase rule may know: the tone in v itself, or what of v follows the reference; where it holds, (S, F)."""
     velocity, coherence = (known.velocity, known.coherence) if tone is None else tone.coherent_part
-    held = coherence >= choices.minimum_coherence
+    held = (coherence >= choices.minimum_coherence) | torch.tensor(choices.phase != "self-consistent")
     phase = sound_phases(cut, frequency, tone, reference_phase) if choices.phase == "given" else None
-    return Sound(velocity, held | torch.tensor(choices.phase != "self-consistent"), phase)
+    return Sound(velocity, held, phase), held
 
 
 def _reviewed(cut: Segments, liner: LinerModel, frequency: Tensor, choices: Choices) -> list[Note]:

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, DataWarning, real_tensor
 from torchliner.ldv.line_choices import StationChoices
-from torchliner.records import BurstRecord, ReferenceChannel, VelocityPlane
 from torchliner.ldv.segment_means import SegmentMeans
+from torchliner.records import BurstRecord, ReferenceChannel, VelocityPlane
 from torchliner.signals.arrivals import GridSignal, onto_grid
 from torchliner.signals.attenuation import DAMPED, REMEDY, ToneAttenuation, tone_attenuation
 from torchliner.signals.coherent_part import LEAST_FACTOR, corrected_coherent_part
@@ -203,9 +203,7 @@ class ReferenceTone:
         return into, self.coherence.expand(into.shape)
 
 
-def reference_tone(
-    cut: Segments, reference: ReferenceChannel, frequency: Tensor, known: SegmentMeans
-) -> ReferenceTone:
+def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor, known: SegmentMeans) -> ReferenceTone:
     """The reference channel in the segments of a station, under the window of ``known``.
 
     Raises:

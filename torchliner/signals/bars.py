@@ -1,32 +1,23 @@
-"""The sums behind error bars of many columns: compiled where they can be, else by torch alone."""
+"""The sums behind error bars of many columns."""
 
 from __future__ import annotations
 
-import ctypes
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.compiled.library import address, available, in_threads
-from torchliner.compiled.threads import threads
-
 ANGLES = 32  # on the ellipse; with a parabola through the best three 1e-4 of half a width, and 1e-2
 # where the ellipse comes half as near to the pole as its centre
-FEWEST = 512  # columns that are worth a thread
 
 
 def neighbours(series: Tensor) -> Tensor:
     """Sums over the blocks of |d|^2 and of the product with the next block's d, (2, N), where d is
     a complex128 (S, N) less its mean."""
-    if not _compiled(series):
-        parts = torch.stack([series.real, series.imag])
-        away = parts - parts.mean(1, keepdim=True)
-        count = len(series)
-        return torch.stack([(away[:, begin:] * away[:, : count - begin]).sum((0, 1)) for begin in (0, 1)])
-    return _columns("neighbours", [series], (), 2)
+    parts = torch.stack([series.real, series.imag])
+    away = parts - parts.mean(1, keepdim=True)
+    count = len(series)
+    return torch.stack([(away[:, begin:] * away[:, : count - begin]).sum((0, 1)) for begin in (0, 1)])
 
 
 def forms(series: Tensor, covariances: Tensor, which: Tensor) -> Tensor:
@@ -37,11 +28,6 @@ def forms(series: Tensor, covariances: Tensor, which: Tensor) -> Tensor:
         covariances: C, float64, (L, S, S).
         which: of them each column has, int64, (N,).
     """
-    if _compiled(series):
-        count = len(series)
-        kept = covariances.contiguous(), which.contiguous()
-        at = address(kept[0], (-1, count, count)), address(kept[1], series.shape[1:], torch.int64)
-        return _columns("forms", [series], [*map(ctypes.c_void_p, at)], 3)
     # In real parts, (2, S, N), whose sums over blocks are several times as fast.
     parts = torch.stack([series.real, series.imag])
     sums = parts.new_empty(3, series.shape[1])
@@ -59,9 +45,6 @@ def extremes(ahead: Tensor, share: Tensor) -> Tensor:
     ellipses n and u whose half axes, complex128, (2, N), are given."""
     angle = math.tau / ANGLES * torch.arange(ANGLES, dtype=torch.float64, device=share.device)
     circle = torch.stack([angle.cos(), angle.sin()])
-    if _compiled(share):
-        tables = ctypes.c_void_p(circle.data_ptr()), ctypes.c_int64(ANGLES)
-        return _columns("extremes", [ahead, share], tables, 4)
     n_real, n_imaginary, u_real, u_imaginary = (
         each.T.contiguous() @ circle for each in (ahead.real, ahead.imag, share.real, share.imag)
     )
@@ -80,20 +63,3 @@ def _peak(values: Tensor, sign: int) -> Tensor:
     before, after = values.gather(1, steps).unbind(1)
     curve = 2 * top - before - after
     return top + torch.where(sign * curve > 0, (after - before) ** 2 / (8 * curve), 0.0)
-
-
-def _compiled(series: Tensor) -> bool:
-    return series.device.type == "cpu" and available()
-
-
-def _columns(name: str, given: Sequence[Tensor], tables: Sequence[Any], rows: int) -> Tensor:
-    """A compiled function of complex columns, (S, N) each: (rows, N)."""
-    kept = [each.contiguous() for each in given]
-    count, columns = kept[0].shape
-    found = torch.empty(rows, columns, dtype=torch.float64)
-    at = [ctypes.c_void_p(address(each, (count, columns), torch.complex128)) for each in kept]
-    sizes = [ctypes.c_int64(each) for each in (count, columns)]
-    to = ctypes.c_void_p(found.data_ptr())
-    share = max(FEWEST, -(-columns // threads()))
-    in_threads(name, share, columns, [*at, *sizes, *tables, to])
-    return found
