@@ -86,7 +86,7 @@ class Blocks:
         """
         batch: list[Slab] = []
         for block in range(self.count) if only is None else only:
-            for each in _slabs(*self.borders[block : block + 2], slab):
+            for each in _slabs(self.borders[block], self.borders[block + 1], slab):
                 apart = batch and (batch[-1].end != each.begin or (each.first and not across))
                 if apart or (batch and each.end - batch[0].begin > rows):
                     yield batch

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from torchliner.checks import make_plain, require_choice, require_positive
+from torchliner.engine.threads import is_differentiated
 from torchliner.names import INTERPOLATIONS, SPACINGS
 
 MOST_LEVELS = 10_000  # with 600 taps such a table takes 50 MB
@@ -85,7 +85,7 @@ def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tens
         index: first level of each stencil, (...).
         weights: of the levels of the stencil, (...) each.
     """
-    if table.is_complex() or _is_differentiated(table, *weights):
+    if table.is_complex() or is_differentiated(table, *weights):
         rows = [table[index + i] * weight[..., None].to(table.dtype) for i, weight in enumerate(weights)]
         return torch.stack(rows).sum(0)
     stencils = index.reshape(-1, 1) + torch.arange(len(weights), device=index.device)
@@ -93,9 +93,3 @@ def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tens
     # The same sum without a temporary; it has no forward derivative.
     found = torch.nn.functional.embedding_bag(stencils, table, per_sample_weights=shares, mode="sum")
     return found.unflatten(0, index.shape)
-
-
-def _is_differentiated(*values: Tensor) -> bool:
-    """True if a derivative is to pass, backward or forward."""
-    backward = torch.is_grad_enabled() and any(value.requires_grad for value in values)
-    return backward or any(forward_ad.unpack_dual(value).tangent is not None for value in values)

@@ -21,6 +21,7 @@ from torchliner.engine.drives import PhaseLocked
 from torchliner.engine.membership import Membership
 from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error, response
 from torchliner.engine.survey import Survey
+from torchliner.engine.threads import is_differentiated
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
@@ -208,9 +209,13 @@ def parts_of_reflection(count: int) -> Tensor:
 
 
 def projection_of(nodes: Nodes, liner: LinerModel, frequency: Tensor) -> Tensor | None:
-    """From K sums to Re R and Im R at F frequencies, float64, (2 F, K); None where that would be no less."""
+    """From K sums to Re R and Im R at F frequencies, float64, (2 F, K).
+
+    None where that would be no less, and where R carries derivatives, which the loop over the data would lose.
+    """
     if 2 * len(frequency) >= nodes.count:
         return None
-    with torch.no_grad():
-        c = nodes.coefficients(response(liner, frequency, nodes.speeds))
+    c = nodes.coefficients(response(liner, frequency, nodes.speeds))
+    if is_differentiated(c):
+        return None
     return torch.stack([c.real, c.imag], 1).flatten(0, 1)

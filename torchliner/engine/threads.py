@@ -13,6 +13,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import torch
+from torch import Tensor
+from torch.autograd import forward_ad
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,26 +31,33 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:
-    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, else one after another.
+def is_differentiated(*values: Tensor) -> bool:
+    """Whether a value requires a gradient or carries a tangent of forward differentiation."""
+    return any(value.requires_grad or forward_ad.unpack_dual(value).tangent is not None for value in values)
+
+
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], device: torch.device, *, alone: bool = False
+) -> Iterator[Result]:
+    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, unless ``alone``.
 
     An item is asked for when its work can begin, so that items may be read from a file; as many as there are threads
     must live together.
     """
     threads = torch.get_num_threads()
-    if device.type != "cpu" or threads == 1:
+    if alone or device.type != "cpu" or threads == 1:
         yield from map(work, items)
         return
     with_gradients = torch.is_grad_enabled()  # which a new thread would not know
 
-    def alone(item: Item) -> Result:
+    def in_a_thread(item: Item) -> Result:
         with torch.set_grad_enabled(with_gradients):
             return work(item)
 
     with one_thread(), ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Result]] = deque()
         for item in items:
-            waiting.append(pool.submit(alone, item))
+            waiting.append(pool.submit(in_a_thread, item))
             if len(waiting) == threads:
                 yield waiting.popleft().result()
         while waiting:

@@ -19,7 +19,7 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.survey import Survey
-from torchliner.engine.threads import in_order
+from torchliner.engine.threads import in_order, is_differentiated
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import impedance_of
 from torchliner.records.averaged import Educed
@@ -214,7 +214,8 @@ def _of_probes(columns: Columns, known: Moments) -> Averages:
         reflection = columns.reflection(part)
         return part, reflection, _educed(reflection, interval)
 
-    for part, reflection, educed in in_order(work, columns.parts(), sums.device):
+    alone = is_differentiated(asked.coefficients)
+    for part, reflection, educed in in_order(work, columns.parts(), sums.device, alone=alone):
         found.append(educed)
         admittance = admittance_from_reflection(reflection)
         if asked.wall is not None:
@@ -242,7 +243,7 @@ def _of_probes(columns: Columns, known: Moments) -> Averages:
 
 
 def _of_cell_velocity(columns: Columns, known: Moments) -> Averages:
-    found = torch.cat(list(in_order(columns.reflection, columns.parts(), columns.lengths.device)), 1)
+    found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
     weight = known.cells.weight
     share = torch.ones_like(found[0, :, 0]) if weight is None else weight.to(found)
     liner = torch.einsum("bcf,c->bf", admittance_from_reflection(found), share / share.sum())
@@ -260,7 +261,7 @@ def _of_cell_velocity(columns: Columns, known: Moments) -> Averages:
 
 
 def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
-    return Educed(reflection[0], None if interval is None else interval(reflection))
+    return Educed(reflection[0], None if interval is None else interval(reflection.detach()))
 
 
 def _joined(parts: list[Educed], used: Tensor) -> Educed:

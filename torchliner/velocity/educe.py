@@ -14,6 +14,7 @@ from torchliner.checks import SAME_FREQUENCY, real_tensor, stated_frequency, tel
 from torchliner.engine.moments import Moments, projection_of
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.sums import reduce
+from torchliner.engine.threads import is_differentiated
 from torchliner.engine.workers import Reduce, reduce_on
 from torchliner.io.kept_rows import KeptRows
 from torchliner.io.moments_file import holds_moments
@@ -87,8 +88,7 @@ def educe(
     else:
         asked, notes, known = _measured(plane, model, frequency, chosen, progress)
         chosen = with_window(chosen, asked)
-    with torch.no_grad():
-        found = answer(known, model, asked, chosen, reference_phase, pressure, notes)
+    found = answer(known, model, asked, chosen, reference_phase, pressure, notes)
     found = dataclasses.replace(
         found, choices={**found.choices, **origin_facts(plane, model, pressure, reference_phase)}
     )
@@ -192,25 +192,14 @@ def _measured(
 ) -> tuple[Tensor, list[Note], Moments]:
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
-    if isinstance(plane.velocity, Tensor) and plane.velocity.requires_grad:
-        raise ValueError(
-            f"{plane.name}: velocity carries a gradient, which educe would lose; replay gives the reflected signal "
-            "with its derivatives, or detach the velocity"
-        )
     asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
     chosen = with_window(chosen, asked)
     notes = review.review_record(plane, asked, chosen) + review.review_liner(plane, liner)
     nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
     reading = reading_for(plane, liner, asked, nodes, chosen, notes, projected=True)
     known = measure(reading, liner.cell_pitch, progress=progress)
-    return asked, notes, _reviewed(plane, known, reading, notes)
-
-
-def _reviewed(plane: VelocityPlane, known: Moments, reading: Reading, notes: list[Note]) -> Moments:
-    if known.survey.sums.device.type == "meta":  # which has no numbers
-        return known
     notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
-    return known
+    return asked, notes, known
 
 
 def reading_for(
@@ -223,6 +212,16 @@ def reading_for(
     *,
     projected: bool,
 ) -> Reading:
+    """How a plane is read for a liner; ``projected``: for this liner at these frequencies (Hz, (F,)) alone.
+
+    Raises:
+        ValueError: the velocity carries derivatives; the record holds no whole period.
+    """
+    if torch.is_grad_enabled() and isinstance(plane.velocity, Tensor) and is_differentiated(plane.velocity):
+        raise ValueError(
+            f"{plane.name}: velocity carries a gradient, which sums over |v| would lose; replay gives the reflected "
+            "signal with its derivatives, or detach the velocity"
+        )
     every = torch.ones(plane.probes, dtype=torch.bool)
     cells = sort_into_cells(plane, liner.cell_pitch).kept(every)
     summed = None if chosen.drive == "rms" else nodes
@@ -368,7 +367,7 @@ def map_of(
         value = value.cpu()
         if value.dtype != torch.bool:
             value = torch.where(used.reshape(-1, *[1] * (value.ndim - 1)), value, torch.nan)
-        return value.reshape(*plane.probe_shape, *value.shape[1:])
+        return value.reshape((*plane.probe_shape, *value.shape[1:]))
 
     def host(each: Educed) -> Educed:
         return each.map(lambda value: value.cpu())
@@ -439,7 +438,8 @@ def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> T
     if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
         return None
     added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter) - liner.flow_resistance
-    return impedance_of(liner, frequency, torch.zeros(1)) + added
+    with torch.no_grad():
+        return impedance_of(liner, frequency, torch.zeros(1)) + added
 
 
 def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def check_level(
     ratios, bounds = [], []
     lengths = case.blocks.lengths
     for each in found.values():
-        z = impedance_from_reflection(torch.cat([each.of_liner[:, None], each.of_cells], 1)).cpu()
+        z = impedance_from_reflection(torch.cat([each.of_liner[:, None], each.of_cells], 1).detach()).cpu()
         ratio = implied_pressure(case, known, z, velocity[: len(z)]) / pressure
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:

@@ -1,0 +1,189 @@
+"""DIR-TDIBC as printed: the signal that each probe reflects is formed, and R(f) is its spectrum over the wave's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import require_choice, tell
+from torchliner.engine import replay as engine
+from torchliner.engine.blocks import SLAB, Blocks
+from torchliner.engine.intervals import FEWEST_BLOCKS
+from torchliner.engine.kernels import build_kernels
+from torchliner.engine.sums import Job, largest, ones, reduce
+from torchliner.io.reflected_file import reflected_file
+from torchliner.liners.model import Liner, as_liner
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.cells import sort_into_cells
+from torchliner.velocity import replay_checks, review
+from torchliner.velocity.averages import Asked, Averages, Columns, survey_of_columns
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import facts_of, map_of, origin_facts
+from torchliner.velocity.reading import Progress, Reading, measure
+
+AVERAGED = ("admittance", "velocity")
+MOST_TONES = 3  # frequencies at which the tone in v is measured, too
+
+
+def replay(
+    plane: VelocityPlane,
+    liner: Liner,
+    incident: Any,
+    frequency: Any = None,
+    *,
+    kernel: str = "two-sided",
+    levels: int = 200,
+    spacing: str = "sqrt",
+    interpolation: str = "cubic",
+    velocity_max: float | None = None,
+    window: str | None = None,
+    segment: float | None = None,
+    averaging: str = "admittance",
+    mean: str = "kept",
+    interval: float | None = 0.95,
+    missing: str = "refuse",
+    reflected: str | Path | None = None,
+    progress: Progress | None = None,
+    device: str | torch.device | None = None,
+    dtype: str | torch.dtype | None = None,
+) -> ImpedanceMap:
+    """Impedance map from the reflected signal of any incident wave, formed sample by sample: eq. (3.2).
+
+    ``educe`` gives Z under a tone at once, from the model itself. This is for other waves, for the signal, and for
+    the paper to the letter, which is one call (200 uniform levels, causal kernels, Hann window, silence before)::
+
+        tl.replay(plane, liner, 1400.0, kernel="causal", levels=200, spacing="uniform", interpolation="linear",
+                  window="hann")
+
+    Args:
+        plane: (..., T) m/s. Its gradients, and those of the liner, pass to R with ``interval=None``.
+        liner: as of ``educe``.
+        incident: wave such as ``tl.BandNoise(300, 6000)``, its text ``"noise:300:6000"``, or frequencies, Hz: complex
+            tones, each by itself, so that the phase is ``averaged``.
+        frequency: Hz; default the tones, else the lines of the segments in the band of the wave, thinned to 200.
+        kernel, levels, spacing, interpolation, velocity_max: see ``build_kernels``; ``velocity_max`` in m/s, default
+            the largest |v| of the record, rounded up.
+        window: ``hann`` or ``boxcar``; default ``hann`` for tones and for segments.
+        segment: s, of segments that overlap by half; default the whole record as one.
+        averaging: ``admittance`` (the paper) or ``velocity``; the map holds both.
+        mean, missing, device, dtype: as of ``educe``.
+        interval: level, from four segments on; see ``engine.intervals``.
+        reflected: file for the reflected signal of every probe, .h5 or .nc.
+        progress: called with numbers of samples replayed.
+    Raises:
+        ValueError: data or options that cannot give an answer; the message says what would.
+        TypeError: no plane, such as moments.
+    Warns:
+        DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
+    Source: Roncen et al. (2026), eqs (3.1)-(3.5); R = sum Y X* / sum |X|^2 over segments (H1). Departures: taps before
+        zero, levels uniform in the root of |v| and cubics are the default.
+
+    >>> plane = tl.VelocityPlane(torch.full((2, 900), 5.0), sampling_rate=42e3)  # m/s, two probes
+    >>> found = tl.replay(plane, tl.load_liner("polito"), "noise:700:2100", 1400.0)
+    >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
+    '4.61-0.27j'
+    """
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
+    require_choice("averaging", averaging, AVERAGED)
+    model, wave, rate, samples = as_liner(liner), replay_checks.wave_of(incident), plane.sampling_rate, plane.samples
+    length = samples if segment is None else replay_checks.segment_length(segment, plane)
+    window = window or (wave.window if segment is None else "hann")
+    sent, asked = wave.sampled(samples, rate), replay_checks.lines_of(wave, frequency, plane, length)
+    band = replay_checks.kernel_band(wave, asked, model, rate)
+    if reflected is not None and sent.is_complex():
+        raise ValueError("reflected: complex tones have no one signal; take incident=tl.Tones(...)")
+    options: dict[str, Any] = {"averaging": averaging, "mean": mean, "interval": interval, "missing": missing}
+    chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
+    notes = [*review.review_record(plane, asked, chosen), *review.review_liner(plane, model)]
+
+    cells = sort_into_cells(plane, model.cell_pitch).kept(torch.ones(plane.probes, dtype=torch.bool))
+    reading = Reading.of(plane, chosen, asked if len(asked) <= MOST_TONES else asked[:1], None, cells)
+    with torch.no_grad():
+        known = measure(reading, model.cell_pitch)
+        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, cells, known.cells)
+    reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
+
+    def drive(v: Tensor, begin: int) -> Tensor:
+        """Probes, then the mean velocity of each cell, (t, P + C)."""
+        v = v - still.to(v)
+        return torch.cat([v, members.mean(v)], 1)
+
+    with torch.no_grad():  # over all samples: the survey has whole periods alone
+        peaks = [Job(drive, ones(reading.device), largest, largest=True)]
+        (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), peaks)
+    limit = replay_checks.velocity_limit(velocity_max, top[0, 0, 0, : plane.probes].cpu(), plane, model)
+    table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
+    kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
+    how: dict[str, Any] = {"segment": None if segment is None else length, "window": window}
+    speed = float(known.survey.mean_square.median().sqrt())
+    table |= {"kernel": kernel, "velocity_max": limit, "kernel_error": kernels.error, "kernel_gain": kernels.gain}
+    table |= {"level_error": kernels.level_error, "band": list(kernels.band)}
+    table |= {"incident": wave.label, "edge": wave.edge, "window": window, "segment": segment}
+    table |= {"phase": "averaged" if sent.is_complex() else "signal", "level_check": "not checked by replay"}
+    table |= {"signal_error": replay_checks.still_error(kernels, wave, asked, speed, samples, how)}
+    facts = facts_of(known, model, chosen, kernels.error) | table
+
+    signal = engine.replay(reading.record(progress), kernels, wave, drive)
+    with ExitStack() as files:
+        if reflected is not None:
+            store = files.enter_context(reflected_file(reflected, plane, sent, known.used, facts))
+            signal = _Written(**vars(signal), store=store)
+        found = engine.transfer(signal, wave, asked, rate, **how)
+        begins = range(samples - samples % (length if segment is None else length // 2), samples, SLAB)
+        for _ in signal.slabs([(begin, min(begin + SLAB, samples)) for begin in begins] if reflected else []):
+            pass  # beyond the last segment
+    values, lengths = _replicates(found, interval), torch.ones(len(found.incident), device=reading.device)
+    about = Asked(model, asked, torch.empty(0), chosen)
+    averages: dict[str, Averages] = {}
+    for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
+        held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
+        seen = survey_of_columns(known, name)
+        averages[name] = _Replayed(known, about, name, seen, lengths.double(), held, part).averages()
+    notes += replay_checks.review_replay(kernels, wave, sent, table["signal_error"], averages[averaging].liner)
+    if segment is not None and interval is not None:
+        notes += replay_checks.review_segments(len(lengths), segment, averages[averaging].liner)
+    tell([note.text for note in notes])
+    facts |= {"blocks": len(lengths), **origin_facts(plane, model, None, None)}
+    held = averages["admittance"].held
+    return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
+
+
+@dataclass(eq=False)
+class _Written(engine.Replay):
+    """A reflected signal that is stored while it is read."""
+
+    store: Callable[[Tensor, int], None]
+
+    def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
+        """As of ``Replay``."""
+        for (begin, _), signal in zip(bounds, super().slabs(bounds), strict=True):
+            self.store(signal, begin)
+            yield signal
+
+
+@dataclass(frozen=True, eq=False)
+class _Replayed(Columns):
+    """Columns whose R is known from all segments and without each of them, (B, N, F)."""
+
+    values: Tensor
+
+    def reflection(self, part: slice) -> Tensor:
+        """Of some columns."""
+        return self.values[:, part]
+
+
+def _replicates(found: engine.Transfer, interval: float | None) -> Tensor:
+    """R from all segments and, if there are intervals, without each of them, (B, N, F)."""
+    x, whole = found.incident[:, None], found.reflection[None]
+    if interval is None or len(x) < FEWEST_BLOCKS:
+        return whole
+    cross, power = found.reflected * x.conj(), x.abs().square()
+    left = (power.sum(0) - power).clamp(min=1e-12 * power.sum(0))
+    return torch.cat([whole, (cross.sum(0) - cross) / left])

@@ -1,0 +1,171 @@
+"""What is asked of a replay, what it refuses, and what it warns of: the wave, its segments, kernels and levels."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, require_positive, stated_frequency
+from torchliner.engine.drives import as_measured
+from torchliner.engine.incident import ComplexTones, Incident, parse_signal
+from torchliner.engine.intervals import FEWEST_BLOCKS
+from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
+from torchliner.engine.replay import replay, transfer
+from torchliner.engine.sums import Held
+from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
+from torchliner.records.averaged import Educed
+from torchliner.records.notes import Note
+from torchliner.velocity.review import FEWEST_RUNS
+
+LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
+LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz
+LARGEST_SHARE = 1e-3  # of the energy of a recorded wave
+STILL_ERROR = 1e-2  # in R
+SMALLEST = 1e-3  # m/s
+MOST_LINES = 200  # frequencies, unless more are asked for
+
+
+def wave_of(incident: Any) -> Incident:
+    """A wave itself, from its text, or from frequencies in Hz."""
+    if isinstance(incident, Incident):
+        return incident
+    wave = parse_signal(incident) if isinstance(incident, str) else ComplexTones(incident)
+    if wave is None:
+        raise ValueError(f"incident is {incident!r}, no generated wave; read a file with tl.read_signal")
+    return wave
+
+
+def segment_length(segment: float, plane: VelocityPlane) -> int:
+    """An even number of samples of a segment, s."""
+    require_positive("segment (s)", segment)
+    length = 2 * round(segment * plane.sampling_rate / 2)
+    if not 2 <= length <= plane.samples:
+        raise ValueError(f"segment is {segment:g} s, and the record has {plane.duration:.4g} s; shorten the segment")
+    return length
+
+
+def lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) -> Tensor:
+    """As asked for, or what the wave has in segments of so many samples, Hz, (F,)."""
+    rate, spacing = plane.sampling_rate, plane.sampling_rate / length
+    if isinstance(wave, ComplexTones):
+        if frequency is not None and wave.sampled(1, rate).is_complex():
+            raise ValueError("frequency is stated twice: incident names the tones, each by itself; leave it out")
+        return frequency_tensor(wave.frequency if frequency is None else frequency, rate)
+    if frequency is None and wave.band is not None:
+        first, last = math.ceil(wave.band[0] / spacing - 1e-9), math.floor(wave.band[1] / spacing + 1e-9)
+        return spacing * torch.arange(first, last + 1, max(1, math.ceil((last - first + 1) / MOST_LINES))).double()
+    return stated_frequency(frequency, plane.frequency, plane.name, rate)
+
+
+def kernel_band(wave: Incident, frequency: Tensor, liner: LinerModel, sampling_rate: float) -> tuple[float, float]:
+    """Where the kernels are to be the liner, Hz: the rig's band, the wave's and the frequencies asked for, (F,).
+
+    Raises:
+        ValueError: some of that is beyond the range of the liner or of the sampling rate.
+    """
+    least, most = frequency.min().item(), frequency.max().item()
+    if wave.band is not None:
+        least, most = min(least, wave.band[0]), max(most, wave.band[1])
+    known = liner.frequency_range or (0.0, math.inf)
+    low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
+    if least < low or most > high:
+        raise ValueError(
+            f"{wave.label} is replayed, and R is asked for, from {least:g} to {most:g} Hz; the kernels hold from "
+            f"{low:g} to {high:g} Hz, the range of the liner below 0.49 of the sampling rate: narrow the wave"
+        )
+    return low, high
+
+
+def velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane, liner: LinerModel) -> float:
+    """Top of the levels, m/s, rounded up to a power of the root of 2, so that the levels rarely depend on the data.
+
+    Args:
+        stated: by the user, if at all.
+        largest: |v| of each probe over the whole record, m/s, (P,).
+        plane, liner: what is replayed.
+    Raises:
+        ValueError: nan, or |v| beyond the levels.
+    """
+    top, table = largest.max().item(), liner.speed_max or math.inf
+    place = tuple(int(i) for i in torch.unravel_index(largest.argmax(), plane.probe_shape))
+    if not math.isfinite(top):
+        raise ValueError(f"{plane.name} holds nan or inf at probe {place} behind its last whole period; cut it there")
+    rounded = 2.0 ** (math.ceil(2 * math.log2(max(top, SMALLEST))) / 2) * (1 + 1e-9)
+    limit, what = (min(rounded, table), "the liner's table") if stated is None else (stated, "velocity_max")
+    if top > limit * (1 + 1e-6):
+        raise ValueError(
+            f"{plane.name} reaches |v| = {top:.4g} m/s at probe {place}, above {what}, {limit:.4g} m/s; extend it to "
+            f"at least {top * 1.01:.3g} m/s"
+        )
+    return limit
+
+
+@torch.no_grad()
+def still_error(
+    kernels: KernelTable, wave: Incident, frequency: Tensor, speed: float, samples: int, how: dict[str, Any]
+) -> float:
+    """Error in R of this wave, edge, window and segments where |v| never changes from about ``speed``, m/s: a segment
+    misses replies to its own end and meets some to what was sent before it. ``how``: as of ``engine.transfer``."""
+    level = int((kernels.grid.speeds - speed).abs().argmin())
+    v = kernels.grid.speeds[level].expand(samples, 1)
+    signal = replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, as_measured)
+    found = transfer(signal, wave, frequency, kernels.sampling_rate, **how).reflection[0]
+    return float((found - kernels.response(frequency)[level]).abs().max())
+
+
+def review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, still: float, chief: Educed) -> list[Note]:
+    """Warnings; ``sent`` is the wave, ``still`` the ``still_error``, ``chief`` the R to quote."""
+    low, high = kernels.band
+    size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
+    notes = []
+
+    def note(code: str, error: float, text: str) -> None:
+        notes.append(Note(code, f"{text} (in Z up to {error * size:.2g})", error * size))
+
+    if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
+        remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
+        text = (
+            f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
+            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy}"
+        )
+        note("kernel", kernels.error, text)
+    if kernels.level_error > LARGEST_ERROR:
+        text = (
+            f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
+            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'"
+        )
+        note("levels", kernels.level_error, text)
+    if wave.band is None:
+        power = torch.fft.rfft(sent).abs().square()
+        lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
+        share = float(power[(lines < low) | (lines > high)].sum() / power.sum())
+        if share > LARGEST_SHARE:
+            text = (
+                f"{100 * share:.2g} % of the energy of {wave.label} lies outside {low:g}-{high:g} Hz, the band of the "
+                "kernels, where the reflected signal is not the liner's; filter it"
+            )
+            notes.append(Note("signal-band", text))
+    if still > STILL_ERROR:
+        text = (
+            f"where |v| never changes, R from {wave.label} is off by {still:.2g} (limit {STILL_ERROR:g}): replies last "
+            f"{1e3 * kernels.taps.shape[1] / kernels.sampling_rate:.3g} ms and cross the ends of the segments; take "
+            "longer ones, or lines of noise over the whole record"
+        )
+        note("signal", still, text)
+    return notes
+
+
+def review_segments(count: int, duration: float, chief: Educed) -> list[Note]:
+    """Too few segments, of so many s, for the error bars of ``chief``."""
+    interval = chief.interval
+    runs = 0.0 if interval is None else float(interval.runs.min())
+    if runs >= FEWEST_RUNS:
+        return []
+    found = f"rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
+    if interval is None:
+        found = f"need {FEWEST_BLOCKS} segments"
+    return [Note("few-segments", f"error bars {found}: there are {count} segments of {duration:.3g} s; shorten them")]
