@@ -16,13 +16,12 @@ from torchliner.calibration.calibrate import calibrate
 from torchliner.calibration.misfit import FreeLiners, Misfit, responses_of, speed_weights
 from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
+from torchliner.engine.nodes import Chebyshev, Levels
 from torchliner.liners.catalogue import liner_text, preset_names
-from torchliner.names import ORDERS
-from torchliner.reduction.basis import ANY_LINER, Chebyshev, Levels
+from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import parameter_table
-from torchliner.tdibc import reading
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.prepare import prepare
+from torchliner.velocity import reading
+from torchliner.velocity.choices import Choices
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
@@ -47,31 +46,27 @@ def planes():
     return [plane(0.4, 1), plane(3.0, 2)]
 
 
-def impedance(each, liner, order="velocity first", **options):
-    found = tl.educe(each, liner, dtype="float64", interval=None, order=order, **options)
-    return found.of_liner(order)[0]
+def impedance(each, liner, averaging="velocity", **options):
+    found = tl.educe(each, liner, dtype="float64", interval=None, averaging=averaging, **options)
+    return found.liner[averaging].impedance[0]
 
 
 @functools.cache
-def references(order="velocity first", window=None):
+def references(averaging="velocity"):
     """Of the true liner."""
-    return tuple(complex(impedance(each, true_liner(), order, window=window)) for each in planes())
+    return tuple(complex(impedance(each, true_liner(), averaging)) for each in planes())
 
 
-@pytest.mark.parametrize(
-    ("order", "window"),
-    [("velocity first", None), ("probes first", None), ("coherent first", None),
-     ("probes first", "hann")],
-)  # fmt: skip
-def test_known_parameters_are_recovered(order, window):
+@pytest.mark.parametrize("averaging", AVERAGINGS)
+def test_known_parameters_are_recovered(averaging):
     """References made with known numbers give them back; 4 data for 3 numbers."""
-    wanted = references(order, window)
-    found = calibrate(planes(), start(), wanted, BOUNDS, order=order, window=window, draws=0)
+    wanted = references(averaging)
+    found = calibrate(planes(), start(), wanted, BOUNDS, averaging=averaging, draws=0)
     true = torch.tensor([TRUE[name] for name in found.parameters], dtype=torch.float64)
     # R at any |v| is known to ``model_error``, to 1e-9 in the references; its mean far better.
     assert float((found.values - true).abs().max()) < 1e-7
     assert 1e-9 < found.model_error < 1e-5
-    again = [complex(impedance(each, found.liner, order, window=window)) for each in planes()]
+    again = [complex(impedance(each, found.liner, averaging)) for each in planes()]
     assert [complex(z) for z in found.found] == pytest.approx(again, abs=1e-7)
     assert found.on_bound == found.unseen == ()
 
@@ -91,19 +86,19 @@ def test_liners_of_their_own_share_the_parameters():
 def test_data_are_read_once(monkeypatch):
     """Fit, Jacobian, posterior: one preparation a plane, whatever is asked of it afterwards."""
     wanted, read = references(), []
-    real = reading.read_once
-    monkeypatch.setattr(reading, "read_once", lambda *all: read.append(1) or real(*all))
+    real = reading._run
+    monkeypatch.setattr(reading, "_run", lambda *all: read.append(1) or real(*all))
     calibrate(planes(), start(), wanted, BOUNDS, noise=0.002, draws=400)
     assert len(read) == 2
 
 
 def test_moments_stand_for_planes(monkeypatch):
     """Reduced for any liner, they give the same fit and prediction, and no data are read."""
-    order = "coherent first"
-    wanted = calibrate(planes(), start(), references(order), BOUNDS, order=order, draws=0)
+    averaging = "phase-locked"
+    wanted = calibrate(planes(), start(), references(averaging), BOUNDS, averaging=averaging, draws=0)
     reduced = [tl.moments(each, cell_pitch=5e-3, dtype="float64") for each in planes()]
-    monkeypatch.setattr(reading, "read_once", None)
-    found = calibrate(reduced, start(), references(order), BOUNDS, order=order, draws=0)
+    monkeypatch.setattr(reading, "_run", None)
+    found = calibrate(reduced, start(), references(averaging), BOUNDS, averaging=averaging, draws=0)
     assert torch.allclose(found.values, wanted.values, rtol=1e-10)
     predicted = found.predict(reduced[1], start())
     assert complex(predicted.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
@@ -123,9 +118,9 @@ class Kinked(Resistive):
 def test_models_with_kinks_are_fitted():
     """Their basis is that of tables, whatever the numbers; Chebyshev would miss the kink."""
     true = Kinked(0.2, 0.15, 1e-4, 0.04)
-    wanted = [impedance(each, true, "probes first") for each in planes()]
+    wanted = [impedance(each, true, "admittance") for each in planes()]
     found = calibrate(planes(), true.replace(a=0.05), wanted, {"a": (0.01, 1.0)},
-                      order="probes first", draws=0)  # fmt: skip
+                      averaging="admittance", draws=0)  # fmt: skip
     assert isinstance(found.liner, Kinked)
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-6)
 
@@ -139,57 +134,40 @@ def test_what_the_interpolation_leaves_is_noted(monkeypatch):
 def test_any_model_that_states_numbers_is_fitted():
     """References made with a = 0.15 give it back from a start at 0.05."""
     true = Resistive(0.2, 0.15, 1e-4, 0.04)
-    wanted = tl.educe(planes()[1], true, dtype="float64").liner_impedance
+    wanted = tl.educe(planes()[1], true, dtype="float64").liner["admittance"].impedance
     found = calibrate(planes()[1], true.replace(a=0.05), [wanted], {"a": (0.01, 1.0)},
-                      order="probes first", draws=0)  # fmt: skip
+                      averaging="admittance", draws=0)  # fmt: skip
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-7)
     assert found.liner.r0 == 0.2
     assert isinstance(found.liner.a, float)
     assert parameter_table(found).as_rows()[0]["unit"] == "s/m"
 
 
-def weights_of(order="velocity first", **choices):
-    chosen = Choices(dtype="float64", order=order, interval=None, **choices)
-    any_liner = Chebyshev(*ANY_LINER)
-    return speed_weights(prepare([plane(3.0)], start(), None, chosen, basis=any_liner)[0], order)
+def weights_of(averaging="velocity", **choices):
+    chosen = Choices(dtype="float64", averaging=averaging, interval=None, **choices)
+    return speed_weights(plane(3.0), start(), None, chosen)
 
 
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("window", [None, "blackman"])
-def test_the_sum_over_speeds_is_the_eduction(order, window):
+@pytest.mark.parametrize("averaging", AVERAGINGS)
+def test_the_sum_over_speeds_is_the_eduction(averaging):
     """For every liner, one that had no part in the choice of the speeds included."""
-    weights = weights_of(order, window=window)
+    weights = weights_of(averaging)
     for liner in (start(), true_liner(), tl.load_liner("onera").replace(cell_pitch=5e-3)):
         found = weights.impedance(*responses_of(liner, [weights]))[0]
-        wanted = impedance(plane(3.0), liner, order, window=window)
+        wanted = impedance(plane(3.0), liner, averaging)
         assert abs(complex(found - wanted)) < 1e-7 * abs(complex(wanted))
 
 
-@pytest.mark.filterwarnings("ignore:the causal kernel is off")
-def test_impulse_responses_are_read_likewise():
-    """Their values, at the same speeds, take the place of the model's."""
-    weights = weights_of("probes first", kernel="causal")
-    found = weights.impedance(*responses_of(true_liner(), [weights]))[0]
-    wanted = impedance(plane(3.0), true_liner(), "probes first", kernel="causal")
-    assert abs(complex(found - wanted)) < 1e-6 * abs(complex(wanted))
-
-
-@pytest.mark.parametrize("basis", [Chebyshev(12, 0.7), Levels((0.0, 0.5, 2.0), 4)])
-def test_weights_are_the_adjoint_of_coefficients(basis):
-    """c_k(R) m_k = R(v_k) w_k(m), and of one sample the weights give R interpolated there."""
-    values = torch.randn(3, basis.count, dtype=torch.complex128)
-    moments = torch.randn(basis.count, 5, dtype=torch.float64).to(torch.complex128)
-    wanted = basis.coefficients(values) @ moments
-    assert torch.allclose(values @ basis.weights(moments), wanted, rtol=1e-12)
-    one = basis.functions(torch.tensor([0.9], dtype=torch.float64)).T
-    smooth = 1 / (1 + basis.speeds)
-    assert float(smooth @ basis.weights(one)) == pytest.approx(1 / 1.9, rel=1e-3)
+@pytest.mark.parametrize("nodes", [Chebyshev(12, 0.7), Levels((0.0, 0.5, 2.0), 4)])
+def test_coefficients_of_one_sample_interpolate(nodes):
+    one = nodes.functions(torch.tensor([0.9], dtype=torch.float64))[0]
+    assert float(nodes.coefficients(1 / (1 + nodes.speeds)) @ one) == pytest.approx(1 / 1.9, rel=1e-3)
 
 
 @pytest.mark.parametrize("liners", [1, 2])
 def test_many_draws_are_one_by_one(monkeypatch, liners):
     """A draw's impedances do not depend on its neighbours, nor on the blocks they come in."""
-    planes = [weights_of(), weights_of("probes first", window="hann")]
+    planes = [weights_of(), weights_of("admittance")]
     models = [start(), start()] if liners == 2 else [start()] * 2
     free = FreeLiners(planes, models, ("vena_contracta",))
     values = torch.tensor([[0.6], [0.8], [0.9]], dtype=torch.float64)
@@ -208,10 +186,9 @@ def misfit(**choices):
                   low, high, wanted, noise, {"vena_contracta": (0.8, 0.1)})  # fmt: skip
 
 
-@pytest.mark.parametrize("kernel", ["two-sided", "causal"])
-def test_gradient_equals_differences(kernel):
+def test_gradient_equals_differences():
     """The Jacobian of the least squares, prior included."""
-    each, share, step = misfit(kernel=kernel), torch.tensor([0.4, 0.7], dtype=torch.float64), 1e-6
+    each, share, step = misfit(), torch.tensor([0.4, 0.7], dtype=torch.float64), 1e-6
     residuals, slopes = each.slopes(share)
     assert slopes.shape == (3, 2)
     for i in range(2):
@@ -298,7 +275,7 @@ def test_prediction_has_the_spread_of_the_parameters(with_noise):
     prediction = found.predict(plane(3.0, 2))
     assert complex(prediction.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
     slopes = tl.sensitivities(plane(3.0, 2), found.liner, None, found.parameters)
-    parts = torch.view_as_real(slopes.liner_velocity_first[:, 0])
+    parts = torch.view_as_real(slopes.liner["velocity"][:, 0])
     wanted = parts.T @ found.covariance @ parts
     spread = wanted.diagonal().sqrt()
     away = (prediction.covariance[0] - wanted) / torch.outer(spread, spread)
@@ -343,7 +320,7 @@ def test_two_frequencies_tell_them_apart():
     free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
     wanted = tl.educe(planes()[0], true_liner().replace(facesheet_thickness=7e-4),
                       [1000.0, 2000.0], dtype="float64")  # fmt: skip
-    wanted = wanted.liner_impedance_velocity_first
+    wanted = wanted.liner["velocity"].impedance
     found = calibrate(planes()[0], true_liner(), [wanted], free, frequency=[1000.0, 2000.0],
                       noise=1e-4, draws=0)  # fmt: skip
     assert found.unseen == ()
@@ -391,9 +368,9 @@ MISTAKES = [
     ({"prior": {"vena_contracta": (0.8, 0.1)}}, "state noise too"),
     ({"prior": {"vena_contracta": (0.8, 0.0)}, "noise": 0.1}, "standard deviation above 0"),
     ({"prior": {"porosity": (0.8, 0.1)}, "noise": 0.1}, "unknown parameter of a prior"),
-    ({"order": "probes"}, "did you mean 'probes first'"),
-    ({"engine": "unfold"}, "engine 'spectral', phase 'averaged', not 'unfold'"),
-    ({"phase": "given"}, "not 'spectral', 'given'"),
+    ({"averaging": "admitance"}, "did you mean 'admittance'"),
+    ({"drive": "rms"}, "another drive than 'rms'"),
+    ({"phase": "given"}, "not 'given'"),
     ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes all probes for liner"),
     ({"liners": 3}, "2 planes and 3 liners"),
 ]  # fmt: skip
@@ -481,7 +458,7 @@ def test_the_script_weighs_planes_of_one_run_once():
     """Four heights against one reference are as sure as one height, not twice as sure."""
     script = load_script("calibrate_resolved")
     sure = [
-        script.fitted(("n130",), script.OFFSET, variant, "velocity first", 0)[0].standard
+        script.fitted(("n130",), script.OFFSET, variant, "velocity", 0)[0].standard
         for variant in (script.HIGHEST, script.ALL)
     ]
     assert float((sure[1] / sure[0] - 1).abs().max()) < 0.02

@@ -153,7 +153,7 @@ def test_a_case_of_the_page_comes_out_again():
     """t03 at 0.5 mm with the coefficients of the package, all of them fitted."""
     plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
     made = liner("lbm_orifice_coarse", mach=plane.mach, vena_contracta=0.411)
-    z = complex(tl.educe(plane, made, interval=None).of_liner("coherent first")[0])
+    z = complex(tl.educe(plane, made, interval=None).liner["phase-locked"].impedance[0])
     assert z == pytest.approx(2.330 - 0.803j, abs=6e-3)
 
 

@@ -315,8 +315,8 @@ def test_other_slips_are_refused(wrapped):
         tl.sensitivities(plane, model(), FREQUENCY, ["cavity_dept"])
     with pytest.raises(ValueError, match="named twice"):
         tl.sensitivities(plane, model(), FREQUENCY, ["offset", "offset_reactance"])
-    with pytest.raises(ValueError, match="engine 'spectral', not 'unfold'"):
-        tl.sensitivities(plane, model(), FREQUENCY, engine="unfold")
+    with pytest.raises(ValueError, match="drive 'rms' leaves no moments"):
+        tl.sensitivities(plane, model(), FREQUENCY, drive="rms")
     with pytest.raises(TypeError, match=r"without impedance\(frequency, speed\)"):
         tl.sensitivities(plane, object(), FREQUENCY)
     table = tl.TabulatedLiner([500.0, 2000.0], [1 - 1j, 1 + 1j])
